@@ -1,0 +1,1 @@
+"""Articulated objects in, verified manipulation tasks and demonstrations out."""

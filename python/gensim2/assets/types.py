@@ -1,0 +1,108 @@
+"""What the rest of the project knows of an object: one frozen value, however it was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Keypoint:
+    """A named point fixed to one link.
+
+    Attributes:
+        link: name of the link in the URDF.
+        position: (3,) metres in that link's frame, scale applied.
+        description: one phrase for a person or a language model.
+    """
+
+    link: str
+    position: Array
+    description: str
+
+
+@dataclass(frozen=True)
+class MovingJoint:
+    """The one unfixed joint of an object.
+
+    Attributes:
+        name: joint name in the URDF.
+        type: ``"revolute"`` or ``"prismatic"``.
+        child_link: the link that it moves.
+        origin: (3,) a point on the axis, metres, in the root frame.
+        axis: (3,) unit axis in the root frame.
+        lower, upper: limits in rad or m; openness 0 is ``lower`` and 1 is ``upper``.
+        friction: Coulomb friction in N m or N that holds the joint where it was left.
+        damping: viscous damping in N m s/rad or N s/m.
+    """
+
+    name: str
+    type: Literal["revolute", "prismatic"]
+    child_link: str
+    origin: Array
+    axis: Array
+    lower: float
+    upper: float
+    friction: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where an instance stands before randomization.
+
+    Attributes:
+        position: (3,) root position in the world frame; its lowest point rests on the table at z = 0.
+        quaternion: (4,) (w, x, y, z), root to world; the side that the robot works on faces the robot.
+    """
+
+    position: Array
+    quaternion: Array
+
+
+@dataclass(frozen=True)
+class Instance:
+    """An object ready to be simulated and planned for.
+
+    ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh a collision element: SAPIEN and
+    urdf-rs load it as it is. ``hulls`` holds the same convex collision parts for planning.
+
+    Attributes:
+        asset_class: for example ``"box_rotate"``.
+        id: instance id, for example ``"100141"``; generated instances are numbered ``"0"``, ``"1"``, ....
+        source: ``"generated"`` or ``"real"``.
+        urdf: file in the cache folder, with its meshes beside it.
+        joint: the moving joint.
+        keypoints: by name.
+        T_link_object: (4, 4) object frame in the moving link's frame (see docs/architecture.md).
+        object_axis: ``"x"``, ``"y"`` or ``"z"``: axis of the object frame that "rotate" turns about.
+        hulls: link name to convex vertex sets, each (N, 3) metres in the link frame.
+        placement: default placement, computed from geometry.
+        default_openness: mean of the randomized openness.
+        mass: kg, all links.
+        license: terms that the data carries.
+        content_hash: hex digest of everything that the instance was made from.
+        warnings: what was odd and by which rule it was repaired.
+    """
+
+    asset_class: str
+    id: str
+    source: Literal["generated", "real"]
+    urdf: Path
+    joint: MovingJoint
+    keypoints: dict[str, Keypoint]
+    T_link_object: Array
+    object_axis: Literal["x", "y", "z"]
+    hulls: dict[str, tuple[Array, ...]]
+    placement: Placement
+    default_openness: float
+    mass: float
+    license: str
+    content_hash: str
+    warnings: tuple[str, ...] = field(default=())
