@@ -1,0 +1,122 @@
+"""How long-running functions say how far they are, without knowing who listens."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self, TextIO
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+
+class Progress(Protocol):
+    """A listener that is told about one stage after the other.
+
+    Long functions take ``progress: Progress | None = None`` and use ``progress or NULL_PROGRESS``. Only the process
+    that was called talks to it; workers hand their news to that process.
+    """
+
+    def start(self, description: str, total: int | None = None) -> None:
+        """Begin a stage of ``total`` steps (``None``: unknown); a stage still open ends here."""
+
+    def advance(self, steps: int = 1) -> None:
+        """Count ``steps`` of the current stage as done."""
+
+    def message(self, text: str) -> None:
+        """Say one line that should stay visible."""
+
+
+class NullProgress:
+    """Listens and says nothing."""
+
+    def start(self, description: str, total: int | None = None) -> None:
+        """Ignore it."""
+
+    def advance(self, steps: int = 1) -> None:
+        """Ignore it."""
+
+    def message(self, text: str) -> None:
+        """Ignore it."""
+
+
+NULL_PROGRESS: Progress = NullProgress()
+
+
+class ConsoleProgress:
+    """Bars on a terminal; one line a stage where standard error is a file or a pipe.
+
+    A context manager: leaving it ends the last stage, also on an exception or Ctrl-C. Everything goes to standard
+    error, so that standard output stays free for results.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bars
+
+        self._console = Console(file=stream or sys.stderr, soft_wrap=True, highlight=False)
+        self._bars = (
+            Bars(
+                SpinnerColumn(finished_text="[green]✓"),
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=30),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                console=self._console,
+            )
+            if self._console.is_terminal
+            else None
+        )
+        self._stage: TaskID | None = None
+        self._description: str | None = None
+        self._done = 0
+        self._total: int | None = None
+        self._started = 0.0
+
+    def __enter__(self) -> Self:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._finish()
+        if self._bars is not None:
+            self._bars.stop()
+
+    def start(self, description: str, total: int | None = None) -> None:
+        """Begin a stage; the one before is left standing as it ended."""
+        self._finish()
+        self._description, self._done, self._total = description, 0, total
+        self._started = time.monotonic()
+        if self._bars is not None:
+            from rich.markup import escape
+
+            self._stage = self._bars.add_task(escape(description), total=total)
+
+    def advance(self, steps: int = 1) -> None:
+        """Count ``steps`` of the current stage as done."""
+        self._done += steps
+        if self._bars is not None and self._stage is not None:
+            self._bars.advance(self._stage, steps)
+
+    def message(self, text: str) -> None:
+        """Print one line above the bars."""
+        self._console.print(text, markup=False)
+
+    def _finish(self) -> None:
+        if self._description is None:
+            return
+        if self._bars is not None and self._stage is not None:
+            self._bars.stop_task(self._stage)
+        else:
+            counted = f"{self._done}/{self._total}" if self._total is not None else f"{self._done}"
+            seconds = time.monotonic() - self._started
+            self._console.print(f"{self._description}: {counted} in {seconds:.1f} s", markup=False)
+        self._description, self._stage = None, None
