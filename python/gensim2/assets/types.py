@@ -40,6 +40,7 @@ class MovingJoint:
         lower, upper: limits in rad or m; openness 0 is ``lower`` and 1 is ``upper``.
         friction: Coulomb friction in N m or N that holds the joint where it was left.
         damping: viscous damping in N m s/rad or N s/m.
+        T_root_child: (4, 4) frame of the child link in the root frame at joint value zero.
     """
 
     name: str
@@ -51,6 +52,7 @@ class MovingJoint:
     upper: float
     friction: float
     damping: float
+    T_root_child: Array
 
 
 @dataclass(frozen=True)
@@ -106,3 +108,8 @@ class Instance:
     license: str
     content_hash: str
     warnings: tuple[str, ...] = field(default=())
+
+    def lever_arm(self, keypoint: str) -> float:
+        """Distance in metres of a keypoint on the moving link from the joint axis."""
+        point = self.joint.T_root_child @ np.append(self.keypoints[keypoint].position, 1.0)
+        return float(np.linalg.norm(np.cross(point[:3] - self.joint.origin, self.joint.axis)))

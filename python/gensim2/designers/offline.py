@@ -1,0 +1,163 @@
+"""A designer that needs no key: it searches over alignments, keypoints and motions in the joint's own frame.
+
+It knows nothing of any class. What it tries follows from the joint's type, from which keypoints the moving link has and
+how far they lie from the axis, and from where the joint stands; physics says what holds.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from gensim2 import seeding
+from gensim2.designers import proposals
+from gensim2.designers.base import Affordance, Candidate, CandidateResult
+from gensim2.designers.strategy import Direction, Strategy
+from gensim2.tasks.spec import TaskSpec
+
+#: First-round candidates a task; more are drawn only in refinement.
+FIRST_ROUND = 240
+
+#: How many of the best are varied in a round of refinement, and how often each.
+REFINE_PARENTS = 4
+REFINE_CHILDREN = 6
+REFINE_ROUNDS = 2
+
+_HALF = math.sqrt(0.5)
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_NAMES = "xyz"
+
+
+def _directions() -> list[Direction]:
+    """Six axes of the joint frame, their twelve diagonals, and three directions that an arm on a table is good at."""
+    found = []
+    for index, axis in enumerate(_AXES):
+        for sign in (1.0, -1.0):
+            vector = (sign * axis[0], sign * axis[1], sign * axis[2])
+            found.append(Direction(f"{'+' if sign > 0 else '-'}{_NAMES[index]}", "joint", vector))
+    for i, j in itertools.combinations(range(3), 2):
+        for a, b in itertools.product((1.0, -1.0), repeat=2):
+            v = [0.0, 0.0, 0.0]
+            v[i], v[j] = a * _HALF, b * _HALF
+            name = f"{'+' if a > 0 else '-'}{_NAMES[i]}{'+' if b > 0 else '-'}{_NAMES[j]}"
+            found.append(Direction(name, "joint", (v[0], v[1], v[2])))
+    found.append(Direction("straight down", "world", (0.0, 0.0, -1.0)))
+    found.append(Direction("forward and down", "world", (_HALF, 0.0, -_HALF)))
+    found.append(Direction("forward", "world", (1.0, 0.0, 0.0)))
+    return found
+
+
+DIRECTIONS = tuple(_directions())
+
+
+def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
+    """True where the fingers would point against the motion, so the palm would have to pass through the part."""
+    along = direction.vector[1] if direction.frame == "joint" else 0.0
+    return (along if opening else -along) < -0.5
+
+
+class OfflineDesigner:
+    """Proposes what the library lacks and searches for how to do it."""
+
+    name = "offline"
+
+    def propose(
+        self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int
+    ) -> Iterator[TaskSpec]:
+        """Yield tasks that ``known`` lacks, in the order in which the affordances come."""
+        return proposals.propose(affordances, known)
+
+    def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
+        """Return the first round: every alignment, thinned by a seeded draw where there are too many."""
+        opening = proposals.goal_of(task) == "articulated_open"
+        strategies = list(self._grid(affordance, opening))
+        if len(strategies) > FIRST_ROUND:
+            generator = seeding.rng(seed, f"{task.name}/candidates")
+            chosen = sorted(generator.choice(len(strategies), FIRST_ROUND, replace=False).tolist())
+            strategies = [strategies[index] for index in chosen]
+        return [self._candidate(task, strategy) for strategy in strategies]
+
+    def refine(
+        self, task: TaskSpec, affordance: Affordance, results: Sequence[CandidateResult], seed: int, round: int
+    ) -> list[Candidate]:
+        """Vary the offsets, the reach and the tolerance of the best so far."""
+        if round >= REFINE_ROUNDS:
+            return []
+        generator = seeding.rng(seed, f"{task.name}/refine", round)
+        seen = {str(result.candidate.config) for result in results}
+        children: list[Candidate] = []
+        for parent in results[:REFINE_PARENTS]:
+            strategy = strategy_from(parent.candidate.provenance)
+            for _ in range(REFINE_CHILDREN):
+                step = 1.0 if strategy.opening else -1.0
+                child = replace(
+                    strategy,
+                    behind=round_to(max(0.0, strategy.behind + generator.uniform(-0.02, 0.03))),
+                    inset=round_to(max(-0.01, strategy.inset + generator.uniform(-0.02, 0.03))),
+                    retreat=round_to(min(0.16, max(0.05, strategy.retreat + generator.uniform(-0.04, 0.04)))),
+                    goal_openness=round_to(strategy.goal_openness + step * generator.uniform(-0.1, 0.2), 0.05),
+                    tolerance=float(generator.choice([0.05, 0.15, 0.3, 0.5])),
+                    motion="trace_joint_to" if generator.random() < 0.3 else strategy.motion,
+                )
+                candidate = self._candidate(task, child)
+                if str(candidate.config) not in seen:
+                    seen.add(str(candidate.config))
+                    children.append(candidate)
+        return children
+
+    def _grid(self, affordance: Affordance, opening: bool) -> Iterator[Strategy]:
+        reach = 1.05 if opening else -0.1
+        longest = max(affordance.lever_arms.values(), default=0.0)
+        for keypoint in affordance.keypoints:
+            if longest and affordance.lever_arms[keypoint] < 0.3 * longest:
+                continue  # too near the hinge to move it
+            for direction, roll, gripper in itertools.product(
+                DIRECTIONS, (None, "x", "y", "z"), ("closed", "grasp")
+            ):
+                if gripper == "closed":
+                    if _pushes_from_the_wrong_side(direction, opening):
+                        continue
+                    offsets = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.03))
+                    motions = ("follow_joint_to", "trace_joint_to")
+                    if roll is not None:
+                        continue  # closed fingers are nearly round: their roll is left to the solver
+                else:
+                    if roll is None:
+                        continue  # a grasp without a finger direction misses thin parts
+                    offsets = ((0.0, 0.0), (0.0, 0.015))
+                    motions = ("follow_joint_to",)
+                if roll is not None and direction.frame == "joint" and abs(direction.vector[_NAMES.index(roll)]) > 0.9:
+                    continue  # orthogonal already
+                for (behind, inset), motion in itertools.product(offsets, motions):
+                    yield Strategy(
+                        keypoint=keypoint,
+                        gripper=gripper,  # type: ignore[arg-type]
+                        approach=direction,
+                        roll=roll,  # type: ignore[arg-type]
+                        behind=behind,
+                        inset=inset,
+                        retreat=0.1,
+                        motion=motion,  # type: ignore[arg-type]
+                        goal_openness=reach,
+                        tolerance=0.15 if gripper == "grasp" else 0.3,
+                        opening=opening,
+                    )
+
+    @staticmethod
+    def _candidate(task: TaskSpec, strategy: Strategy) -> Candidate:
+        return Candidate(strategy.label, strategy.config(task.name), strategy.provenance())
+
+
+def strategy_from(provenance: dict[str, Any]) -> Strategy:
+    """Return the strategy whose ``provenance()`` this is."""
+    values = dict(provenance)
+    approach = values.pop("approach")
+    return Strategy(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
+
+
+def round_to(value: float, step: float = 0.005) -> float:
+    """Round to a multiple of ``step``, so that configs stay legible."""
+    return round(round(value / step) * step, 6)
