@@ -28,6 +28,8 @@ if [ "${ID:-}" = debian ] && [ "${VERSION_ID:-}" = 12 ]; then
     advice="apt-get install -t $suite $packages (after adding the suite $suite to apt's sources)"
 fi
 
+[ -z "${GENSIM2_NO_SYSTEM_PACKAGES:-}" ] || give_up "no Vulkan driver works here; for pictures run as root: $advice."
+
 as_root=""
 if [ "$(id -u)" -ne 0 ]; then
     if sudo -n true 2>/dev/null; then

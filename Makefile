@@ -1,0 +1,34 @@
+# `make help` lists the targets.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint format lock clean
+
+DEMO_OUT ?= runs/demo
+DEMO_TASKS ?= 2
+DEMO_EPISODES ?= 3
+DEMO_SEED ?= 0
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: ## make .venv/ ready: packages, extension, command line, Vulkan driver
+	@scripts/setup.sh
+
+demo: setup ## design tasks from nothing, verify them in physics and record demonstrations
+	@.venv/bin/gensim2 run-pipeline --assets builtin --num-tasks $(DEMO_TASKS) --episodes $(DEMO_EPISODES) \
+		--seed $(DEMO_SEED) --out $(DEMO_OUT) --resume
+
+test: setup ## everything that must hold: format, lint, types, Rust and Python tests
+	@scripts/check.sh
+
+lint: setup ## mend what the formatters and linters can
+	@cargo fmt --all
+	@.venv/bin/ruff check --fix .
+	@.venv/bin/ruff format .
+
+lock: setup ## pin the newest packages that fit together in requirements.lock
+	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \
+		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --upgrade --quiet \
+		--output-file requirements.lock
+
+clean: ## remove what was built; keeps .venv/ and runs/
+	@rm -rf target dist .mypy_cache .ruff_cache .pytest_cache .hypothesis python/gensim2_kpam/_native*.so .venv/.gensim2-extension

@@ -1,0 +1,184 @@
+"""What this machine can do, and what to do about what it cannot."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from gensim2.errors import GenSim2Error
+
+# In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it initialized.
+_VULKAN_PROBE = """
+import sapien
+print(sapien.render.RenderSystem().device.name)
+"""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at.
+
+    Attributes:
+        name: what was looked at.
+        status: ``"ok"``; ``"limited"`` where gensim2 works without it, with less; ``"missing"`` where it does not.
+        value: what was found.
+        remedy: what to do, empty where nothing is to be done.
+    """
+
+    name: str
+    status: Literal["ok", "limited", "missing"]
+    value: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All checks of one machine."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def healthy(self) -> bool:
+        """Nothing that gensim2 needs is missing."""
+        return all(check.status != "missing" for check in self.checks)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready form."""
+        return {"schema_version": 1, "healthy": self.healthy, "checks": [asdict(check) for check in self.checks]}
+
+
+def doctor(assets: str | Path | None = None) -> Diagnosis:
+    """Look at everything gensim2 stands on.
+
+    Args:
+        assets: the library that would be used: ``None`` (``GENSIM2_ASSETS`` or the built-in one), ``"builtin"`` or a
+            folder.
+    """
+    checks: tuple[Callable[[], Check], ...] = (
+        _python,
+        _rust,
+        _extension,
+        _simulation,
+        vulkan,
+        _video,
+        lambda: _assets(assets),
+        _cache,
+        _cores,
+        _memory,
+    )
+    return Diagnosis(tuple(check() for check in checks))
+
+
+def vulkan() -> Check:
+    """Whether SAPIEN finds a driver to draw pictures with; takes about a second."""
+    name = "Vulkan driver"
+    remedy = "run scripts/install_vulkan.sh, or install Mesa's lavapipe 24.3 or newer; all but pictures works without"
+    if importlib.util.find_spec("sapien") is None:
+        return Check(name, "limited", "not tried: SAPIEN is not installed", "pip install 'gensim2[sim]'")
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", _VULKAN_PROBE], capture_output=True, text=True, timeout=60, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Check(name, "limited", "no answer within 60 s", remedy)
+    if probe.returncode == 0:
+        device = probe.stdout.strip().splitlines()[-1]
+        return Check(name, "ok", "software (Mesa)" if device == "cpu" else device)
+    lines = probe.stderr.strip().splitlines()
+    return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
+
+
+def _python() -> Check:
+    version = platform.python_version()
+    if sys.version_info < (3, 11):
+        return Check("Python", "missing", version, "install Python 3.11 or newer")
+    return Check("Python", "ok", f"{version} ({sys.executable})")
+
+
+def _rust() -> Check:
+    cargo = shutil.which("cargo") or shutil.which("cargo", path=str(Path.home() / ".cargo" / "bin"))
+    if cargo is None:
+        return Check("Rust", "limited", "no cargo", "only needed to build from source: https://rustup.rs")
+    found = subprocess.run([cargo, "--version"], capture_output=True, text=True, check=False)
+    return Check("Rust", "ok", found.stdout.strip() or f"{cargo} does not run")
+
+
+def _extension() -> Check:
+    try:
+        import gensim2_kpam
+    except ImportError as error:
+        return Check("Solver", "missing", str(error), "build it: make setup")
+    version = getattr(gensim2_kpam, "__version__", None) or importlib.metadata.version("gensim2")
+    return Check("Solver", "ok", f"gensim2_kpam {version}")
+
+
+def _simulation() -> Check:
+    packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch", "coacd": "coacd"}
+    absent = [package for module, package in packages.items() if importlib.util.find_spec(module) is None]
+    if absent:
+        return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
+    found = [f"{package} {importlib.metadata.version(package)}" for package in packages.values()]
+    return Check("Simulation", "ok", ", ".join(found))
+
+
+def _video() -> Check:
+    if importlib.util.find_spec("imageio_ffmpeg") is not None:
+        import imageio_ffmpeg
+
+        try:
+            return Check("ffmpeg", "ok", Path(imageio_ffmpeg.get_ffmpeg_exe()).name)
+        except RuntimeError as error:
+            return Check("ffmpeg", "limited", str(error), "install ffmpeg; all but videos works without")
+    return Check("ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without")
+
+
+def _assets(assets: str | Path | None) -> Check:
+    from gensim2.assets import open_library
+
+    try:
+        library = open_library(assets)
+        instances = sum(len(library.instances(asset_class)) for asset_class in library.classes())
+    except GenSim2Error as error:
+        return Check("Assets", "missing", str(error), "give a folder with --assets, or --assets builtin")
+    return Check("Assets", "ok", f"{library.name}: {len(library.classes())} classes, {instances} instances")
+
+
+def _cache() -> Check:
+    from platformdirs import user_cache_path
+
+    folder = user_cache_path("gensim2")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        return Check("Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set XDG_CACHE_HOME")
+    return Check("Cache", "ok", str(folder))
+
+
+def _cores() -> Check:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Check("Cores", "ok", str(cores))
+
+
+def _memory() -> Check:
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    if total < 4:
+        return Check("Memory", "limited", f"{total:.1f} GiB", "a worker with pictures takes 2.2 GB: use --workers 1")
+    return Check("Memory", "ok", f"{total:.1f} GiB")
+
+
+if __name__ == "__main__":  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
+    found = vulkan()
+    print(f"{found.name}: {found.value}", file=sys.stderr)
+    sys.exit(found.status != "ok")
