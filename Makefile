@@ -25,7 +25,7 @@ lint: setup ## mend what the formatters and linters can
 	@.venv/bin/ruff check --fix .
 	@.venv/bin/ruff format .
 
-lock: setup ## pin the newest packages that fit together in requirements.lock
+lock: ## pin the newest packages that fit together in requirements.lock
 	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \
 		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --upgrade --quiet \
 		--output-file requirements.lock

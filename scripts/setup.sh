@@ -63,8 +63,7 @@ stamp() { printf '%s\n' "$2" >"$venv/.gensim2-$1"; }
 digest() { sha256sum | cut -d ' ' -f 1; }
 
 sources_of_the_extension() {
-    find crates Cargo.toml Cargo.lock pyproject.toml rust-toolchain.toml .cargo -type f \
-        \( -name '*.rs' -o -name '*.toml' -o -name '*.lock' \) -not -path '*/target/*' -print0 2>/dev/null |
+    find crates Cargo.toml Cargo.lock pyproject.toml -type f \( -name '*.rs' -o -name '*.toml' -o -name '*.lock' \) -print0 |
         LC_ALL=C sort -z | xargs -0 sha256sum
 }
 
