@@ -1,0 +1,323 @@
+"""The one environment: a Panda at a table with one articulated object, driven by a task spec."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import sapien
+import torch
+from gymnasium.envs.registration import EnvSpec
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.structs import Articulation
+from mani_skill.utils.structs.types import SceneConfig, SimConfig
+
+from gensim2.assets.types import Instance
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.planning.scene import Scene
+from gensim2.sim import rendering
+from gensim2.sim.objects import apply_friction, load_object
+from gensim2.sim.randomize import Draw, check_options, draw_scene, openness_at_reset, placed
+from gensim2.sim.registration import MODULE
+from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
+from gensim2.sim.scene_state import read_scene
+from gensim2.sim.table import build_table
+from gensim2.tasks.criteria import succeeded
+from gensim2.tasks.library import load_task, parse_task
+from gensim2.tasks.spec import TaskSpec
+
+if TYPE_CHECKING:
+    from gymnasium import spaces
+
+
+class ObjectSource(Protocol):
+    """What the environment needs of an object library."""
+
+    def instances(self, asset_class: str) -> tuple[str, ...]: ...
+    def load(self, asset_class: str, instance: str) -> Instance: ...
+    def split(self, asset_class: str, split: str) -> tuple[str, ...]: ...
+
+
+class GenSim2Env(BaseEnv):  # type: ignore[misc]
+    """A Panda at a table with one articulated object.
+
+    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's: TGS solver, persistent contact
+    manifold, 15 position iterations and 1 velocity iteration. TGS is needed, not a matter of taste: the joint friction
+    of the objects is a force-limited drive, and PGS lets drives exceed their limits (see ``gensim2.sim.objects``).
+    Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and
+    the same actions the same states, in any process, with pictures or without.
+
+    An action of the default control mode ``pd_joint_pos`` is (8,): 7 arm joint targets in rad, and the gripper from
+    -1 (closed) to 1 (open).
+
+    Args:
+        task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
+        assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened library.
+        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several.
+        render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver works.
+        kwargs: as in ManiSkill's ``BaseEnv``.
+
+    Reset options, each of which replaces what would have been drawn: ``instance`` (id), ``openness`` (0..1),
+    ``offset`` (x, y, yaw from the default placement) or ``pose`` (root in the world: x, y, z, qw, qx, qy, qz).
+
+    Raises:
+        InputError: an argument or a reset option is wrong.
+    """
+
+    SUPPORTED_ROBOTS = ["panda"]  # noqa: RUF012 - as the base class has it
+    SUPPORTED_REWARD_MODES = ("sparse", "none")
+
+    def __init__(
+        self,
+        *args: Any,
+        task: str | TaskSpec | Mapping[str, Any],
+        assets: str | Path | ObjectSource | None = None,
+        instances: str | Sequence[str] = "all",
+        robot_uids: str = "panda",
+        control_mode: str | None = "pd_joint_pos",
+        num_envs: int = 1,
+        sim_backend: str = "physx_cpu",
+        render_backend: str = "auto",
+        reconfiguration_freq: int | None = None,
+        obs_mode: str | None = None,
+        render_mode: str | None = None,
+        **kwargs: Any,
+    ) -> None:
+        if num_envs != 1 or sim_backend not in ("cpu", "physx_cpu", "auto"):
+            raise InputError("one environment a process, on physx_cpu", field="num_envs", remedy="use processes")
+        if reconfiguration_freq not in (None, 1):
+            raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
+        if robot_uids != "panda":
+            raise InputError(f"knows the panda only, not {robot_uids!r}", field="robot_uids")
+        self.task = _as_task(task)
+        self._library = _as_library(assets)
+        self._instances = _choose(self._library, self.task, instances)
+        self.instance: Instance | None = None
+        self._draw: Draw | None = None
+        self._spec: EnvSpec | None = None
+        super().__init__(
+            *args,
+            num_envs=1,
+            robot_uids=robot_uids,
+            control_mode=control_mode,
+            sim_backend="physx_cpu",
+            render_backend=_render_backend(render_backend, obs_mode, render_mode),
+            reconfiguration_freq=1,
+            obs_mode=obs_mode,
+            render_mode=render_mode,
+            **kwargs,
+        )
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Control steps after which an episode is truncated."""
+        return self.task.max_episode_steps
+
+    @property
+    def instance_ids(self) -> tuple[str, ...]:
+        """Ids that a reset draws from."""
+        return self._instances
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec that ``gym.make`` gave, its id with the module to import in front, so that a recorder writes an id
+        that works in a process that knows nothing of gensim2."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and ":" not in spec.id:
+            spec = dataclasses.replace(spec, id=f"{MODULE}:{spec.id}")
+            assert spec is not None
+            spec.kwargs = _jsonable(spec.kwargs)
+        self._spec = spec
+
+    # ------------------------------------------------------------------ scene
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(
+            sim_freq=100,
+            control_freq=20,
+            scene_config=SceneConfig(
+                enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
+            ),
+        )
+
+    @property
+    def _default_sensor_configs(self) -> list[CameraConfig]:
+        return rendering.observation_cameras()
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:
+        return rendering.video_camera()
+
+    def reset(
+        self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Build a fresh scene; see the class for ``options``."""
+        check_options(options)
+        result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)
+        return result
+
+    def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
+        super()._load_agent(options, sapien.Pose(p=list(BASE_POSITION)))
+
+    def _load_scene(self, options: dict[str, Any]) -> None:
+        chosen = options.get("instance")
+        self._draw = draw_scene(self.task, int(self._episode_seed[0]), self._instances)
+        known = self._library.instances(self.task.asset_class) if chosen is not None else ()
+        if chosen is not None and chosen not in known:
+            raise InputError(f"{self.task.asset_class} has no instance {chosen!r}", field="instance")
+        self.instance = self._library.load(self.task.asset_class, chosen or self._draw.instance)
+        placement = self.instance.placement
+        self.object_yaw = self._draw.yaw
+        if options.get("pose") is not None:
+            pose = np.asarray(options["pose"], dtype=np.float64)
+            position, quaternion, self.object_yaw = pose[:3], pose[3:], 0.0
+        else:
+            offset = options.get("offset")
+            x, y, yaw = (self._draw.x, self._draw.y, self._draw.yaw) if offset is None else map(float, offset)
+            position, quaternion = placed(placement.position, placement.quaternion, x, y, yaw)
+            self.object_yaw = yaw
+        self.table = build_table(self.scene)
+        self.object: Articulation = load_object(self.scene, self.instance, sapien.Pose(position, quaternion))
+        given = options.get("openness")
+        self.initial_openness = (
+            openness_at_reset(self.task, self._draw, self.instance.default_openness) if given is None else float(given)
+        )
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
+        self.agent.reset(np.array(RESET_QPOS, dtype=np.float32))
+        self.agent.robot.set_pose(sapien.Pose(p=list(BASE_POSITION)))
+        joint = self._require_instance().joint
+        value = joint.lower + self.initial_openness * (joint.upper - joint.lower)
+        self.object.set_qpos(torch.tensor([[value]], dtype=torch.float32))
+        self.object.set_qvel(torch.zeros((1, 1)))
+
+    def _before_simulation_step(self) -> None:
+        instance = self._require_instance()
+        if instance.joint.damping > 0:
+            apply_friction(self.object, instance, float(self.object.get_qvel()[0, 0]))
+
+    def _require_instance(self) -> Instance:
+        if self.instance is None:
+            raise GenSim2Error("the environment has not been reset yet")
+        return self.instance
+
+    # ------------------------------------------------------------ measurement
+
+    @property
+    def openness(self) -> float:
+        """(q - lower) / (upper - lower) of the object's joint; may leave 0..1 by the joint's give."""
+        joint = self._require_instance().joint
+        value = float(self.object.get_qpos()[0, 0])
+        return (value - joint.lower) / (joint.upper - joint.lower)
+
+    @property
+    def joint_speed(self) -> float:
+        """Speed of the object's joint in openness a second."""
+        joint = self._require_instance().joint
+        return float(self.object.get_qvel()[0, 0]) / (joint.upper - joint.lower)
+
+    def scene_state(self) -> Scene:
+        """The scene as the planner sees it, in the robot base frame; geometry only."""
+        return read_scene(self.agent.robot, self.object, self._require_instance(), self.object_yaw)
+
+    def evaluate(self) -> dict[str, torch.Tensor]:
+        """``success`` (1,) bool: every criterion of the task holds now; ``openness`` (1,)."""
+        openness = self.openness
+        return {
+            "success": torch.tensor([succeeded(self.task, openness)]),
+            "openness": torch.tensor([openness], dtype=torch.float32),
+        }
+
+    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
+        """Hand pose in the world; with state observations also the object's joint, pose and target keypoint."""
+        extra = {"tcp_pose": self.agent.tcp_pose.raw_pose}
+        if self.obs_mode_struct.use_state:
+            extra |= {
+                "openness": info["openness"],
+                "object_qpos": self.object.get_qpos(),
+                "object_pose": self.object.pose.raw_pose,
+                "moving_link_pose": self.object.links_map[self._require_instance().joint.child_link].pose.raw_pose,
+            }
+        return extra
+
+    def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on."""
+        obs, reward, terminated, _, info = super().step(action)
+        return obs, reward, terminated, self.elapsed_steps >= self.max_episode_steps, info
+
+    def render(self) -> Any:
+        """As in ManiSkill.
+
+        Raises:
+            GenSim2Error: no Vulkan driver works, or rendering was switched off.
+        """
+        if self.render_mode is not None and not self.scene.can_render():
+            raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
+        return super().render()
+
+
+def _as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
+    if isinstance(task, TaskSpec):
+        return task
+    return load_task(task) if isinstance(task, str) else parse_task(dict(task))
+
+
+def _as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
+    if assets is None or isinstance(assets, str | Path):
+        from gensim2.assets import open_library
+
+        library: ObjectSource = open_library(Path(assets) if assets not in (None, "builtin") else assets)
+        return library
+    return assets
+
+
+def _choose(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
+    if instances == "all":
+        chosen = library.instances(task.asset_class)
+    elif instances in ("train", "test"):
+        chosen = library.split(task.asset_class, str(instances))
+    else:
+        chosen = (instances,) if isinstance(instances, str) else tuple(instances)
+        unknown = sorted(set(chosen) - set(library.instances(task.asset_class)))
+        if unknown:
+            raise InputError(f"{task.asset_class} has no instance {', '.join(unknown)}", field="instances")
+    if not chosen:
+        raise InputError(f"no instance of {task.asset_class} to choose from", field="instances")
+    return chosen
+
+
+def _render_backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
+    needs_pictures = obs_mode is not None and parse_obs_mode_to_struct(obs_mode).visual_obs
+    if asked == "none":
+        if needs_pictures:
+            raise InputError(f"obs_mode {obs_mode!r} needs rendering", field="render_backend")
+        return "none"
+    if asked != "auto":
+        return asked
+    if needs_pictures and not rendering.can_render():
+        raise InputError(rendering.NO_DRIVER, field="obs_mode", remedy="use obs_mode 'state'")
+    if not (needs_pictures or render_mode is not None) or not rendering.can_render():
+        # Without a driver an environment with a render mode still simulates; render() itself then says why not.
+        return "none"
+    return "gpu" if torch.cuda.is_available() else "cpu"
+
+
+def _jsonable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Environment arguments as a recorder can write them."""
+    plain = dict(kwargs)
+    if isinstance(plain.get("task"), TaskSpec):
+        plain["task"] = plain["task"].model_dump(mode="json")
+    if isinstance(plain.get("assets"), Path):
+        plain["assets"] = str(plain["assets"])
+    if isinstance(plain.get("instances"), tuple):
+        plain["instances"] = list(plain["instances"])
+    return plain

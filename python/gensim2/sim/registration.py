@@ -1,0 +1,53 @@
+"""Environment ids for gymnasium."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+from gymnasium.envs.registration import WrapperSpec, registry
+
+from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.spec import TaskSpec
+
+MODULE = "gensim2.sim"
+"""gymnasium imports what stands before a colon in an id; since 1.0 it has no plug-in entry points any more."""
+
+TASK_ENV_ID = "GenSim2-Task-v1"
+"""Takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
+
+_ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
+
+
+def env_id(task: TaskSpec) -> str:
+    """Id that ``gym.make`` understands in any process where gensim2 is installed.
+
+    A task of the library has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an argument.
+    """
+    in_library = task.name in task_names() and load_task(task.name) == task
+    return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
+
+
+def register_all() -> None:
+    """Register every task of the library and ``GenSim2-Task-v1``; doing so twice changes nothing."""
+    for name in task_names():
+        task = load_task(name)
+        _register(task.env_id, task.max_episode_steps, {"task": name})
+    _register(TASK_ENV_ID, None, {})
+
+
+def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object]) -> None:
+    if id in registry:
+        return
+    time_limit = WrapperSpec(
+        "MSTimeLimit",
+        "mani_skill.utils.registration:TimeLimitWrapper",
+        {"max_episode_steps": max_episode_steps},
+    )
+    gym.register(
+        id,
+        entry_point=_ENTRY_POINT,
+        max_episode_steps=max_episode_steps,
+        disable_env_checker=True,  # ManiSkill batches every value, which the checker takes for errors
+        # The limit of a task that is not in the library is known only to the environment itself.
+        additional_wrappers=(time_limit,) if max_episode_steps is not None else (),
+        kwargs=dict(kwargs),
+    )

@@ -1,0 +1,52 @@
+"""Cameras, lights and whether pictures can be made at all."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+import numpy as np
+import sapien
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils import sapien_utils
+
+NO_DRIVER = (
+    "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
+    "(on Debian or Ubuntu install mesa-vulkan-drivers 24.3 or newer)"
+)
+
+
+@cache
+def can_render() -> bool:
+    """Whether a Vulkan driver works in this process.
+
+    ``sapien.Device("cpu")`` exists even where no driver does, so this makes the one object that needs a driver. Costs
+    under 0.1 s and about 80 MB, once a process.
+    """
+    sapien.render.set_log_level("off")
+    try:
+        sapien.render.RenderMaterial()
+    except RuntimeError:
+        return False
+    finally:
+        sapien.render.set_log_level(os.getenv("MS_RENDERER_LOG_LEVEL", "warn"))
+    return True
+
+
+def observation_cameras() -> list[CameraConfig]:
+    """Three cameras that look at the middle of the workspace: from the left, from the right, from the far side.
+
+    128 x 128 pixels; poses in the world frame.
+    """
+    target = [-0.1, 0.0, 0.15]
+    places = {"left": [-0.3, 0.75, 0.65], "right": [-0.3, -0.75, 0.65], "front": [0.75, 0.0, 0.65]}
+    return [
+        CameraConfig(uid, sapien_utils.look_at(place, target), 128, 128, fov=np.deg2rad(60), near=0.01, far=10)
+        for uid, place in places.items()
+    ]
+
+
+def video_camera() -> CameraConfig:
+    """One camera for people: 640 x 480 pixels, from the far left, robot and object in view."""
+    pose = sapien_utils.look_at([0.45, 0.95, 0.75], [-0.2, 0.0, 0.15])
+    return CameraConfig("render_camera", pose, 640, 480, fov=np.deg2rad(50), near=0.01, far=20, shader_pack="default")

@@ -1,0 +1,77 @@
+"""From the simulator to :class:`~gensim2.planning.scene.Scene`: all in the robot base frame, in float64."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mani_skill.utils.structs import Articulation
+
+from gensim2.assets.types import Instance
+from gensim2.planning.scene import JointState, Role, Scene, SceneBody
+from gensim2.sim.table import HALF_SIZE, corners
+
+Array = npt.NDArray[np.float64]
+
+
+def read_scene(robot: Articulation, articulation: Articulation, instance: Instance, object_yaw: float) -> Scene:
+    """Read out where everything stands.
+
+    Args:
+        robot: the Panda.
+        articulation: ``instance`` as it was built.
+        instance: its hulls, keypoints and joint are carried over.
+        object_yaw: what the randomization turned it by, rad.
+    """
+    T_world_base = _matrix(robot)
+    T_base_world = np.linalg.inv(T_world_base)
+    T_base_link = {link.name: T_base_world @ _matrix(link) for link in articulation.links}
+    T_base_root = T_base_link[articulation.root.name]
+    joint = instance.joint
+    moving = _moved_by(articulation, joint.child_link)
+    bodies = [_table(T_base_world)]
+    for link, hulls in instance.hulls.items():
+        if hulls:
+            role: Role = "moving_link" if link in moving else "object_body"
+            bodies.append(SceneBody(f"object/{link}", role, hulls, T_base_link[link]))
+    return Scene(
+        q=np.asarray(robot.get_qpos()[0], dtype=np.float64),
+        T_world_base=T_world_base,
+        T_base_object=T_base_link[joint.child_link] @ instance.T_link_object,
+        object_keypoints={
+            name: _transform(T_base_link[point.link], point.position) for name, point in instance.keypoints.items()
+        },
+        joint=JointState(
+            type=joint.type,
+            origin=_transform(T_base_root, joint.origin),
+            axis=T_base_root[:3, :3] @ joint.axis,
+            value=float(articulation.get_qpos()[0, 0]),
+            lower=joint.lower,
+            upper=joint.upper,
+        ),
+        object_yaw=object_yaw,
+        bodies=tuple(bodies),
+    )
+
+
+def _table(T_base_world: Array) -> SceneBody:
+    T_world_table = np.eye(4)
+    T_world_table[2, 3] = -HALF_SIZE[2]
+    return SceneBody("table", "table", (corners(),), T_base_world @ T_world_table)
+
+
+def _matrix(thing: Articulation) -> Array:
+    return np.asarray(thing.pose.sp.to_transformation_matrix(), dtype=np.float64)
+
+
+def _transform(pose: Array, point: Array) -> Array:
+    return np.asarray(pose[:3, :3] @ point + pose[:3, 3], dtype=np.float64)
+
+
+def _moved_by(articulation: Articulation, link: str) -> set[str]:
+    """Names of the link and of everything fixed beneath it."""
+    moved = {link}
+    for candidate in articulation.links:  # parents come before their children
+        parent = candidate._objs[0].parent
+        if parent is not None and articulation.links[parent.index].name in moved:
+            moved.add(candidate.name)
+    return moved

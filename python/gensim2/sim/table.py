@@ -1,0 +1,50 @@
+"""The table that everything stands on."""
+
+from __future__ import annotations
+
+import numpy as np
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs import Actor
+
+HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
+"""Metres; centred below the world's origin, its top at z = 0."""
+
+_HEIGHT = 0.6
+_WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78, 0.78, 0.76, 1.0)
+
+
+def build_table(scene: ManiSkillScene) -> Actor:
+    """Build the table: one static box with static friction 1.0, dynamic 0.2, restitution 0.01.
+
+    Legs and floor are for pictures only: what leaves the table falls for ever.
+    """
+    builder = scene.create_actor_builder()
+    material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)
+    builder.add_box_collision(half_size=HALF_SIZE, material=material)
+    if scene.can_render():
+        _add_visuals(builder)
+    builder.initial_pose = sapien.Pose(p=[0.0, 0.0, -HALF_SIZE[2]])
+    return builder.build_static(name="table")
+
+
+def _add_visuals(builder: sapien.ActorBuilder) -> None:
+    def paint(color: tuple[float, ...], roughness: float, metallic: float = 0.0) -> sapien.render.RenderMaterial:
+        return sapien.render.RenderMaterial(
+            base_color=list(color), roughness=roughness, metallic=metallic, specular=0.3
+        )
+
+    builder.add_box_visual(half_size=HALF_SIZE, material=paint(_WOOD, 0.6))
+    leg = (0.025, 0.025, _HEIGHT / 2 - HALF_SIZE[2])
+    for x in (-0.6, 0.6):
+        for y in (-0.6, 0.6):
+            place = sapien.Pose(p=[x, y, -HALF_SIZE[2] - leg[2]])
+            builder.add_box_visual(place, leg, material=paint(_METAL, 0.4, 0.6))
+    floor = sapien.Pose(p=[0.0, 0.0, HALF_SIZE[2] - _HEIGHT - 0.01])
+    builder.add_box_visual(floor, (4.0, 4.0, 0.005), material=paint(_FLOOR, 0.9))
+
+
+def corners() -> np.ndarray:
+    """(8, 3) corners of the table in its own frame (box centre at the origin)."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
+    return signs * np.array(HALF_SIZE)
