@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from gensim2.errors import GenSim2Error
 
-# In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it initialized.
+# In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it set up.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
@@ -30,7 +30,7 @@ class Check:
 
     Attributes:
         name: what was looked at.
-        status: ``"ok"``; ``"limited"`` where gensim2 works without it, with less; ``"missing"`` where it does not.
+        status: ``"ok"``; ``"limited"`` where gensim2 does less without it; ``"missing"`` where nothing works.
         value: what was found.
         remedy: what to do, empty where nothing is to be done.
     """
@@ -54,15 +54,19 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready form."""
-        return {"schema_version": 1, "healthy": self.healthy, "checks": [asdict(check) for check in self.checks]}
+        return {
+            "schema_version": 1,
+            "healthy": self.healthy,
+            "checks": [asdict(check) for check in self.checks],
+        }
 
 
 def doctor(assets: str | Path | None = None) -> Diagnosis:
     """Look at everything gensim2 stands on.
 
     Args:
-        assets: the library that would be used: ``None`` (``GENSIM2_ASSETS`` or the built-in one), ``"builtin"`` or a
-            folder.
+        assets: the library to look at: a folder, ``"builtin"``, or ``None`` for ``GENSIM2_ASSETS``, else the
+            built-in one.
     """
     checks: tuple[Callable[[], Check], ...] = (
         _python,
@@ -82,7 +86,7 @@ def doctor(assets: str | Path | None = None) -> Diagnosis:
 def vulkan() -> Check:
     """Whether SAPIEN finds a driver to draw pictures with; takes about a second."""
     name = "Vulkan driver"
-    remedy = "run scripts/install_vulkan.sh, or install Mesa's lavapipe 24.3 or newer; all but pictures works without"
+    remedy = "run scripts/install_vulkan.sh or install Mesa 24.3 or newer; all but pictures works without"
     if importlib.util.find_spec("sapien") is None:
         return Check(name, "limited", "not tried: SAPIEN is not installed", "pip install 'gensim2[sim]'")
     try:
@@ -99,10 +103,7 @@ def vulkan() -> Check:
 
 
 def _python() -> Check:
-    version = platform.python_version()
-    if sys.version_info < (3, 11):
-        return Check("Python", "missing", version, "install Python 3.11 or newer")
-    return Check("Python", "ok", f"{version} ({sys.executable})")
+    return Check("Python", "ok", f"{platform.python_version()} ({sys.executable})")
 
 
 def _rust() -> Check:
@@ -126,7 +127,9 @@ def _simulation() -> Check:
     packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch", "coacd": "coacd"}
     absent = [package for module, package in packages.items() if importlib.util.find_spec(module) is None]
     if absent:
-        return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
+        return Check(
+            "Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'"
+        )
     found = [f"{package} {importlib.metadata.version(package)}" for package in packages.values()]
     return Check("Simulation", "ok", ", ".join(found))
 
@@ -139,7 +142,9 @@ def _video() -> Check:
             return Check("ffmpeg", "ok", Path(imageio_ffmpeg.get_ffmpeg_exe()).name)
         except RuntimeError as error:
             return Check("ffmpeg", "limited", str(error), "install ffmpeg; all but videos works without")
-    return Check("ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without")
+    return Check(
+        "ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without"
+    )
 
 
 def _assets(assets: str | Path | None) -> Check:
@@ -162,7 +167,9 @@ def _cache() -> Check:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        return Check("Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set XDG_CACHE_HOME")
+        return Check(
+            "Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set XDG_CACHE_HOME"
+        )
     return Check("Cache", "ok", str(folder))
 
 
@@ -174,11 +181,15 @@ def _cores() -> Check:
 def _memory() -> Check:
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     if total < 4:
-        return Check("Memory", "limited", f"{total:.1f} GiB", "a worker with pictures takes 2.2 GB: use --workers 1")
+        return Check(
+            "Memory", "limited", f"{total:.1f} GiB", "a worker with pictures takes 2.2 GB: use --workers 1"
+        )
     return Check("Memory", "ok", f"{total:.1f} GiB")
 
 
-if __name__ == "__main__":  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
+if (
+    __name__ == "__main__"
+):  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
     found = vulkan()
     print(f"{found.name}: {found.value}", file=sys.stderr)
     sys.exit(found.status != "ok")

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 class Progress(Protocol):
     """A listener that is told about one stage after the other.
 
-    Long functions take ``progress: Progress | None = None`` and use ``progress or NULL_PROGRESS``. Only the process
-    that was called talks to it; workers hand their news to that process.
+    Long functions take ``progress: Progress = NULL_PROGRESS``. Only the process that was called talks to it;
+    workers hand their news to that process.
     """
 
     def start(self, description: str, total: int | None = None) -> None:
@@ -47,8 +47,8 @@ NULL_PROGRESS: Progress = NullProgress()
 class ConsoleProgress:
     """Bars on a terminal; one line a stage where standard error is a file or a pipe.
 
-    A context manager: leaving it ends the last stage, also on an exception or Ctrl-C. Everything goes to standard
-    error, so that standard output stays free for results.
+    A context manager: leaving it ends the last stage, also on an exception or Ctrl-C. Everything goes to
+    standard error, so that standard output stays free for results.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:

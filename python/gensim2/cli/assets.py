@@ -1,0 +1,35 @@
+"""``gensim2 assets``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report, table
+
+
+@click.group("assets")
+def assets() -> None:
+    """The object library."""
+
+
+@assets.command("list")
+@options.assets
+@options.json_file
+def list_assets(assets: str | None, json_file: str | None) -> None:
+    """List the classes of the library with their instances."""
+    with report(json_file, _show) as (_, give):
+        from gensim2.assets import listing
+
+        give(listing(assets))
+
+
+def _show(result: dict[str, Any]) -> None:
+    rows = [
+        (entry["class"], len(entry["instances"]), entry["joint"], entry["description"])
+        for entry in result["classes"]
+    ]
+    table(("class", "instances", "joint", "what"), rows)
+    line(f"library: {result['library']} ({result['license']})")

@@ -1,0 +1,65 @@
+"""``gensim2 demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.main import FOUND_WRONG
+from gensim2.cli.output import line, report
+
+
+@click.command("demo")
+@click.argument("task")
+@click.option(
+    "--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record."
+)
+@options.seed
+@options.assets
+@options.out("Folder to write to.  [default: runs/<date>-<time>]")
+@options.workers
+@options.resume
+@options.video
+@options.json_file
+@click.pass_context
+def demo(
+    ctx: click.Context,
+    task: str,
+    episodes: int,
+    seed: int,
+    assets: str | None,
+    out: Path | None,
+    workers: int,
+    resume: bool,
+    video: bool,
+    json_file: str | None,
+) -> None:
+    """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and solver.yaml.
+
+    Ends with 1 where fewer demonstrations succeeded than were asked for.
+    """
+    with report(json_file, _show) as (progress, give):
+        from gensim2.pipeline import demo as function
+
+        result = function(
+            task,
+            episodes=episodes,
+            seed=seed,
+            assets=assets,
+            out=out,
+            workers=workers,
+            resume=resume,
+            video=video,
+            progress=progress,
+        ).to_dict()
+        give(result)
+    if result["demos"] < episodes:
+        ctx.exit(FOUND_WRONG)
+
+
+def _show(result: dict[str, Any]) -> None:
+    line(f"{result['name']}: {result['demos']} demonstrations")
+    line(f"in {result['run_dir']}")

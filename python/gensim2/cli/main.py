@@ -1,0 +1,93 @@
+"""Entry point: finds the command, and turns every way to end into an exit code."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import importlib.metadata
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError
+
+#: Exit codes; 0 is "ran to the end".
+FOUND_WRONG, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+#: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
+COMMANDS = {
+    "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
+    "demo": "gensim2.cli.demo:demo",
+    "solve": "gensim2.cli.solve:solve",
+    "tasks": "gensim2.cli.tasks:tasks",
+    "assets": "gensim2.cli.assets:assets",
+    "doctor": "gensim2.cli.doctor:doctor",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported one at a time."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of ``COMMANDS``."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Import one command."""
+        if name not in COMMANDS:
+            return None
+        module, attribute = COMMANDS[name].split(":")
+        command = getattr(importlib.import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
+@click.version_option(importlib.metadata.version("gensim2"), prog_name="gensim2")
+def cli() -> None:
+    """Articulated objects in, verified manipulation tasks and demonstrations out.
+
+    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 130 interrupted.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave the process with its exit code."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; ``arguments`` defaults to the process's own."""
+    try:
+        outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)
+        sys.stdout.flush()
+        return outcome if isinstance(outcome, int) else 0
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return BAD_INPUT
+    except click.ClickException as error:
+        where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "gensim2"
+        return _fail(f"{where}: {error.format_message()} (see {where} --help)", BAD_INPUT)
+    except InputError as error:
+        return _fail(f"gensim2: {error}", BAD_INPUT)
+    except MissingExtraError as error:
+        return _fail(f"gensim2: {error}", BAD_INPUT)
+    except GenSim2Error as error:
+        return _fail(f"gensim2: {error}", FOUND_WRONG)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("gensim2: interrupted; what was finished is kept", INTERRUPTED)
+    except OSError as error:
+        if error.errno != errno.EPIPE:
+            raise
+        # Whoever read our output has left; a second flush at exit must not complain about it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FOUND_WRONG
+
+
+def _fail(text: str, code: int) -> int:
+    click.echo(" ".join(text.split()), err=True)
+    return code

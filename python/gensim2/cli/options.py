@@ -1,0 +1,57 @@
+"""Options that several commands share, spelled and explained once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+_F = TypeVar("_F", bound=Callable[..., object])
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+seed = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything that is drawn."
+)
+assets = click.option(
+    "--assets",
+    metavar="DIR|builtin",
+    default=None,
+    help="Folder of objects, or 'builtin' for the generated ones.  [default: $GENSIM2_ASSETS, else builtin]",
+)
+workers = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=_cores,
+    show_default="number of cores",
+    help="Simulator processes; the result does not depend on their number.",
+)
+resume = click.option("--resume", is_flag=True, help="Go on with the run that --out holds.")
+video = click.option(
+    "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
+)
+json_file = click.option(
+    "--json",
+    "json_file",
+    is_flag=False,
+    flag_value="-",
+    default=None,
+    metavar="[FILE]",
+    help="Write the result as JSON to FILE; without FILE to standard output, and all else to standard error.",
+)
+
+
+def out(help_text: str) -> Callable[[_F], _F]:
+    """``--out DIR`` with a text of its own."""
+    return click.option("--out", type=click.Path(path_type=Path), default=None, metavar="DIR", help=help_text)
+
+
+def instance(help_text: str) -> Callable[[_F], _F]:
+    """``--instance ID`` with a text of its own."""
+    return click.option("--instance", default=None, metavar="ID", help=help_text)

@@ -1,0 +1,91 @@
+"""``gensim2 run-pipeline``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report, table
+
+
+@click.command("run-pipeline")
+@click.option(
+    "--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design."
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(min=1),
+    default=5,
+    show_default=True,
+    help="Demonstrations to keep of each task.",
+)
+@click.option(
+    "--target-task", metavar="NAME", help="Design this task of the library anew, hidden from the designer."
+)
+@click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
+@options.seed
+@options.assets
+@options.out("Run folder.  [default: runs/<date>-<time>]")
+@options.workers
+@options.resume
+@options.video
+@options.json_file
+def run_pipeline(
+    num_tasks: int,
+    episodes: int,
+    target_task: str | None,
+    designer: str,
+    seed: int,
+    assets: str | None,
+    out: Path | None,
+    workers: int,
+    resume: bool,
+    video: bool,
+    json_file: str | None,
+) -> None:
+    """Propose new tasks, find configs that solve them, verify them in physics and record demonstrations.
+
+    Leaves the tasks, their configs, how they fared, the demonstrations, a video each and report.html in the
+    run folder. A task is kept if 70 % of at least 20 fresh episodes succeed that fail with a still arm.
+    """
+    with report(json_file, _show) as (progress, give):
+        from gensim2.pipeline import run_pipeline as function
+
+        give(
+            function(
+                num_tasks=num_tasks,
+                episodes=episodes,
+                seed=seed,
+                assets=assets,
+                out=out,
+                workers=workers,
+                target_task=target_task,
+                resume=resume,
+                designer=designer,
+                video=video,
+                progress=progress,
+            ).to_dict()
+        )
+
+
+def _show(result: dict[str, Any]) -> None:
+    rows = [
+        (
+            task["name"],
+            task["class"],
+            task["goal"],
+            f"{task['verified']['successes']}/{task['verified']['episodes']}",
+            "yes" if task["kept"] else "no",
+            task["demos"],
+        )
+        for task in result["tasks"]
+    ]
+    table(("task", "class", "goal", "verified", "kept", "demos"), rows)
+    for rejected in result["rejected"]:
+        line(f"rejected {rejected['name']}: {rejected['reason']}")
+    for note in result["notes"]:
+        line(f"note: {note}")
+    line(f"report: {Path(result['run_dir']) / 'report.html'}")

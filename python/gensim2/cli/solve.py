@@ -1,0 +1,68 @@
+"""``gensim2 solve``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.main import FOUND_WRONG
+from gensim2.cli.output import line, report, table
+
+
+@click.command("solve")
+@click.argument("task")
+@options.seed
+@options.assets
+@options.instance("Object to solve for.  [default: drawn by --seed]")
+@options.out("Folder to write the plan to.  [default: written nowhere]")
+@options.json_file
+@click.pass_context
+def solve(
+    ctx: click.Context,
+    task: str,
+    seed: int,
+    assets: str | None,
+    instance: str | None,
+    out: Path | None,
+    json_file: str | None,
+) -> None:
+    """Plan one motion for TASK in the scene of one seed, without executing it.
+
+    Ends with 1 where no whole plan was found; the status and the reason say why.
+    """
+    with report(json_file, _show) as (_, give):
+        from gensim2.pipeline import solve as function
+
+        result = function(task, seed=seed, assets=assets, instance=instance, out=out).to_dict()
+        give(result)
+    if result["plan"]["status"] != "solved":
+        ctx.exit(FOUND_WRONG)
+
+
+def _show(result: dict[str, Any]) -> None:
+    plan = result["plan"]
+    line(f"{result['task']} on {result['class']}/{result['instance']}: {plan['status']}")
+    if plan["reason"]:
+        line(plan["reason"])
+    table(
+        ("constraint", "residual", "tolerance", "satisfied"),
+        [
+            (
+                entry["name"],
+                f"{entry['residual']:.2e}",
+                f"{entry['tolerance']:.0e}",
+                "yes" if entry["satisfied"] else "NO",
+            )
+            for entry in plan["residuals"]
+        ],
+    )
+    table(
+        ("keyframe", "time [s]", "reached"),
+        [
+            (entry["label"], f"{entry['time']:.2f}", "yes" if entry["reached"] else "NO")
+            for entry in plan["keyframes"]
+        ],
+    )
