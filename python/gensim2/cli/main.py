@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import importlib
-import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
@@ -47,7 +46,7 @@ class LazyGroup(click.Group):
 @click.group(
     cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
 )
-@click.version_option(importlib.metadata.version("gensim2"), prog_name="gensim2")
+@click.version_option(package_name="gensim2", prog_name="gensim2")
 def cli() -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.
 

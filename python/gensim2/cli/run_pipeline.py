@@ -11,7 +11,7 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 
 
-@click.command("run-pipeline")
+@click.command("run-pipeline", short_help="Design, verify and demonstrate new tasks.")
 @click.option(
     "--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design."
 )
