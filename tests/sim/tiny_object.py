@@ -96,7 +96,9 @@ def make_crate(
         ),
         keypoints={
             "articulated_object_head": Keypoint("lid", np.array([-0.2, 0.0, 0.0]), "front edge of the lid"),
-            "articulated_object_inside_base": Keypoint("base", np.array([0.0, 0.0, 0.01]), "floor of the crate"),
+            "articulated_object_inside_base": Keypoint(
+                "base", np.array([0.0, 0.0, 0.01]), "floor of the crate"
+            ),
         },
         T_link_object=frame,
         object_axis="x",

@@ -80,7 +80,11 @@ def check_options(options: Mapping[str, Any] | None) -> None:
         raise InputError("give either offset or pose", field="offset")
     if given.get("instance") is not None and not isinstance(given["instance"], str):
         raise InputError("must be the id of an instance, as a string", field="instance")
-    for name, size, what in (("offset", 3, "x, y, yaw"), ("pose", 7, "x, y, z, qw, qx, qy, qz"), ("openness", 0, "")):
+    for name, size, what in (
+        ("offset", 3, "x, y, yaw"),
+        ("pose", 7, "x, y, z, qw, qx, qy, qz"),
+        ("openness", 0, ""),
+    ):
         if given.get(name) is None:
             continue
         try:
@@ -88,7 +92,9 @@ def check_options(options: Mapping[str, Any] | None) -> None:
         except (TypeError, ValueError) as error:
             raise InputError("must be numbers", field=name) from error
         if value.shape != ((size,) if size else ()) or not np.isfinite(value).all():
-            raise InputError(f"must be {size} finite numbers ({what})" if size else "must be a finite number", field=name)
+            raise InputError(
+                f"must be {size} finite numbers ({what})" if size else "must be a finite number", field=name
+            )
         if name == "openness" and not 0.0 <= float(value) <= 1.0:
             raise InputError("must lie in 0..1", field=name)
         if name == "pose" and abs(np.linalg.norm(value[3:]) - 1.0) > 1e-3:

@@ -43,7 +43,9 @@ def _folder() -> Traversable:
 def task_names() -> tuple[str, ...]:
     """Names of the tasks in the library, sorted."""
     return tuple(
-        sorted(entry.name for entry in _folder().iterdir() if entry.is_dir() and (entry / "task.yaml").is_file())
+        sorted(
+            entry.name for entry in _folder().iterdir() if entry.is_dir() and (entry / "task.yaml").is_file()
+        )
     )
 
 
