@@ -1,0 +1,112 @@
+"""The report says what the run folder holds, and needs nothing outside it."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.pipeline.report import wilson, write_report
+
+VOID = {"meta", "img", "line", "circle"}
+
+
+class Balanced(HTMLParser):
+    """Collects the references of a page and checks that each element is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.references += [value for name, value in attrs if name in ("src", "href", "poster") and value]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag in VOID
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+
+def _parse(path: Path) -> Balanced:
+    page = Balanced()
+    page.feed(path.read_text())
+    assert page.open == []
+    return page
+
+
+def test_page_shows_tasks_rejections_and_candidates(run_dir: Path) -> None:
+    path = write_report(run_dir)
+    text = path.read_text()
+    _parse(path)
+    assert "18 of 20 fresh random episodes hold" in text
+    assert "3 of 20 fresh episodes held; 70% are needed" in text
+    assert "no candidate could be planned" in text
+    assert "gensim2 run-pipeline --num-tasks 3" in text
+    assert "and 8 more in design.json" in text
+    assert "Apache-2.0" in text
+    assert "the hand slipped" in text
+
+
+def test_every_reference_is_a_file_of_the_run_folder(run_dir: Path) -> None:
+    (run_dir / "tasks" / "OpenDemo" / "video.mp4").write_bytes(b"film")
+    (run_dir / "tasks" / "OpenDemo" / "still.png").write_bytes(b"picture")
+    references = [r for r in _parse(write_report(run_dir)).references if not r.startswith("#")]
+    assert "tasks/OpenDemo/video.mp4" in references
+    assert "tasks/OpenDemo/still.png" in references
+    for reference in references:
+        assert (run_dir / reference).is_file()
+
+
+def test_text_from_files_is_escaped(run_dir: Path) -> None:
+    text = write_report(run_dir).read_text()
+    assert "<lid>" not in text
+    assert "raise the &lt;lid&gt; until it stands open" in text
+
+
+def test_a_run_that_has_just_begun_has_a_report(run_dir: Path) -> None:
+    record = json.loads((run_dir / "run.json").read_text())
+    (run_dir / "run.json").write_text(json.dumps({**record, "finished": None, "result": None}))
+    for name in ("verification.json", "design.json", "trajectory.json", "solver.yaml"):
+        (run_dir / "tasks" / "OpenDemo" / name).unlink()
+    text = write_report(run_dir).read_text()
+    assert "not finished" in text
+    assert "not verified" in text
+
+
+def test_same_files_same_bytes(run_dir: Path) -> None:
+    assert write_report(run_dir).read_bytes() == write_report(run_dir).read_bytes()
+
+
+def test_folder_without_a_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"run\.json"):
+        write_report(tmp_path)
+
+
+def test_broken_yaml_is_named(run_dir: Path) -> None:
+    (run_dir / "tasks" / "OpenDemo" / "task.yaml").write_text("a: [")
+    with pytest.raises(InputError, match=r"OpenDemo/task\.yaml"):
+        write_report(run_dir)
+
+
+def test_wilson_interval_of_a_known_case() -> None:
+    # Wilson score interval for 18 of 20, as R's binom.confint gives it.
+    low, high = wilson(18, 20)
+    assert low == pytest.approx(0.6990, abs=5e-4)
+    assert high == pytest.approx(0.9721, abs=5e-4)
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_page_loads_nothing_from_elsewhere(run_dir: Path) -> None:
+    text = write_report(run_dir).read_text()
+    assert not re.search(r"""(src|href)=["'](https?:)?//""", text)
+    assert "@import" not in text
+    assert "<script" not in text
