@@ -1,4 +1,4 @@
-"""Episodes in physics: execute actions, let the object settle, judge at the end; and the same with a still arm."""
+"""Episodes in physics: execute actions, let the object settle, judge; and the same with a still arm."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class EpisodeResult:
     Attributes:
         seed: of the reset.
         instance: id of the object.
-        success: the criteria hold after the motion has ended and the object has settled, within the step limit.
+        success: the criteria hold after the motion has ended and the object has settled, within the step
+            limit.
         success_once: they held after some step.
         settled: the object's joint was at rest when success was judged.
         truncated: the episode was longer than ``task.max_episode_steps``.
@@ -68,8 +69,9 @@ def run_episode(
 
     Args:
         env: an environment without wrappers.
-        actions: (N, 8) of the control mode ``pd_joint_pos``, N >= 1; rounded to float32, which is what a trajectory
-            file keeps. The holding steps are part of the episode, so that a replay ends in the same state.
+        actions: (N, 8) of the control mode ``pd_joint_pos``, N >= 1; rounded to float32, which is what a
+            trajectory file keeps. The holding steps are part of the episode, so that a replay ends in the
+            same state.
         seed: reset with it first; None goes on from a fresh reset.
         options: of that reset.
         record: keep states and observations of every step.
@@ -130,7 +132,8 @@ def run_episode(
 def still_arm(
     env: GenSim2Env, seed: int, steps: int | None = None, *, options: Mapping[str, Any] | None = None
 ) -> EpisodeResult:
-    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then settles.
+    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then
+    settles.
 
     A success counts only if this one fails: an object that swings by itself must not pass for a solved task.
 

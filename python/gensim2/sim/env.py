@@ -33,7 +33,7 @@ from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
-    from gymnasium import spaces
+    pass
 
 
 class ObjectSource(Protocol):
@@ -47,24 +47,28 @@ class ObjectSource(Protocol):
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
     """A Panda at a table with one articulated object.
 
-    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's: TGS solver, persistent contact
-    manifold, 15 position iterations and 1 velocity iteration. TGS is needed, not a matter of taste: the joint friction
-    of the objects is a force-limited drive, and PGS lets drives exceed their limits (see ``gensim2.sim.objects``).
-    Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same scene, and
-    the same actions the same states, in any process, with pictures or without.
+    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's: TGS solver,
+    persistent contact manifold, 15 position iterations and 1 velocity iteration. TGS is needed, not a matter
+    of taste: the joint friction of the objects is a force-limited drive, and PGS lets drives exceed their
+        limits (see ``gensim2.sim.objects``).
+    Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
+    scene, and the same actions the same states, in any process, with pictures or without.
 
-    An action of the default control mode ``pd_joint_pos`` is (8,): 7 arm joint targets in rad, and the gripper from
-    -1 (closed) to 1 (open).
+    An action of the default control mode ``pd_joint_pos`` is (8,): 7 arm joint targets in rad, and the
+    gripper from -1 (closed) to 1 (open).
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened library.
+        assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
+            library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several.
-        render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver works.
+        render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
+            works.
         kwargs: as in ManiSkill's ``BaseEnv``.
 
     Reset options, each of which replaces what would have been drawn: ``instance`` (id), ``openness`` (0..1),
-    ``offset`` (x, y, yaw from the default placement) or ``pose`` (root in the world: x, y, z, qw, qx, qy, qz).
+    ``offset`` (x, y, yaw from the default placement) or ``pose`` (root in the world: x, y, z, qw, qx, qy,
+    qz).
 
     Raises:
         InputError: an argument or a reset option is wrong.
@@ -131,8 +135,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def spec(self) -> EnvSpec | None:
-        """The spec that ``gym.make`` gave, its id with the module to import in front, so that a recorder writes an id
-        that works in a process that knows nothing of gensim2."""
+        """The spec that ``gym.make`` gave, its id with the module to import in front, so that a recorder
+        writes an id that works in a process that knows nothing of gensim2."""
         return self._spec
 
     @spec.setter
@@ -240,7 +244,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         }
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
-        """Hand pose in the world; with state observations also the object's joint, pose and target keypoint."""
+        """Hand pose in the world; with state observations also where the object and its link stand."""
         extra = {"tcp_pose": self.agent.tcp_pose.raw_pose}
         if self.obs_mode_struct.use_state:
             extra |= {
@@ -312,14 +316,16 @@ def _render_backend(asked: str, obs_mode: str | None, render_mode: str | None) -
     if needs_pictures and not rendering.can_render():
         raise InputError(rendering.NO_DRIVER, field="obs_mode", remedy="use obs_mode 'state'")
     if not (needs_pictures or render_mode is not None) or not rendering.can_render():
-        # Without a driver an environment with a render mode still simulates; render() itself then says why not.
+        # Without a driver an environment with a render mode still simulates; render() itself then says why
+        # not.
         return "none"
     return "gpu" if torch.cuda.is_available() else "cpu"
 
 
 @cache
 def _spare_imports_from_collection() -> None:
-    """Exempt what is alive now, ManiSkill's and torch's modules above all, from garbage collection, once a process.
+    """Exempt what is alive now, ManiSkill's and torch's modules above all, from garbage collection, once a
+    process.
 
     ManiSkill runs a full collection at every reset; this makes it cost 2 ms instead of 180.
     """

@@ -14,7 +14,7 @@ from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 
 CREEP_SPEED = 5e-5
-"""Speed, rad/s or m/s, at which the friction brake gives its full torque: an object left alone moves less than this."""
+"""Speed, rad/s or m/s, at which the friction gives its full torque: an object left alone creeps slower."""
 
 
 class _PhysicsOnlyLoader(URDFLoader):
@@ -46,13 +46,15 @@ def load_object(
 
 
 def apply_friction(articulation: Articulation, instance: Instance, speed: float = 0.0) -> None:
-    """Give the joint Coulomb friction of ``instance.joint.friction`` N m (or N), plus viscous damping at ``speed``.
+    """Give the joint Coulomb friction of ``instance.joint.friction`` N m (or N), plus viscous damping at
+    ``speed``.
 
-    PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold in N m,
-    and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient 1). A velocity
-    drive with target zero and a force limit is Coulomb friction, regularized below ``CREEP_SPEED``: with a limit of
-    0.5 N m the same lid creeps under 0.001 rad in 5 s, holds at a push of 0.77 N m and yields at 0.80 (0.76 is
-    exact). This holds for the TGS solver; PGS lets a drive exceed its limit (no yielding at 0.90).
+    PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
+    in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
+    1). A velocity drive with target zero and a force limit is Coulomb friction, regularized below
+    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.001 rad in 5 s, holds at a push of
+    0.77 N m and yields at 0.80 (0.76 is exact). This holds for the TGS solver; PGS lets a drive exceed its
+    limit (no yielding at 0.90).
 
     ``speed`` (rad/s or m/s) is the joint's present speed: the damping is added to the limit, so that it never
     reverses the motion however light the link is.

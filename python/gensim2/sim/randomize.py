@@ -1,4 +1,4 @@
-"""What differs between episodes of one task: drawn once, from (seed, task), and written down as plain values."""
+"""What differs between episodes of one task: drawn once, from (seed, task), as plain values."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Draw:
 
 
 def draw_scene(task: TaskSpec, seed: int, instances: Sequence[str]) -> Draw:
-    """Draw the initial scene of the episode with this seed; every value is drawn whether it will be used or not."""
+    """Draw the initial scene of one episode; every value is drawn whether it will be used or not."""
     generator = rng(seed, task.name)
     ranges: Randomization = task.randomization
     instance = instances[int(generator.integers(len(instances)))]

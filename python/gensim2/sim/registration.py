@@ -9,7 +9,7 @@ from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
 
 MODULE = "gensim2.sim"
-"""gymnasium imports what stands before a colon in an id; since 1.0 it has no plug-in entry points any more."""
+"""gymnasium imports what stands before a colon in an id; since 1.0 it has no plug-in entry points."""
 
 TASK_ENV_ID = "GenSim2-Task-v1"
 """Takes any task: ``gym.make("GenSim2-Task-v1", task={...})``."""
@@ -20,7 +20,8 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 def env_id(task: TaskSpec) -> str:
     """Id that ``gym.make`` understands in any process where gensim2 is installed.
 
-    A task of the library has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an argument.
+    A task of the library has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an
+    argument.
     """
     in_library = task.name in task_names() and load_task(task.name) == task
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"

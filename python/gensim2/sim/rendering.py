@@ -20,8 +20,8 @@ NO_DRIVER = (
 def can_render() -> bool:
     """Whether a Vulkan driver works in this process.
 
-    ``sapien.Device("cpu")`` exists even where no driver does, so this makes the one object that needs a driver. Costs
-    under 0.1 s and about 80 MB, once a process.
+    ``sapien.Device("cpu")`` exists even where no driver does, so this makes the one object that needs a
+    driver. Costs under 0.1 s and about 80 MB, once a process.
     """
     sapien.render.set_log_level("off")
     try:
@@ -34,7 +34,8 @@ def can_render() -> bool:
 
 
 def observation_cameras() -> list[CameraConfig]:
-    """Three cameras that look at the middle of the workspace: from the left, from the right, from the far side.
+    """Three cameras that look at the middle of the workspace: from the left, from the right, from the far
+    side.
 
     128 x 128 pixels; poses in the world frame.
     """

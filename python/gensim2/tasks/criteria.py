@@ -8,7 +8,7 @@ from gensim2.tasks.spec import Criterion, TaskSpec
 
 
 def holds(criterion: Criterion, openness: float) -> bool:
-    """Whether one criterion holds at ``openness`` (0..1; may leave the range by the joint's give). NaN never holds."""
+    """Whether one criterion holds at ``openness`` (may leave 0..1 by the joint's give). NaN never holds."""
     if math.isnan(openness):
         return False
     if criterion.type == "articulated_open":

@@ -1,7 +1,7 @@
 """The task library: one folder of data a task, read through the package so that a wheel carries it.
 
-``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/solver.yaml`` the solver
-config that solves it.
+``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/solver.yaml`` the
+solver config that solves it.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def _read(path: Path) -> str:
 
 def _mapping(text: str, file: str) -> dict[str, Any]:
     try:
-        data = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - a SafeLoader
+        data = yaml.load(text, Loader=_UniqueKeyLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}" if mark else None
