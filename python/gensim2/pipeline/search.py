@@ -1,0 +1,184 @@
+"""Search for a config that works: screen by planning, thin by successive halving in physics, refine the best.
+
+Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
+the better half gets more episodes, and so on, so that effort goes where it can pay. The designer then varies the best.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from gensim2 import seeding
+from gensim2.designers.base import Affordance, Candidate, CandidateResult, Designer, StageResult
+from gensim2.pipeline.records import Attempt, Design, merge_causes
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.tasks.spec import TaskSpec
+
+
+class Evaluator(Protocol):
+    """What the search asks of the simulator; the same interface serves one process or many."""
+
+    def screen(
+        self, task: TaskSpec, configs: Sequence[dict[str, object]], seeds: Sequence[int]
+    ) -> list[list[str | None]]:
+        """Plan each config on each seed's scene: for each config, one entry a seed, None where the plan is whole."""
+        ...
+
+    def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, object], int]]) -> list[Attempt]:
+        """Run (config, seed) episodes in physics, in order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much the search may spend; all of it in counts, none in seconds.
+
+    Attributes:
+        screen_scenes: scenes on which every candidate is planned.
+        rounds: (candidates, episodes each) of successive physics rounds of the first generation.
+        refine_episodes: episodes of each refined candidate.
+        final: (candidates, episodes each) of the last comparison.
+        enough: a candidate that holds at this rate over all its episodes, at least ``enough_episodes``, ends the search.
+        enough_episodes: see ``enough``.
+    """
+
+    screen_scenes: int = 4
+    rounds: tuple[tuple[int, int], ...] = ((32, 2), (10, 6))
+    refine_episodes: int = 4
+    final: tuple[int, int] = (4, 10)
+    enough: float = 0.95
+    enough_episodes: int = 8
+
+
+def design_seeds(seed: int, task: TaskSpec, purpose: str, count: int, start: int = 0) -> list[int]:
+    """Return environment seeds for one purpose; different purposes share no stream."""
+    return [
+        int(seeding.rng(seed, f"{task.name}/{purpose}", index).integers(2**31))
+        for index in range(start, start + count)
+    ]
+
+
+class Search:
+    """One search for one task."""
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        affordance: Affordance,
+        designer: Designer,
+        evaluator: Evaluator,
+        seed: int,
+        budget: Budget | None = None,
+        progress: Progress = NULL_PROGRESS,
+    ) -> None:
+        self.task, self.affordance, self.designer, self.evaluator = task, affordance, designer, evaluator
+        self.seed, self.budget, self.progress = seed, budget or Budget(), progress
+        self._episodes_run: dict[str, int] = defaultdict(int)
+
+    def run(self) -> Design:
+        """Return the search's outcome; ``chosen`` is None where nothing held even once."""
+        first = self._screen(self.designer.candidates(self.task, self.affordance, self.seed))
+        everything = {self._key(result): result for result in first}
+        standing = [result for result in first if result.plan_score > 0]
+        notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
+        if not standing:
+            return Design(tuple(first), None, (*notes, "no candidate could be planned"))
+
+        def remember(results: Sequence[CandidateResult]) -> None:
+            everything.update((self._key(result), result) for result in results)
+
+        for count, episodes in self.budget.rounds:
+            standing = self._physics(standing[:count], episodes, f"physics, {count} candidates")
+            remember(standing)
+            if self._enough(standing[0]):
+                break
+        round_index = 0
+        while not self._enough(standing[0]):
+            children = self.designer.refine(self.task, self.affordance, standing, self.seed, round_index)
+            if not children:
+                break
+            planned = [r for r in self._screen(children) if r.plan_score > 0]
+            tried = self._physics(planned, self.budget.refine_episodes, f"refinement {round_index + 1}")
+            remember(tried)
+            standing = self._sorted([*standing, *tried])
+            round_index += 1
+        count, episodes = self.budget.final
+        finalists = self._physics(standing[:count], episodes, "final comparison")
+        remember(finalists)
+        ranked = self._sorted(list(everything.values()))
+        best = ranked[0] if ranked[0].physics_score > 0 else None
+        if best is None:
+            notes.append("no candidate held in physics")
+        return Design(tuple(ranked), best.candidate.config if best else None, tuple(notes))
+
+    def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
+        seeds = design_seeds(self.seed, self.task, "screen", self.budget.screen_scenes)
+        self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
+        outcomes = self.evaluator.screen(self.task, [c.config for c in candidates], seeds)
+        results = [
+            CandidateResult(
+                candidate,
+                (
+                    StageResult(
+                        "plan",
+                        len(seeds),
+                        sum(cause is None for cause in causes) / len(seeds),
+                        merge_causes(causes),
+                    ),
+                ),
+            )
+            for candidate, causes in zip(candidates, outcomes, strict=True)
+        ]
+        return self._spread(results)
+
+    def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
+        """Order by plan score, and among equals in a seeded order, so that neighbours in the grid do not crowd out others."""
+        order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
+        return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
+
+    def _physics(
+        self, results: Sequence[CandidateResult], episodes: int, what: str
+    ) -> list[CandidateResult]:
+        jobs, owners = [], []
+        for index, result in enumerate(results):
+            done = self._episodes_run[self._key(result)]
+            for seed in design_seeds(self.seed, self.task, "design", episodes, done):
+                jobs.append((result.candidate.config, seed))
+                owners.append(index)
+            self._episodes_run[self._key(result)] += episodes
+        self.progress.start(f"{self.task.name}: {what}", len(jobs))
+        attempts = self.evaluator.attempt(self.task, jobs)
+        grouped: dict[int, list[Attempt]] = defaultdict(list)
+        for owner, attempt in zip(owners, attempts, strict=True):
+            grouped[owner].append(attempt)
+        updated = [
+            replace(result, stages=(*result.stages, _stage(grouped[index])))
+            for index, result in enumerate(results)
+        ]
+        return self._sorted(updated)
+
+    def _enough(self, result: CandidateResult) -> bool:
+        physics = [stage for stage in result.stages if stage.name == "physics"]
+        trials = sum(stage.trials for stage in physics)
+        held = sum(stage.score * stage.trials for stage in physics)
+        return trials >= self.budget.enough_episodes and held >= self.budget.enough * trials
+
+    @staticmethod
+    def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:
+        return sorted(results, key=lambda result: (-result.physics_score, -result.plan_score))
+
+    @staticmethod
+    def _key(result: CandidateResult) -> str:
+        return str(result.candidate.config)
+
+
+def _stage(attempts: Sequence[Attempt]) -> StageResult:
+    return StageResult(
+        "physics",
+        len(attempts),
+        sum(attempt.success for attempt in attempts) / len(attempts),
+        merge_causes([attempt.cause for attempt in attempts]),
+    )

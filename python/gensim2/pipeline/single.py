@@ -1,0 +1,163 @@
+"""``gensim2 demo`` and ``gensim2 solve``: one task of the library, or one that a run left behind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gensim2_kpam as kpam
+from gensim2.assets import open_library
+from gensim2.errors import InputError
+from gensim2.files import write_json
+from gensim2.pipeline.demonstrations import collect
+from gensim2.pipeline.evaluator import PoolEvaluator
+from gensim2.pipeline.records import SCHEMA_VERSION
+from gensim2.pipeline.report import write_report
+from gensim2.pipeline.runfolder import RunFolder, default_run_dir
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.tasks.library import load_config, load_config_file, load_task, load_task_file
+from gensim2.tasks.spec import TaskSpec
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What ``demo`` leaves: ``demos`` demonstrations of ``name`` in ``run_dir``."""
+
+    name: str
+    run_dir: str
+    demos: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "name": self.name,
+            "run_dir": self.run_dir,
+            "demos": self.demos,
+        }
+
+
+@dataclass(frozen=True)
+class SolveResult:
+    """One plan on the scene of one seed."""
+
+    task: str
+    asset_class: str
+    instance: str
+    plan: dict[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "task": self.task,
+            "class": self.asset_class,
+            "instance": self.instance,
+            "plan": self.plan,
+        }
+
+
+def task_and_config(task: str) -> tuple[TaskSpec, dict[str, Any]]:
+    """Return the spec and the solver config of a library task, or of a folder with task.yaml and solver.yaml.
+
+    Raises:
+        InputError: there is no such task or folder, or a file in it cannot be used.
+    """
+    folder = Path(task)
+    if folder.is_dir():
+        return load_task_file(folder / "task.yaml"), load_config_file(folder / "solver.yaml")
+    return load_task(task), load_config(task)
+
+
+def demo(
+    task: str,
+    *,
+    episodes: int = 5,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    video: bool = True,
+    progress: Progress = NULL_PROGRESS,
+) -> DemoResult:
+    """Record demonstrations of a task with its stored config.
+
+    Args:
+        task: name of a library task, or a folder that holds task.yaml and solver.yaml.
+        episodes: successful demonstrations to keep.
+        seed: of the scenes.
+        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        out: run folder; default ``runs/<date>-<time>``.
+        workers: simulator processes.
+        resume: go on with the run that ``out`` holds.
+        video: film the first demonstration where this machine can render.
+        progress: listener.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    if episodes < 1:
+        raise InputError(f"must be at least 1, not {episodes}", field="episodes")
+    spec, config = task_and_config(task)
+    library = open_library(assets)
+    folder = RunFolder(
+        Path(out) if out is not None else default_run_dir(),
+        {
+            "command": "demo",
+            "target_task": spec.name,
+            "episodes": episodes,
+            "seed": seed,
+            "assets": library.name,
+            "workers": workers,
+        },
+        resume,
+    )
+    files = folder.task(spec.name)
+    files.write_task(spec)
+    files.write_config(config)
+    with PoolEvaluator(library.name, workers, progress) as evaluator:
+        demos = collect(
+            spec, config, files, folder, evaluator, episodes=episodes, seed=seed, video=video, progress=progress
+        )
+    result = DemoResult(spec.name, str(folder.path), demos)
+    folder.finish(result.to_dict())
+    write_report(folder.path)
+    return result
+
+
+def solve(
+    task: str,
+    *,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    instance: str | None = None,
+    out: Path | None = None,
+) -> SolveResult:
+    """Plan the motion of a task on the scene of one seed, without executing it.
+
+    Args:
+        task: name of a library task, or a folder that holds task.yaml and solver.yaml.
+        seed: of the scene.
+        assets: as for ``demo``.
+        instance: id of the object; drawn by the seed where None.
+        out: folder in which to leave ``plan.json``.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    from gensim2.planning.problem import SceneProblems
+    from gensim2.sim.env import make_env
+
+    spec, config = task_and_config(task)
+    env = make_env(spec, assets=assets, instances=instance or "all", obs_mode="none")
+    env.reset(seed=seed)
+    chosen = env.instance
+    if chosen is None:
+        raise InputError("no object in the scene", field="instance")
+    problem = SceneProblems(env.scene_state(), chosen.object_axis).problem(kpam.SolverConfig(config))
+    result = SolveResult(spec.name, spec.asset_class, chosen.id, kpam.plan(problem).to_dict())
+    if out is not None:
+        write_json(Path(out) / "plan.json", result.to_dict())
+    return result

@@ -1,0 +1,106 @@
+"""The search against a made-up world in which the best config is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from gensim2 import seeding
+from gensim2.designers import Affordance, Candidate, CandidateResult
+from gensim2.pipeline.records import Attempt
+from gensim2.pipeline.search import Budget, Search, design_seeds
+from gensim2.tasks.spec import Criterion, TaskSpec
+
+TASK = TaskSpec(
+    name="OpenThing",
+    description="open the thing",
+    asset_class="thing",
+    success=(Criterion(type="articulated_open", threshold=0.8),),
+)
+AFFORDANCE = Affordance("thing", "revolute", 0.5, {"head": "edge"}, {"head": 0.2})
+
+
+class FakeDesigner:
+    """Offers the numbers 0..19 as configs, and one refinement of the best."""
+
+    name = "fake"
+
+    def propose(self, affordances: object, known: object, seed: int) -> list[TaskSpec]:
+        return [TASK]
+
+    def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
+        return [Candidate(f"number {n}", {"n": n}, {}) for n in range(20)]
+
+    def refine(
+        self, task: TaskSpec, affordance: Affordance, results: Sequence[CandidateResult], seed: int, round: int
+    ) -> list[Candidate]:
+        if round > 0:
+            return []
+        return [Candidate("refined", {"n": results[0].candidate.config["n"] + 0.5}, {})]
+
+
+class FakeWorld:
+    """Plans odd numbers only; a config holds with probability n / 20, and 0.5 more makes it sure."""
+
+    def __init__(self) -> None:
+        self.seeds: set[int] = set()
+
+    def screen(
+        self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+    ) -> list[list[str | None]]:
+        return [[None if config["n"] % 2 > 0 else "unreachable"] * len(seeds) for config in configs]
+
+    def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, Any], int]]) -> list[Attempt]:
+        self.seeds.update(seed for _, seed in jobs)
+        return [self._one(config["n"], seed) for config, seed in jobs]
+
+    def _one(self, n: float, seed: int) -> Attempt:
+        held = n % 1 > 0 or bool(seeding.rng(seed, str(n)).random() < n / 20)
+        return Attempt(seed, "0", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", "")
+
+
+def test_it_finds_the_best_and_refines_it() -> None:
+    design = Search(TASK, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=0).run()
+    assert design.chosen is not None
+    assert design.chosen["n"] % 1 == 0.5
+    assert design.chosen["n"] > 10
+    assert len(design.results) == 21
+    planless = [result for result in design.results if result.plan_score == 0]
+    assert len(planless) == 10
+    assert all(len(result.stages) == 1 for result in planless)
+
+
+def test_it_is_repeatable() -> None:
+    first, second = (Search(TASK, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
+    assert first == second
+
+
+def test_design_and_verification_share_no_seed() -> None:
+    world = FakeWorld()
+    Search(TASK, AFFORDANCE, FakeDesigner(), world, seed=0).run()
+    assert len(world.seeds) > 10
+    assert not world.seeds & set(design_seeds(0, TASK, "verify", 200))
+    assert not world.seeds & set(design_seeds(0, TASK, "demos", 200))
+
+
+def test_nothing_planned_is_said() -> None:
+    class Blocked(FakeWorld):
+        def screen(
+            self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+        ) -> list[list[str | None]]:
+            return [["collision"] * len(seeds) for _ in configs]
+
+    design = Search(TASK, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
+    assert design.chosen is None
+    assert "no candidate could be planned" in design.notes
+
+
+def test_nothing_held_is_said() -> None:
+    class Stuck(FakeWorld):
+        def _one(self, n: float, seed: int) -> Attempt:
+            return Attempt(seed, "0", False, None, 0.5, 0.5, 9, "the object did not move", "solved", "")
+
+    design = Search(TASK, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
+    assert design.chosen is None
+    assert "no candidate held in physics" in design.notes
+    assert design.to_dict()["candidates"][0]["cause"] == "the object did not move"
