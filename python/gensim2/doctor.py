@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import importlib.util
 import os
@@ -116,11 +117,10 @@ def _rust() -> Check:
 
 def _extension() -> Check:
     try:
-        import gensim2_kpam
+        native = importlib.import_module("gensim2_kpam._native")
     except ImportError as error:
         return Check("Solver", "missing", str(error), "build it: make setup")
-    version = getattr(gensim2_kpam, "__version__", None) or importlib.metadata.version("gensim2")
-    return Check("Solver", "ok", f"gensim2_kpam {version}")
+    return Check("Solver", "ok", f"gensim2_kpam {getattr(native, '__version__', '')} in {native.__file__}")
 
 
 def _simulation() -> Check:
@@ -159,16 +159,16 @@ def _assets(assets: str | Path | None) -> Check:
 
 
 def _cache() -> Check:
-    from platformdirs import user_cache_path
+    from gensim2.assets.cache import cache_dir
 
-    folder = user_cache_path("gensim2")
+    folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         return Check(
-            "Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set XDG_CACHE_HOME"
+            "Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set GENSIM2_CACHE"
         )
     return Check("Cache", "ok", str(folder))
 

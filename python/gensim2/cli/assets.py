@@ -21,9 +21,27 @@ def assets() -> None:
 def list_assets(assets: str | None, json_file: str | None) -> None:
     """List the classes of the library with their instances."""
     with report(json_file, _show) as (_, give):
-        from gensim2.assets import listing
+        from gensim2.assets import listing, open_library
 
-        give(listing(assets))
+        library = open_library(assets)
+        classes = [
+            {
+                "class": row.asset_class,
+                "instances": list(row.ids),
+                "joint": row.joint_type,
+                "license": row.license,
+                "description": row.description,
+            }
+            for row in listing(library)
+        ]
+        give(
+            {
+                "schema_version": 1,
+                "library": library.name,
+                "license": library.license,
+                "classes": classes,
+            }
+        )
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from gensim2.progress import ConsoleProgress
 Show = Callable[[dict[str, Any]], None]
 
 
-@contextmanager
+@contextlib.contextmanager
 def report(
     json_file: str | None, show: Show
 ) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
@@ -38,7 +38,10 @@ def report(
     to_stdout = json_file == "-"
     saved = _point_stdout_at_stderr() if to_stdout else None
     try:
-        with ConsoleProgress() as progress:
+        with (
+            contextlib.redirect_stdout(sys.stderr) if to_stdout else contextlib.nullcontext(),
+            ConsoleProgress() as progress,
+        ):
             yield progress, results.append
     finally:
         if saved is not None:

@@ -73,6 +73,8 @@ def _folders(parent: Path) -> list[Path]:
 
 def _task(folder: Path) -> dict[str, Any]:
     spec = _yaml(folder / "task.yaml") or {}
+    recorded = folder / "trajectory.json"
+    recording = read_json(recorded) if recorded.exists() else {}
     return {
         "name": spec.get("name", folder.name),
         "spec": spec,
@@ -83,7 +85,8 @@ def _task(folder: Path) -> dict[str, Any]:
         "design": _design(folder / "design.json"),
         "video": _beside(folder, "*.mp4"),
         "still": _beside(folder, "*.png"),
-        "demos": _demos(folder / "trajectory.json"),
+        "demos": len(recording.get("episodes", [])),
+        "env_id": recording.get("env_info", {}).get("env_id"),
         "files": [f"{folder.parent.name}/{folder.name}/{path.name}" for path in _files(folder)],
     }
 
@@ -153,12 +156,6 @@ def _design(path: Path) -> dict[str, Any] | None:
 def _share(stages: list[dict[str, Any]]) -> float | None:
     trials = sum(stage["episodes"] for stage in stages)
     return sum(stage["successes"] for stage in stages) / trials if trials else None
-
-
-def _demos(path: Path) -> int:
-    if not path.exists():
-        return 0
-    return len(read_json(path).get("episodes", []))
 
 
 def _why_rejected(task: dict[str, Any]) -> str:
