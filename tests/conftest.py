@@ -9,7 +9,7 @@ import pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out tests on real objects where there are none: they may not be redistributed, so a clone has none."""
+    """Leave out tests on real objects where there are none: a clone has none, they may not be passed on."""
     if os.environ.get("GENSIM2_ASSETS"):
         return
     skip = pytest.mark.skip(reason="needs real objects: set GENSIM2_ASSETS to their folder")
