@@ -7,7 +7,7 @@ import gc
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import sapien
@@ -32,16 +32,13 @@ from gensim2.tasks.criteria import succeeded
 from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
 
-if TYPE_CHECKING:
-    pass
-
 
 class ObjectSource(Protocol):
     """What the environment needs of an object library."""
 
-    def instances(self, asset_class: str) -> tuple[str, ...]: ...
-    def load(self, asset_class: str, instance: str) -> Instance: ...
-    def split(self, asset_class: str, split: str) -> tuple[str, ...]: ...
+    def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
+    def load(self, asset_class: str, instance_id: str, /) -> Instance: ...
+    def split(self, asset_class: str, which: Literal["train", "test", "all"], /) -> tuple[str, ...]: ...
 
 
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
@@ -293,8 +290,10 @@ def _as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
 def _choose(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
     if instances == "all":
         chosen = library.instances(task.asset_class)
-    elif instances in ("train", "test"):
-        chosen = library.split(task.asset_class, str(instances))
+    elif instances == "train":
+        chosen = library.split(task.asset_class, "train")
+    elif instances == "test":
+        chosen = library.split(task.asset_class, "test")
     else:
         chosen = (instances,) if isinstance(instances, str) else tuple(instances)
         unknown = sorted(set(chosen) - set(library.instances(task.asset_class)))

@@ -17,7 +17,7 @@ CREEP_SPEED = 5e-5
 """Speed, rad/s or m/s, at which the friction gives its full torque: an object left alone creeps slower."""
 
 
-class _PhysicsOnlyLoader(URDFLoader):
+class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
     """Leaves the visuals out, whose materials could not be built without a Vulkan driver."""
 
     def _build_link(self, link: Any, link_builder: Any) -> None:

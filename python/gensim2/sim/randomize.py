@@ -41,7 +41,8 @@ def draw_scene(task: TaskSpec, seed: int, instances: Sequence[str]) -> Draw:
     """Draw the initial scene of one episode; every value is drawn whether it will be used or not."""
     generator = rng(seed, task.name)
     ranges: Randomization = task.randomization
-    instance = instances[int(generator.integers(len(instances)))]
+    # One uniform number whatever there is to choose from, so that the rest of the scene does not depend on it.
+    instance = instances[int(generator.random() * len(instances))]
     x = float(generator.uniform(-ranges.x, ranges.x))
     y = float(generator.uniform(-ranges.y, ranges.y))
     turn = float(generator.uniform(0.0, ranges.yaw))

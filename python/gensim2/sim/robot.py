@@ -14,7 +14,7 @@ RESET_QPOS: tuple[float, ...] = (0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398,
 """(9,) joint positions at reset: 7 arm joints (rad), 2 fingers (m)."""
 
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0
-"""Values of an action's last entry, which ManiSkill maps to finger targets of 0.04 m and -0.01 m (pressing)."""
+"""Values of an action's last entry, mapped to finger targets of 0.04 m and -0.01 m (which presses)."""
 
 
 def base_pose() -> Array:

@@ -25,7 +25,7 @@ def read_scene(
         object_yaw: what the randomization turned it by, rad.
     """
     T_world_base = _matrix(robot)
-    T_base_world = np.linalg.inv(T_world_base)
+    T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     T_base_link = {link.name: T_base_world @ _matrix(link) for link in articulation.links}
     T_base_root = T_base_link[articulation.root.name]
     joint = instance.joint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor
@@ -46,7 +47,7 @@ def _add_visuals(builder: sapien.ActorBuilder) -> None:
     builder.add_box_visual(floor, (4.0, 4.0, 0.005), material=paint(_FLOOR, 0.9))
 
 
-def corners() -> np.ndarray:
+def corners() -> npt.NDArray[np.float64]:
     """(8, 3) corners of the table in its own frame (box centre at the origin)."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
-    return signs * np.array(HALF_SIZE)
+    return np.asarray(signs * np.array(HALF_SIZE), dtype=np.float64)

@@ -1,0 +1,208 @@
+"""Demonstrations on disk, in ManiSkill's trajectory format: ``trajectory.h5`` beside ``trajectory.json``.
+
+Each episode is first written to a file of its own under ``episodes/``, whole or not at all, as soon as it is
+finished; the two files are merged from those, in the order of their indices. So nothing that is finished is
+lost, a second run knows what is there, and the bytes do not depend on how many workers there were or which
+was faster.
+
+ManiSkill's own command replays the result, since the environment's id names the module that registers it:
+
+    python -m mani_skill.trajectory.replay_trajectory --traj-path trajectory.h5
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from gensim2.demos.recording import Recording, Tree
+from gensim2.errors import InputError
+from gensim2.files import write_atomic, write_json
+from gensim2.sim.registration import env_id
+from gensim2.tasks.spec import TaskSpec
+
+SCHEMA_VERSION = 1
+H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
+
+_EPISODE_FILE = re.compile(r"^(\d{6})\.h5$")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What the demonstrations are of and where they come from; it is written into ``trajectory.json``.
+
+    Attributes:
+        task: what was done.
+        config: solver config that did it.
+        assets: ``"builtin"``, or the folder that the objects come from.
+        licenses: terms by ``class/id``, which the data carries on.
+        seed: of the run.
+        details: anything else worth keeping (versions, command), as plain data.
+    """
+
+    task: TaskSpec
+    config: Mapping[str, Any]
+    assets: str
+    licenses: Mapping[str, str]
+    seed: int
+    details: Mapping[str, Any]
+
+
+class TrajectoryStore:
+    """The demonstrations of one task in one folder.
+
+    Args:
+        folder: holds ``episodes/``, ``trajectory.h5`` and ``trajectory.json``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._episodes = folder / "episodes"
+
+    @property
+    def h5_path(self) -> Path:
+        """The merged file."""
+        return self._folder / H5_NAME
+
+    def indices(self) -> tuple[int, ...]:
+        """Indices of the episodes that are finished, sorted."""
+        if not self._episodes.is_dir():
+            return ()
+        matches = (_EPISODE_FILE.match(path.name) for path in self._episodes.iterdir())
+        return tuple(sorted(int(match[1]) for match in matches if match))
+
+    def add(self, index: int, recording: Recording, info: Mapping[str, Any] | None = None) -> None:
+        """Write one finished episode, atomically.
+
+        Args:
+            index: its place in the order of the merged file; need not be contiguous.
+            recording: the episode.
+            info: further fields for its entry in the JSON file.
+
+        Raises:
+            InputError: the folder cannot be written to.
+        """
+        entry = {
+            "episode_seed": recording.seed,
+            "control_mode": recording.control_mode,
+            "elapsed_steps": recording.steps,
+            "reset_kwargs": {"seed": recording.seed, "options": recording.reset_options},
+            "success": bool(recording.success[-1]),
+            "instance": recording.reset_options["instance"],
+            "openness_start": float(recording.openness[0]),
+            "openness_end": float(recording.openness[-1]),
+            **(info or {}),
+        }
+        buffer = io.BytesIO()
+        with h5py.File(buffer, "w") as file:
+            file.attrs["episode"] = json.dumps(entry, allow_nan=False)
+            _write_recording(file.create_group("traj"), recording)
+        write_atomic(self._episodes / f"{index:06d}.h5", buffer.getvalue())
+
+    def entry(self, index: int) -> dict[str, Any]:
+        """What the JSON file says of a finished episode."""
+        with self._open(index) as file:
+            entry: dict[str, Any] = json.loads(file.attrs["episode"])
+            return entry
+
+    def merge(self, provenance: Provenance, indices: Sequence[int] | None = None) -> Path:
+        """Write ``trajectory.h5`` and ``trajectory.json`` from the finished episodes and return the first.
+
+        Args:
+            provenance: goes into the JSON file.
+            indices: which episodes, in order; default all, by index.
+
+        Raises:
+            InputError: there is no episode, or one cannot be read.
+        """
+        chosen = self.indices() if indices is None else tuple(indices)
+        if not chosen:
+            raise InputError("there is no finished episode to merge", file=self._folder)
+        entries = []
+        buffer = io.BytesIO()
+        with h5py.File(buffer, "w") as merged:
+            for number, index in enumerate(chosen):
+                with self._open(index) as file:
+                    file.copy("traj", merged, name=f"traj_{number}")
+                    entries.append({"episode_id": number, **json.loads(file.attrs["episode"])})
+        # The data first: a JSON file never promises what is not there.
+        write_atomic(self.h5_path, buffer.getvalue())
+        write_json(self._folder / JSON_NAME, _document(provenance, entries))
+        return self.h5_path
+
+    def _open(self, index: int) -> h5py.File:
+        path = self._episodes / f"{index:06d}.h5"
+        try:
+            return h5py.File(path, "r")
+        except OSError as error:
+            raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error
+
+
+def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[str, Any]:
+    """Arguments with which ``gym.make(env_id(task), ...)`` makes the environment of the demonstrations."""
+    kwargs: dict[str, Any] = {
+        "obs_mode": "state",
+        "control_mode": "pd_joint_pos",
+        "sim_backend": "physx_cpu",
+        "reward_mode": "sparse",
+        "assets": assets if assets == "builtin" else str(Path(assets).resolve()),
+        "instances": list(instances),
+    }
+    if not env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
+        kwargs["task"] = task.model_dump(mode="json")
+    return kwargs
+
+
+def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str, Any]:
+    task = provenance.task
+    instances = sorted({entry["instance"] for entry in entries})
+    return {
+        "env_info": {
+            "env_id": env_id(task),
+            "env_kwargs": env_kwargs(task, provenance.assets, instances),
+            "max_episode_steps": task.max_episode_steps,
+        },
+        "commit_info": None,
+        "source_type": "motionplanning",
+        "source_desc": f"gensim2 keypoint planner: {task.description}",
+        "gensim2": {
+            "schema_version": SCHEMA_VERSION,
+            "task": task.model_dump(mode="json"),
+            "config": dict(provenance.config),
+            "seed": provenance.seed,
+            "licenses": {
+                name: provenance.licenses[name]
+                for name in (f"{task.asset_class}/{instance}" for instance in instances)
+                if name in provenance.licenses
+            },
+            **provenance.details,
+        },
+        "episodes": entries,
+    }
+
+
+def _write_recording(group: h5py.Group, recording: Recording) -> None:
+    """Names, shapes and types as ManiSkill's ``RecordEpisode`` writes them."""
+    group.create_dataset("obs", data=recording.obs)
+    group.create_dataset("actions", data=recording.actions)
+    group.create_dataset("terminated", data=recording.terminated)
+    group.create_dataset("truncated", data=recording.truncated)
+    group.create_dataset("success", data=recording.success)
+    _write_tree(group.create_group("env_states"), recording.env_states)
+    group.create_dataset("rewards", data=recording.rewards)
+
+
+def _write_tree(group: h5py.Group, tree: Tree) -> None:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            _write_tree(group.create_group(name), value)
+        else:
+            group.create_dataset(name, data=np.asarray(value))
