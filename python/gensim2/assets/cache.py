@@ -1,0 +1,157 @@
+"""Prepared objects on disk: one folder each in the user's cache, whole or absent, shared by all processes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from platformdirs import user_cache_dir
+
+from gensim2.assets.types import Instance, Keypoint, MovingJoint, Placement
+from gensim2.errors import InputError
+
+SCHEMA_VERSION = 1
+
+
+def cache_dir() -> Path:
+    """Folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder."""
+    return Path(os.environ.get("GENSIM2_CACHE") or user_cache_dir("gensim2"))
+
+
+@cache
+def code_digest() -> str:
+    """Digest of this package's source: what another version of the code prepared is never taken for ours."""
+    digest = hashlib.sha256()
+    here = Path(__file__).parent
+    for path in sorted(here.rglob("*.py")):
+        digest.update(path.relative_to(here).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
+    """The instance under ``key``, made by ``make(folder)`` where it is not there yet.
+
+    ``make`` writes into a folder of its own, which is then renamed: two processes may race, one wins, both get a whole
+    folder.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    folder = cache_dir() / "objects" / key
+    if (folder / "instance.json").is_file():
+        return read_instance(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise InputError(
+            f"cannot write to the cache: {error.strerror}",
+            file=folder.parent,
+            remedy="set GENSIM2_CACHE to a folder that can be written to",
+        ) from error
+    try:
+        instance = make(scratch)
+        write_instance(scratch, instance)
+        os.chmod(scratch, 0o755)
+        try:
+            os.rename(scratch, folder)
+        except OSError:
+            if not (folder / "instance.json").is_file():
+                raise
+    except OSError as error:
+        raise InputError(f"cannot write to the cache: {error.strerror}", file=folder) from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return read_instance(folder)
+
+
+def write_instance(folder: Path, instance: Instance) -> None:
+    """Write everything but the URDF and its meshes."""
+    joint, placement = instance.joint, instance.placement
+    points = [hull for hulls in instance.hulls.values() for hull in hulls]
+    np.savez(
+        folder / "hulls.npz",
+        points=np.concatenate(points) if points else np.zeros((0, 3)),
+        sizes=np.array([len(p) for p in points], np.int64),
+    )
+    value = {
+        "schema_version": SCHEMA_VERSION,
+        "asset_class": instance.asset_class,
+        "id": instance.id,
+        "source": instance.source,
+        "joint": {
+            "name": joint.name,
+            "type": joint.type,
+            "child_link": joint.child_link,
+            "origin": joint.origin.tolist(),
+            "axis": joint.axis.tolist(),
+            "lower": joint.lower,
+            "upper": joint.upper,
+            "friction": joint.friction,
+            "damping": joint.damping,
+            "T_root_child": joint.T_root_child.tolist(),
+        },
+        "keypoints": {
+            name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
+            for name, k in instance.keypoints.items()
+        },
+        "T_link_object": instance.T_link_object.tolist(),
+        "object_axis": instance.object_axis,
+        "hulls": {link: len(hulls) for link, hulls in instance.hulls.items()},
+        "placement": {"position": placement.position.tolist(), "quaternion": placement.quaternion.tolist()},
+        "default_openness": instance.default_openness,
+        "mass": instance.mass,
+        "license": instance.license,
+        "content_hash": instance.content_hash,
+        "warnings": list(instance.warnings),
+    }
+    (folder / "instance.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def read_instance(folder: Path) -> Instance:
+    """Read a prepared object.
+
+    Raises:
+        InputError: the folder is damaged.
+    """
+    try:
+        value = json.loads((folder / "instance.json").read_text())
+        with np.load(folder / "hulls.npz") as data:
+            pieces = np.split(data["points"], np.cumsum(data["sizes"])[:-1]) if len(data["sizes"]) else []
+        hulls, taken = {}, 0
+        for link, count in value["hulls"].items():
+            hulls[link] = tuple(pieces[taken : taken + count])
+            taken += count
+        joint, placement = value["joint"], value["placement"]
+        return Instance(
+            asset_class=value["asset_class"],
+            id=value["id"],
+            source=value["source"],
+            urdf=folder / "mobility.urdf",
+            joint=MovingJoint(**{k: np.array(v) if isinstance(v, list) else v for k, v in joint.items()}),
+            keypoints={
+                name: Keypoint(k["link"], np.array(k["position"]), k["description"])
+                for name, k in value["keypoints"].items()
+            },
+            T_link_object=np.array(value["T_link_object"]),
+            object_axis=value["object_axis"],
+            hulls=hulls,
+            placement=Placement(np.array(placement["position"]), np.array(placement["quaternion"])),
+            default_openness=value["default_openness"],
+            mass=value["mass"],
+            license=value["license"],
+            content_hash=value["content_hash"],
+            warnings=tuple(value["warnings"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(
+            f"damaged cache entry: {error}", file=folder, remedy="remove that folder; it is made again"
+        ) from error

@@ -1,0 +1,76 @@
+"""Just enough of Wavefront OBJ and MTL: vertices, polygons, one diffuse colour a group."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gensim2.assets.shapes import Look, Mesh
+
+DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
+
+
+def read_materials(path: Path) -> dict[str, Look]:
+    """Materials of an MTL file by name; empty where the file is missing."""
+    if not path.is_file():
+        return {}
+    looks: dict[str, Look] = {}
+    name, colour, alpha, specular = "", (0.7, 0.7, 0.7), 1.0, 0.0
+
+    def keep() -> None:
+        if name:
+            rgb = tuple(round(min(max(c, 0.0), 1.0), 3) for c in colour)
+            looks[name] = Look(
+                (rgb[0], rgb[1], rgb[2], min(max(alpha, 0.15), 1.0)), 0.0, 0.7 - 0.4 * min(specular, 1)
+            )
+
+    for line in path.read_text(errors="replace").splitlines():
+        word, *rest = line.split() or [""]
+        if word == "newmtl":
+            keep()
+            name, colour, alpha, specular = " ".join(rest), (0.7, 0.7, 0.7), 1.0, 0.0
+        elif word == "Kd" and len(rest) >= 3:
+            colour = (float(rest[0]), float(rest[1]), float(rest[2]))
+        elif word == "d" and rest:
+            alpha = float(rest[-1])
+        elif word == "Ks" and rest:
+            specular = float(rest[0])
+    keep()
+    return looks
+
+
+def read_obj(path: Path) -> list[Mesh]:
+    """Meshes of an OBJ file, one a material, each with the file's whole vertex list thinned to what it uses.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is not OBJ, or has vertices that are not numbers.
+    """
+    vertices: list[list[float]] = []
+    looks: dict[str, Look] = {}
+    groups: dict[str, list[tuple[int, int, int]]] = {}
+    material = ""
+    for line in path.read_text(errors="replace").splitlines():
+        if line.startswith("v "):
+            vertices.append([float(x) for x in line.split()[1:4]])
+        elif line.startswith("f "):
+            corners = [int(word.split("/", 1)[0]) for word in line.split()[1:]]
+            corners = [c - 1 if c > 0 else len(vertices) + c for c in corners]
+            faces = groups.setdefault(material, [])
+            faces.extend((corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1))
+        elif line.startswith("usemtl"):
+            material = line[6:].strip()
+        elif line.startswith("mtllib"):
+            looks.update(read_materials(path.parent / line[6:].strip()))
+    points = np.array(vertices, float).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise ValueError("a vertex is not finite")
+    meshes = []
+    for name, faces in groups.items():
+        index = np.array(faces, np.int64)
+        if index.size and (index.min() < 0 or index.max() >= len(points)):
+            raise ValueError("a face refers to a vertex that is not there")
+        used, renumbered = np.unique(index, return_inverse=True)
+        meshes.append(Mesh(points[used], renumbered.reshape(-1, 3), looks.get(name, DEFAULT_LOOK)))
+    return meshes

@@ -1,0 +1,145 @@
+"""From a model to a folder that SAPIEN and urdf-rs load as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from gensim2.assets.model import LinkGeometry, Model
+from gensim2.assets.physics import GRAVITY, Inertial, class_rule, inertial, joint_resistance
+from gensim2.assets.placement import place
+from gensim2.assets.shapes import Look, Mesh, hull_mesh
+from gensim2.assets.types import Instance, MovingJoint
+
+Array = npt.NDArray[np.float64]
+
+EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has none; urdf-rs needs them
+
+
+def rpy_from_matrix(R: Array) -> Array:
+    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z)."""
+    pitch = np.arcsin(np.clip(-R[2, 0], -1, 1))
+    if abs(R[2, 0]) < 1 - 1e-9:
+        return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
+    return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{v:.9g}" for v in np.asarray(values, float) + 0.0)
+
+
+def _write_hull(path: Path, points: Array) -> None:
+    mesh = hull_mesh(points, Look())
+    corners, faces = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners]
+    lines += [f"f {a} {b} {c}" for a, b, c in faces.reshape(-1, 3) + 1]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _write_visual(path: Path, meshes: list[Mesh]) -> None:
+    """One GLB of a link, one primitive a look: colours travel in the file, so that no URDF material is needed."""
+    by_look: dict[Look, list[Mesh]] = {}
+    for mesh in meshes:
+        by_look.setdefault(mesh.look, []).append(mesh)
+    scene = trimesh.Scene()
+    for number, (look, group) in enumerate(by_look.items()):
+        offsets = np.cumsum([0] + [len(m.vertices) for m in group[:-1]])
+        vertices = np.concatenate([m.vertices for m in group])
+        faces = np.concatenate([m.faces + o for m, o in zip(group, offsets, strict=True)])
+        material = PBRMaterial(
+            name=f"look_{number}",
+            baseColorFactor=[round(255 * c) for c in look.rgba],
+            metallicFactor=look.metallic,
+            roughnessFactor=look.roughness,
+            alphaMode="BLEND" if look.rgba[3] < 1 else None,
+            doubleSided=True,
+        )
+        shape = trimesh.Trimesh(vertices, faces, process=False, visual=TextureVisuals(material=material))
+        scene.add_geometry(shape, geom_name=f"part_{number}", node_name=f"part_{number}")
+    path.write_bytes(scene.export(file_type="glb"))
+
+
+def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> list[str]:
+    lines = [f"  <link name={quoteattr(name)}>"]
+    i = mass.inertia
+    lines += [
+        "    <inertial>",
+        f'      <origin xyz="{_numbers(mass.center)}"/>',
+        f'      <mass value="{mass.mass:.9g}"/>',
+        f'      <inertia ixx="{i[0, 0]:.9g}" ixy="{i[0, 1]:.9g}" ixz="{i[0, 2]:.9g}"'
+        f' iyy="{i[1, 1]:.9g}" iyz="{i[1, 2]:.9g}" izz="{i[2, 2]:.9g}"/>',
+        "    </inertial>",
+    ]
+    if geometry.meshes:
+        _write_visual(folder / "visual" / f"{name}.glb", geometry.meshes)
+        lines.append(f'    <visual><geometry><mesh filename="visual/{name}.glb"/></geometry></visual>')
+    for number, hull in enumerate(geometry.hulls):
+        file = f"collision/{name}_{number}.obj"
+        _write_hull(folder / file, hull)
+        lines.append(f'    <collision><geometry><mesh filename="{file}"/></geometry></collision>')
+    return [*lines, "  </link>"]
+
+
+def prepare(model: Model, folder: Path) -> Instance:
+    """Write ``mobility.urdf`` with its meshes into ``folder`` and return the instance that stands for it."""
+    rule = class_rule(model.asset_class)
+    placement = place(model, rule)
+    body, moving = (inertial(part.hulls, rule.density) for part in (model.body, model.moving))
+    R_world_root = trimesh.transformations.quaternion_matrix(placement.quaternion)[:3, :3]
+    gravity = (R_world_root @ model.T_root_link[:3, :3]).T @ GRAVITY
+    friction, damping = joint_resistance(
+        model.joint_type, model.axis, np.zeros(3), moving, model.lower, model.upper, gravity
+    )
+    (folder / "visual").mkdir()
+    (folder / "collision").mkdir()
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(f'{model.asset_class}_{model.id}')}>"]
+    lines += _link(model.root_link, model.body, body, folder)
+    lines += _link(model.moving_link, model.moving, moving, folder)
+    lines += [
+        f"  <joint name={quoteattr(model.joint_name)} type={quoteattr(model.joint_type)}>",
+        f'    <origin xyz="{_numbers(model.T_root_link[:3, 3])}"'
+        f' rpy="{_numbers(rpy_from_matrix(model.T_root_link[:3, :3]))}"/>',
+        f"    <parent link={quoteattr(model.root_link)}/>",
+        f"    <child link={quoteattr(model.moving_link)}/>",
+        f'    <axis xyz="{_numbers(model.axis)}"/>',
+        f'    <limit lower="{model.lower:.9g}" upper="{model.upper:.9g}"'
+        f' effort="{EFFORT_LIMIT:g}" velocity="{VELOCITY_LIMIT:g}"/>',
+        f'    <dynamics friction="{friction:.6g}" damping="{damping:.6g}"/>',
+        "  </joint>",
+        "</robot>",
+    ]
+    (folder / "mobility.urdf").write_text("\n".join(lines) + "\n")
+    return Instance(
+        asset_class=model.asset_class,
+        id=model.id,
+        source=model.source,
+        urdf=folder / "mobility.urdf",
+        joint=MovingJoint(
+            name=model.joint_name,
+            type=model.joint_type,
+            child_link=model.moving_link,
+            origin=model.T_root_link[:3, 3].copy(),
+            axis=model.T_root_link[:3, :3] @ model.axis,
+            lower=model.lower,
+            upper=model.upper,
+            friction=friction,
+            damping=damping,
+            T_root_child=model.T_root_link,
+        ),
+        keypoints=model.keypoints,
+        T_link_object=model.T_link_object,
+        object_axis=model.object_axis,
+        hulls={model.root_link: tuple(model.body.hulls), model.moving_link: tuple(model.moving.hulls)},
+        placement=placement,
+        default_openness=rule.default_openness,
+        mass=body.mass + moving.mass,
+        license=model.license,
+        content_hash=model.content_hash,
+        warnings=model.warnings,
+    )

@@ -1,0 +1,259 @@
+"""Convex solids with their look: the bricks that generated objects are made of.
+
+Everything here is in an object's model frame: x to the right of somebody who looks at the front, y up, z out of the
+front; metres. A ``Solid`` is one convex collision part, one visual mesh, or both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+
+Array = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
+Vec3 = Sequence[float] | Array
+
+
+@dataclass(frozen=True)
+class Look:
+    """Surface appearance: linear RGBA in 0..1, metallic and roughness as in glTF."""
+
+    rgba: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
+    metallic: float = 0.0
+    roughness: float = 0.6
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles to look at. ``vertices`` (N, 3) metres, ``faces`` (M, 3)."""
+
+    vertices: Array
+    faces: Faces
+    look: Look
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A convex part.
+
+    Attributes:
+        hull: (N, 3) vertices of the collision hull, or None where the part is only looked at.
+        mesh: what is seen, or None where the part only collides.
+    """
+
+    hull: Array | None
+    mesh: Mesh | None
+
+    def moved(self, T: Array) -> Solid:
+        """The same part after the rigid transform ``T`` (4, 4)."""
+        hull = None if self.hull is None else transform(T, self.hull)
+        mesh = None if self.mesh is None else replace(self.mesh, vertices=transform(T, self.mesh.vertices))
+        return Solid(hull, mesh)
+
+    def visual_only(self) -> Solid:
+        """The same part without collision."""
+        return Solid(None, self.mesh)
+
+
+def transform(T: Array, points: Array) -> Array:
+    """Apply a (4, 4) rigid transform to (N, 3) points."""
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+
+
+def rotation(axis: Vec3, angle: float) -> Array:
+    """(3, 3) rotation by ``angle`` rad about ``axis`` (Rodrigues' formula)."""
+    k = np.asarray(axis, float) / np.linalg.norm(axis)
+    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K))
+
+
+def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0) -> Array:
+    """(4, 4) transform that turns by ``angle`` about ``axis`` and then moves to ``position``."""
+    T = np.eye(4)
+    T[:3, :3] = rotation(axis, angle)
+    T[:3, 3] = position
+    return T
+
+
+def hull_mesh(points: Array, look: Look) -> Mesh:
+    """Flat-shaded surface of the convex hull of (N, 3) points, facing outwards."""
+    hull = ConvexHull(points)
+    faces = hull.simplices.astype(np.int64)
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return Mesh(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), look)
+
+
+def convex(points: Array | Sequence[Vec3], look: Look) -> Solid:
+    """The convex hull of (N, 3) points."""
+    p = np.asarray(points, float)
+    return Solid(p[ConvexHull(p).vertices], hull_mesh(p, look))
+
+
+def box(center: Vec3, size: Vec3, look: Look, bevel: float = 0.0015) -> Solid:
+    """A box of full ``size``; what is seen has its edges cut by ``bevel`` metres."""
+    c, half = np.asarray(center, float), np.asarray(size, float) / 2
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    corners = c + signs * half
+    cut = min(bevel, 0.3 * float(half.min()))
+    if cut <= 0:
+        return Solid(corners, hull_mesh(corners, look))
+    seen = np.concatenate([c + signs * (half - cut * (1 - np.eye(3)[axis])) for axis in range(3)])
+    return Solid(corners, hull_mesh(seen, look))
+
+
+def rounded_box(center: Vec3, size: Vec3, look: Look, radius: float, axis: int = 1, steps: int = 5) -> Solid:
+    """A box whose four edges along ``axis`` are rounded with ``radius``."""
+    c, half = np.asarray(center, float), np.asarray(size, float) / 2
+    u, v = [i for i in range(3) if i != axis]
+    r = min(radius, 0.98 * float(min(half[u], half[v])))
+    points = []
+    for su, sv, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5)):
+        for angle in np.pi * (start + 0.5 * np.linspace(0, 1, steps)):
+            p = np.zeros(3)
+            p[u] = su * (half[u] - r) + r * np.cos(angle)
+            p[v] = sv * (half[v] - r) + r * np.sin(angle)
+            for end in (-1, 1):
+                q = p.copy()
+                q[axis] = end * half[axis]
+                points.append(c + q)
+    return convex(np.array(points), look)
+
+
+def _frame(direction: Array) -> tuple[Array, Array]:
+    """Two unit vectors that complete ``direction`` to a right-handed frame."""
+    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    u = np.cross(direction, helper)
+    u /= np.linalg.norm(u)
+    return u, np.cross(direction, u)
+
+
+def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float = 0.0) -> Array:
+    """(sides, 3) points on a circle around ``center``, square to ``direction``."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    u, v = _frame(d)
+    angle = start + 2 * np.pi * np.arange(sides) / sides
+    return np.asarray(
+        np.asarray(center, float) + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v))
+    )
+
+
+def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:
+    """A cone's frustum from ``a`` to ``b``; collision has at most 16 sides, the visual twice as many."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    hull = np.concatenate([ring(a, b - a, radius_a, sides), ring(b, b - a, radius_b, sides)])
+    seen = np.concatenate([ring(a, b - a, radius_a, 2 * sides), ring(b, b - a, radius_b, 2 * sides)])
+    return Solid(hull, hull_mesh(seen, look))
+
+
+def rod(a: Vec3, b: Vec3, radius: float, look: Look, sides: int = 12) -> Solid:
+    """A cylinder from ``a`` to ``b``."""
+    return cone(a, b, radius, radius, look, sides)
+
+
+def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
+    """A sphere, or an ellipsoid where ``radius`` has three values."""
+    c = np.asarray(center, float)
+    scale = np.broadcast_to(np.asarray(radius, float), (3,))
+
+    def sphere(rows: int, sides: int) -> Array:
+        lat = np.pi * (np.arange(1, rows) / rows - 0.5)
+        points = [
+            np.column_stack(
+                [
+                    np.cos(t) * np.cos(2 * np.pi * np.arange(sides) / sides),
+                    np.full(sides, np.sin(t)),
+                    np.cos(t) * np.sin(2 * np.pi * np.arange(sides) / sides),
+                ]
+            )
+            for t in lat
+        ]
+        return np.concatenate([*points, [[0, -1.0, 0], [0, 1.0, 0]]])
+
+    return Solid(c + scale * sphere(5, 10), hull_mesh(c + scale * sphere(12, 24), look))
+
+
+def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> list[Solid]:
+    """A round bar along a polyline: one cylinder a leg, with balls to look at in the bends."""
+    p = [np.asarray(q, float) for q in points]
+    legs = [rod(a, b, radius, look, sides) for a, b in zip(p[:-1], p[1:], strict=True)]
+    return legs + [ball(q, radius, look).visual_only() for q in p[1:-1]]
+
+
+def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float, legs: int) -> list[Array]:
+    """``legs`` + 1 points on the circle ``center + radius (cos t u + sin t v)``, t from ``start`` to ``stop`` rad."""
+    c, u, v = np.asarray(center, float), np.asarray(u, float), np.asarray(v, float)
+    return [c + radius * (np.cos(t) * u + np.sin(t) * v) for t in np.linspace(start, stop, legs + 1)]
+
+
+def tray(
+    center: Vec3, size: Vec3, wall: float, look: Look, open_side: str = "+y", floor: float | None = None
+) -> list[Solid]:
+    """A hollow box: five walls, open on one side.
+
+    Args:
+        center, size: of the outer box.
+        wall: thickness of the four walls around the opening.
+        open_side: ``"+x"``, ``"-x"``, ``"+y"``, ``"-y"``, ``"+z"`` or ``"-z"``.
+        floor: thickness of the wall opposite to the opening; ``wall`` where None.
+    """
+    c, s = np.asarray(center, float), np.asarray(size, float)
+    axis, sign = "xyz".index(open_side[1]), 1 if open_side[0] == "+" else -1
+    base = wall if floor is None else floor
+    u, v = [i for i in range(3) if i != axis]
+    parts = []
+
+    def add(offset: dict[int, float], extent: dict[int, float]) -> None:
+        p, e = c.copy(), s.copy()
+        for i, value in offset.items():
+            p[i] += value
+        for i, value in extent.items():
+            e[i] = value
+        parts.append(box(p, e, look))
+
+    add({axis: -sign * (s[axis] - base) / 2}, {axis: base})
+    for side in (-1, 1):
+        add(
+            {u: side * (s[u] - wall) / 2, axis: sign * base / 2},
+            {u: wall, axis: s[axis] - base},
+        )
+        add(
+            {v: side * (s[v] - wall) / 2, axis: sign * base / 2},
+            {v: wall, u: s[u] - 2 * wall, axis: s[axis] - base},
+        )
+    return parts
+
+
+def tube(
+    a: Vec3,
+    b: Vec3,
+    radius_a: float,
+    radius_b: float,
+    wall: float,
+    look: Look,
+    segments: int = 12,
+    bottom: float | None = None,
+) -> list[Solid]:
+    """A hollow frustum from ``a`` to ``b`` made of convex staves; closed at ``a`` by a disc where ``bottom`` is given."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    d = b - a
+    rings = [
+        ring(point, d, r, segments)
+        for point, r in ((a, radius_a), (a, radius_a - wall), (b, radius_b), (b, radius_b - wall))
+    ]
+    parts = []
+    for i in range(segments):
+        j = (i + 1) % segments
+        parts.append(convex(np.array([r[k] for r in rings for k in (i, j)]), look))
+    if bottom is not None:
+        unit = d / np.linalg.norm(d)
+        inner = radius_a - 0.6 * wall
+        disc = np.concatenate([ring(a, d, inner, segments), ring(a + bottom * unit, d, inner, segments)])
+        parts.append(convex(disc, look))
+    return parts
