@@ -1,0 +1,49 @@
+"""Plan a motion from keypoints: touch a point from above, then push it 10 cm away. No simulator."""
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+
+config = kpam.SolverConfig(
+    {
+        "task_name": "PushButton",
+        "constraint_list": [
+            {
+                "name": "fingertips_on_button",
+                "type": "point2point_constraint",
+                "source_keypoint_name": "tool_head",
+                "target_keypoint_name": "button",
+                "tolerance": 0.001,
+            },
+            {
+                "name": "hand_points_down",
+                "type": "frame_axis_parallel",
+                "axis_from_keypoint_name": "tool_head",
+                "axis_to_keypoint_name": "tool_tail",
+                "target_axis": [0, 0, 1],
+                "target_axis_frame": "world",
+                "target_inner_product": 1,
+                "tolerance": 0.01,
+            },
+        ],
+        "pre_actuation_motions": [["translate_z", -0.1]],  # come from 10 cm behind, along the hand's own z
+        "post_actuation_motions": ["move-forward"],
+    }
+)
+
+start = np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04])
+problem = kpam.KeypointProblem(
+    panda(),
+    config,
+    start,
+    tool_keypoints=TOOL_KEYPOINTS,
+    object_keypoints={"button": np.array([0.5, 0.1, 0.2])},  # metres, in the robot's base frame
+    T_base_object=np.eye(4),
+)
+plan = kpam.plan(problem)
+
+print("status:", plan.status, plan.reason)
+for residual in plan.residuals:
+    print(f"  {residual['name']}: {residual['residual']:.1e} of {residual['tolerance']:.0e}")
+print(f"motion of {plan.trajectory.duration:.2f} s through", [frame["label"] for frame in plan.keyframes])

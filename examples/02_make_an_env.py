@@ -1,0 +1,20 @@
+"""Make an environment and step it: the same seed gives the same object, pose and openness everywhere."""
+
+import gymnasium as gym
+import numpy as np
+
+from gensim2.sim.robot import RESET_QPOS
+
+env = gym.make("gensim2.sim:GenSim2-OpenDrawer-v1", obs_mode="state", assets="builtin")
+hold_still = np.append(RESET_QPOS[:7], 1.0)  # seven joint targets in rad; 1 opens the gripper
+for seed in (0, 1):
+    observation, _ = env.reset(seed=seed)
+    instance = env.unwrapped.instance
+    print(
+        f"seed {seed}: {instance.asset_class}/{instance.id}, {instance.mass:.2f} kg, "
+        f"openness {env.unwrapped.openness:.2f}, observation {tuple(observation.shape)}"
+    )
+    for _ in range(20):  # one second
+        observation, reward, terminated, truncated, info = env.step(hold_still)
+    print(f"  after a second: openness {env.unwrapped.openness:.2f}, success {bool(info['success'])}")
+env.close()

@@ -1,0 +1,24 @@
+"""Record demonstrations, then read them with h5py alone."""
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import h5py
+
+from gensim2.pipeline import demo
+
+if __name__ == "__main__":  # the simulator's worker processes import this file
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp()) / "run"
+    result = demo("CloseBox", episodes=2, seed=0, assets="builtin", out=out, video=False)
+    folder = Path(result.run_dir) / "tasks" / result.name
+
+    about = json.loads((folder / "trajectory.json").read_text())
+    print("environment:", about["env_info"]["env_id"])
+    with h5py.File(folder / "trajectory.h5") as file:
+        for episode in about["episodes"]:
+            actions = file[f"traj_{episode['episode_id']}"]["actions"][:]
+            moved = f"openness {episode['openness_start']:.2f} to {episode['openness_end']:.2f}"
+            print(f"seed {episode['episode_seed']}, object {episode['instance']}:", actions.shape, moved)
+    print(f"replay: python -m mani_skill.trajectory.replay_trajectory --traj-path {folder / 'trajectory.h5'}")

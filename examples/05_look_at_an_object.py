@@ -1,0 +1,16 @@
+"""Generate an object that nobody has seen before and look at what a planner is told about it."""
+
+import numpy as np
+
+from gensim2.assets import open_library
+
+library = open_library("builtin")
+print("classes:", ", ".join(library.classes()))
+
+drawer = library.load("drawer", "4711")  # any number up to a million
+joint = drawer.joint
+print(f"drawer/{drawer.id}: {drawer.mass:.2f} kg, {joint.type} joint, {joint.lower:.2f} to {joint.upper:.2f}")
+for name, keypoint in drawer.keypoints.items():
+    print(f"  {name} on {keypoint.link} at {np.round(keypoint.position, 3)}: {keypoint.description}")
+print("convex parts:", {link: len(hulls) for link, hulls in drawer.hulls.items()})
+print("URDF:", drawer.urdf.name, "mass, inertia, friction and limits included;", drawer.license)
