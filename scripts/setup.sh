@@ -52,7 +52,7 @@ find_uv() {
         if [ -n "$uv" ] && "$uv" --version >/dev/null 2>&1; then return; fi
     done
     say "fetching uv with pip"
-    "$interpreter" -m pip install --quiet --disable-pip-version-check --upgrade --target .tools uv ||
+    "$interpreter" -m pip install --quiet --root-user-action ignore --disable-pip-version-check --upgrade --target .tools uv ||
         fail "could not fetch uv with pip (Debian, Ubuntu: apt-get install python3-pip; or install uv from https://docs.astral.sh/uv)"
     uv=$PWD/.tools/bin/uv
 }
