@@ -25,9 +25,9 @@ lint: setup ## mend what the formatters and linters can
 	@.venv/bin/ruff check --fix .
 	@.venv/bin/ruff format .
 
-lock: ## pin the newest packages that fit together in requirements.lock
+lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins that still fit
 	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \
-		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --upgrade --quiet \
+		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --quiet \
 		--output-file requirements.lock
 
 clean: ## remove what was built; keeps .venv/ and runs/

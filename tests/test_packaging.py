@@ -1,0 +1,99 @@
+"""The wheel works away from the clone with all its data, and the pins are complete."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+LOCK = (ROOT / "requirements.lock").read_text()
+
+
+def _pins() -> dict[str, Version]:
+    found = re.findall(r"^([A-Za-z0-9_.-]+)==([^ ;\n]+)", LOCK, flags=re.MULTILINE)
+    return {name.lower().replace("_", "-"): Version(version) for name, version in found}
+
+
+@pytest.mark.parametrize("extra", [None, "sim", "dev"])
+def test_every_requirement_is_pinned(extra: str | None) -> None:
+    pins = _pins()
+    wanted = PROJECT["dependencies"] if extra is None else PROJECT["optional-dependencies"][extra]
+    for line in wanted:
+        requirement = Requirement(line)
+        pin = pins[requirement.name.lower().replace("_", "-")]
+        assert requirement.specifier.contains(pin), line
+
+
+def test_pins_name_no_host() -> None:
+    assert "://" not in LOCK
+    assert "--index-url" not in LOCK
+
+
+def test_one_version_everywhere() -> None:
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]
+    assert workspace["package"]["version"] == PROJECT["version"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    # The same profile and interpreter as the set-up's, so that nothing is compiled twice.
+    subprocess.run(
+        [Path(sys.executable).with_name("maturin"), "build", "--quiet", "--release", "--out", folder],
+        cwd=ROOT,
+        check=True,
+        env={**os.environ, "VIRTUAL_ENV": sys.prefix},
+    )
+    (found,) = folder.glob("*.whl")
+    return found
+
+
+def test_wheel_holds_code_data_stubs_and_licence(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    sources = {
+        str(path.relative_to(ROOT / "python"))
+        for path in (ROOT / "python").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so"
+    }
+    assert sources - names == set()
+    assert "gensim2_kpam/_native.abi3.so" in names
+    assert "gensim2_kpam/py.typed" in names
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+
+
+def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    script = (
+        "import gensim2, gensim2_kpam, gensim2.pipeline.report as report\n"
+        f"assert gensim2.__file__.startswith({str(site)!r}), gensim2.__file__\n"
+        f"assert gensim2_kpam.__file__.startswith({str(site)!r}), gensim2_kpam.__file__\n"
+        "report._TEMPLATES.get_template('report.html.j2')\n"
+        "from gensim2.tasks.library import load_config, load_task, task_names\n"
+        "for name in task_names(): load_task(name); load_config(name)\n"
+        "from gensim2.assets import open_library\n"
+        "print(len(task_names()), open_library('builtin').load('drawer', '0').urdf.exists())\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)},
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split()[1] == "True"
+    assert int(result.stdout.split()[0]) >= 8
