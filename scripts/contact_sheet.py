@@ -1,0 +1,64 @@
+"""One picture of the tasks of one or more runs: each task before, during and after its first demonstration.
+
+.venv/bin/python scripts/contact_sheet.py runs/demo --out docs/images/tasks.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+TILE = (240, 180)
+CAPTION = 24
+GAP = 8
+BACKGROUND, INK = "white", "#1c2430"
+
+
+def main() -> None:
+    """Read the arguments and write the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, nargs="+", help="run folders")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--columns", type=int, default=2)
+    options = parser.parse_args()
+    videos = sorted(
+        (video for run in options.runs for video in run.glob("tasks/*/*.mp4")),
+        key=lambda path: path.parent.name,
+    )
+    if not videos:
+        parser.error("no task of these runs has a video")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    sheet([(video.parent.name, moments(video)) for video in videos], options.columns).save(options.out)
+    print(f"{len(videos)} tasks in {options.out}")
+
+
+def moments(video: Path) -> list[Image.Image]:
+    """The first frame, the one halfway, and the last."""
+    frames = np.asarray(imageio.imread(video, plugin="FFMPEG"))
+    return [Image.fromarray(frames[i]).resize(TILE) for i in (0, len(frames) // 2, len(frames) - 1)]
+
+
+def sheet(tasks: list[tuple[str, list[Image.Image]]], columns: int) -> Image.Image:
+    """Tasks in a grid, each a strip of pictures under its name."""
+    columns = min(columns, len(tasks))
+    rows = -(-len(tasks) // columns)
+    width = 3 * TILE[0] + 2 * GAP
+    height = CAPTION + TILE[1] + GAP
+    picture = Image.new("RGB", (columns * (width + 3 * GAP) - GAP, rows * height + GAP), BACKGROUND)
+    draw = ImageDraw.Draw(picture)
+    font = ImageFont.load_default(size=16)
+    for index, (name, pictures) in enumerate(tasks):
+        left = GAP + (index % columns) * (width + 3 * GAP)
+        top = GAP + (index // columns) * height
+        draw.text((left, top), name, fill=INK, font=font)
+        for place, tile in enumerate(pictures):
+            picture.paste(tile, (left + place * (TILE[0] + GAP), top + CAPTION))
+    return picture
+
+
+if __name__ == "__main__":
+    main()
