@@ -19,7 +19,5 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
             progress=progress,
         )
     for task in result.tasks:
-        print(
-            f"{task.name}: {task.successes}/{task.episodes} fresh episodes hold, {task.demos} demonstrations"
-        )
+        print(f"{task.name}: {task.successes}/{task.episodes} fresh episodes hold, {task.demos} demonstrations")
     print("look at", Path(result.run_dir) / "report.html")

@@ -127,9 +127,7 @@ def _simulation() -> Check:
     packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch", "coacd": "coacd"}
     absent = [package for module, package in packages.items() if importlib.util.find_spec(module) is None]
     if absent:
-        return Check(
-            "Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'"
-        )
+        return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
     found = [f"{package} {importlib.metadata.version(package)}" for package in packages.values()]
     return Check("Simulation", "ok", ", ".join(found))
 
@@ -142,9 +140,7 @@ def _video() -> Check:
             return Check("ffmpeg", "ok", Path(imageio_ffmpeg.get_ffmpeg_exe()).name)
         except RuntimeError as error:
             return Check("ffmpeg", "limited", str(error), "install ffmpeg; all but videos works without")
-    return Check(
-        "ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without"
-    )
+    return Check("ffmpeg", "limited", "no imageio-ffmpeg", "pip install 'gensim2[sim]'; all but videos works without")
 
 
 def _assets(assets: str | Path | None) -> Check:
@@ -167,9 +163,7 @@ def _cache() -> Check:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        return Check(
-            "Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set GENSIM2_CACHE"
-        )
+        return Check("Cache", "missing", f"{folder}: {error.strerror}", "make it writable, or set GENSIM2_CACHE")
     return Check("Cache", "ok", str(folder))
 
 
@@ -181,15 +175,11 @@ def _cores() -> Check:
 def _memory() -> Check:
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     if total < 4:
-        return Check(
-            "Memory", "limited", f"{total:.1f} GiB", "a worker with pictures takes 2.2 GB: use --workers 1"
-        )
+        return Check("Memory", "limited", f"{total:.1f} GiB", "a worker with pictures takes 2.2 GB: use --workers 1")
     return Check("Memory", "ok", f"{total:.1f} GiB")
 
 
-if (
-    __name__ == "__main__"
-):  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
+if __name__ == "__main__":  # `python -m gensim2.doctor vulkan`: the set-up asks before there is a command line.
     found = vulkan()
     print(f"{found.name}: {found.value}", file=sys.stderr)
     sys.exit(found.status != "ok")

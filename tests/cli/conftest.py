@@ -72,9 +72,7 @@ def design() -> dict[str, Any]:
             {"name": "plan", "episodes": 4, "successes": 4 if index < 10 else 0, "causes": {}}
         ]
         if index < 10:
-            stages.append(
-                {"name": "physics", "episodes": 2, "successes": 2 if index < 3 else 0, "causes": {}}
-            )
+            stages.append({"name": "physics", "episodes": 2, "successes": 2 if index < 3 else 0, "causes": {}})
         if index < 3:
             stages.append({"name": "physics", "episodes": 6, "successes": 6 - 2 * index, "causes": {}})
         candidates.append(

@@ -99,9 +99,7 @@ def test_tasks_list_as_json(capfd: pytest.CaptureFixture[str]) -> None:
     assert all(task["env_id"] == f"GenSim2-{task['name']}-v1" for task in tasks)
 
 
-def test_json_to_a_file_leaves_the_table_on_standard_output(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_json_to_a_file_leaves_the_table_on_standard_output(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["tasks", "list", "--json", str(tmp_path / "tasks.json")]) == 0
     assert "OpenBox" in capfd.readouterr().out
     assert json.loads((tmp_path / "tasks.json").read_text())["schema_version"] == 1

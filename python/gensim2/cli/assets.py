@@ -46,8 +46,7 @@ def list_assets(assets: str | None, json_file: str | None) -> None:
 
 def _show(result: dict[str, Any]) -> None:
     rows = [
-        (entry["class"], len(entry["instances"]), entry["joint"], entry["description"])
-        for entry in result["classes"]
+        (entry["class"], len(entry["instances"]), entry["joint"], entry["description"]) for entry in result["classes"]
     ]
     table(("class", "instances", "joint", "what"), rows)
     line(f"library: {result['library']} ({result['license']})")

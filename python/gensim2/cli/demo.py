@@ -14,9 +14,7 @@ from gensim2.cli.output import line, report
 
 @click.command("demo", short_help="Record demonstrations of a task.")
 @click.argument("task")
-@click.option(
-    "--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record."
-)
+@click.option("--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed
 @options.assets
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")

@@ -43,9 +43,7 @@ class LazyGroup(click.Group):
         return command
 
 
-@click.group(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
-)
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="gensim2", prog_name="gensim2")
 def cli() -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.

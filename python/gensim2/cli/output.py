@@ -21,9 +21,7 @@ Show = Callable[[dict[str, Any]], None]
 
 
 @contextlib.contextmanager
-def report(
-    json_file: str | None, show: Show
-) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
+def report(json_file: str | None, show: Show) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
     """Give a command its progress listener and a function that takes its result.
 
     With ``json_file == "-"`` everything that is printed to standard output while the command runs, by

@@ -12,9 +12,7 @@ from gensim2.cli.output import line, report, table
 
 
 @click.command("run-pipeline", short_help="Design, verify and demonstrate new tasks.")
-@click.option(
-    "--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design."
-)
+@click.option("--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design.")
 @click.option(
     "--episodes",
     type=click.IntRange(min=1),
@@ -22,9 +20,7 @@ from gensim2.cli.output import line, report, table
     show_default=True,
     help="Demonstrations to keep of each task.",
 )
-@click.option(
-    "--target-task", metavar="NAME", help="Design this task of the library anew, hidden from the designer."
-)
+@click.option("--target-task", metavar="NAME", help="Design this task of the library anew, hidden from the designer.")
 @click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
 @options.seed
 @options.assets

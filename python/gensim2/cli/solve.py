@@ -61,8 +61,5 @@ def _show(result: dict[str, Any]) -> None:
     )
     table(
         ("keyframe", "time [s]", "reached"),
-        [
-            (entry["label"], f"{entry['time']:.2f}", "yes" if entry["reached"] else "NO")
-            for entry in plan["keyframes"]
-        ],
+        [(entry["label"], f"{entry['time']:.2f}", "yes" if entry["reached"] else "NO") for entry in plan["keyframes"]],
     )

@@ -32,7 +32,5 @@ def list_tasks(json_file: str | None) -> None:
 
 
 def _show(result: dict[str, Any]) -> None:
-    rows = [
-        (task["name"], task["asset_class"], task["description"], task["env_id"]) for task in result["tasks"]
-    ]
+    rows = [(task["name"], task["asset_class"], task["description"], task["env_id"]) for task in result["tasks"]]
     table(("task", "class", "what", "environment"), rows)

@@ -92,9 +92,7 @@ def _task(folder: Path) -> dict[str, Any]:
 
 
 def _criterion(entry: dict[str, Any]) -> str:
-    word = {"articulated_open": "openness >", "articulated_closed": "openness <"}.get(
-        entry["type"], entry["type"]
-    )
+    word = {"articulated_open": "openness >", "articulated_closed": "openness <"}.get(entry["type"], entry["type"])
     return f"{word} {entry.get('threshold', '')}".strip()
 
 
