@@ -201,6 +201,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             else float(given)
         )
 
+    def _load_lighting(self, options: dict[str, Any]) -> None:
+        rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
+
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(RESET_QPOS, dtype=np.float32))
         self.agent.robot.set_pose(sapien.Pose(p=list(BASE_POSITION)))

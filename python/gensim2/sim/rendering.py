@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import sapien
+from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
 
@@ -33,6 +34,15 @@ def can_render() -> bool:
     return True
 
 
+def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
+    """Light the scene like a room: soft from everywhere, one lamp from the upper left that casts the shadows."""
+    scene.set_ambient_light([0.38, 0.38, 0.4])
+    scene.add_directional_light(
+        [0.5, -0.8, -1.3], [1.1, 1.08, 1.0], shadow=shadows, shadow_scale=1.5, shadow_map_size=2048
+    )
+    scene.add_directional_light([-0.6, 0.5, -1.0], [0.45, 0.45, 0.5])
+
+
 def observation_cameras() -> list[CameraConfig]:
     """Three cameras that look at the middle of the workspace: from the left, from the right, from the far
     side.
@@ -50,8 +60,8 @@ def observation_cameras() -> list[CameraConfig]:
 
 
 def video_camera() -> CameraConfig:
-    """One camera for people: 640 x 480 pixels, from the far left, robot and object in view."""
-    pose = sapien_utils.look_at([0.45, 0.95, 0.75], [-0.2, 0.0, 0.15])
+    """One camera for people: 640 x 480 pixels, from the left, robot and the object's front in view."""
+    pose = sapien_utils.look_at([-0.5, 1.0, 0.62], [-0.24, 0.0, 0.24])
     return CameraConfig(
         "render_camera", pose, 640, 480, fov=np.deg2rad(50), near=0.01, far=20, shader_pack="default"
     )

@@ -44,7 +44,7 @@ def _add_visuals(builder: sapien.ActorBuilder) -> None:
             place = sapien.Pose(p=[x, y, -HALF_SIZE[2] - leg[2]])
             builder.add_box_visual(place, leg, material=paint(_METAL, 0.4, 0.6))
     floor = sapien.Pose(p=[0.0, 0.0, HALF_SIZE[2] - _HEIGHT - 0.01])
-    builder.add_box_visual(floor, (4.0, 4.0, 0.005), material=paint(_FLOOR, 0.9))
+    builder.add_box_visual(floor, (12.0, 12.0, 0.005), material=paint(_FLOOR, 0.9))
 
 
 def corners() -> npt.NDArray[np.float64]:
