@@ -14,6 +14,7 @@ import pytest
 import gensim2.doctor
 from gensim2.cli import main as cli
 from gensim2.cli.output import report
+from gensim2.cli.solve import solve
 from gensim2.doctor import Check, Diagnosis
 from gensim2.errors import GenSim2Error, InputError, MissingExtraError
 
@@ -103,6 +104,31 @@ def test_json_to_a_file_leaves_the_table_on_standard_output(tmp_path: Path, capf
     assert cli.run(["tasks", "list", "--json", str(tmp_path / "tasks.json")]) == 0
     assert "OpenBox" in capfd.readouterr().out
     assert json.loads((tmp_path / "tasks.json").read_text())["schema_version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "task", "json_file"),
+    [
+        (["OpenBox", "--json"], "OpenBox", "-"),
+        (["--json", "OpenBox"], "OpenBox", "-"),
+        (["--json", "box.json", "OpenBox"], "OpenBox", "box.json"),
+        (["OpenBox", "--json", "box.json"], "OpenBox", "box.json"),
+        (["OpenBox", "--json=box"], "OpenBox", "box"),
+        (["OpenBox"], "OpenBox", None),
+    ],
+)
+def test_json_does_not_swallow_the_task(arguments: list[str], task: str, json_file: str | None) -> None:
+    context = solve.make_context("solve", arguments)
+    assert context.params["task"] == task
+    assert context.params["json_file"] == json_file
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(capfd: pytest.CaptureFixture[str]) -> None:
+    for target in ("/proc/nowhere/result.json", "/proc"):
+        assert cli.run(["tasks", "list", "--json", target]) == 2
+        out, err = capfd.readouterr()
+        assert out == ""
+        assert err.startswith(f"gensim2: {target}: --json: ")
 
 
 def test_unknown_library_folder_is_bad_input(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

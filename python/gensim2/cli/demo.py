@@ -12,7 +12,7 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
 
 
-@click.command("demo", short_help="Record demonstrations of a task.")
+@click.command("demo", cls=options.TaskCommand, short_help="Record demonstrations of a task.")
 @click.argument("task")
 @click.option("--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed

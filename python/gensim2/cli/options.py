@@ -16,6 +16,23 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class TaskCommand(click.Command):
+    """A command with an argument, whose ``--json [FILE]`` does not swallow it.
+
+    ``gensim2 demo --json OpenBox`` means the task, ``gensim2 demo OpenBox --json box.json`` the file: what follows
+    ``--json`` is taken for a file if it has a dot or a slash. ``--json=FILE`` takes any name.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Give ``--json`` its value where the next word is none."""
+        settled = list(args)
+        for index, word in enumerate(args):
+            follower = args[index + 1] if index + 1 < len(args) else ""
+            if word == "--json" and not (follower == "-" or "." in follower or "/" in follower):
+                settled[index] = "--json=-"
+        return super().parse_args(ctx, settled)
+
+
 seed = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything that is drawn."
 )

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.progress import ConsoleProgress
 
@@ -31,7 +33,12 @@ def report(json_file: str | None, show: Show) -> Iterator[tuple[ConsoleProgress,
     Args:
         json_file: value of ``--json``: ``None``, ``"-"`` or a file.
         show: prints the result for a person.
+
+    Raises:
+        InputError: the file cannot be written to.
     """
+    if json_file is not None and json_file != "-":
+        _check_writable(Path(json_file))
     results: list[dict[str, Any]] = []
     to_stdout = json_file == "-"
     saved = _point_stdout_at_stderr() if to_stdout else None
@@ -73,6 +80,19 @@ def console() -> Console:
     """Standard output; wide where it is not a terminal, so that nothing is folded in a pipe."""
     found = Console(soft_wrap=False, highlight=False)
     return found if found.is_terminal else Console(width=200, highlight=False)
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a file that could not be written before the work is done, not after."""
+    remedy = "choose another file with --json"
+    if path.is_dir():
+        raise InputError("is a folder", file=path, field="--json", remedy=remedy)
+    parent = next(folder for folder in path.absolute().parents if folder.exists())
+    try:
+        with tempfile.TemporaryFile(dir=parent):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, field="--json", remedy=remedy) from error
 
 
 def _point_stdout_at_stderr() -> int:

@@ -12,7 +12,7 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
 
 
-@click.command("solve", short_help="Plan one motion for a task.")
+@click.command("solve", cls=options.TaskCommand, short_help="Plan one motion for a task.")
 @click.argument("task")
 @options.seed
 @options.assets
