@@ -33,6 +33,7 @@ def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) 
         (InputError("is broken", file="a.yaml", field="success"), 2, "a.yaml: success: is broken"),
         (InputError("two\nlines"), 2, "two lines"),
         (MissingExtraError("mani_skill", "sim"), 2, "pip install 'gensim2[sim]'"),
+        (ModuleNotFoundError("no", name="sapien.core"), 2, "pip install 'gensim2[sim]'"),
         (GenSim2Error("a worker died"), 1, "a worker died"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
@@ -52,9 +53,10 @@ def test_exit_codes(
     assert err.strip().count("\n") == 0
 
 
-def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    _command_that_raises(monkeypatch, ZeroDivisionError("ours"))
-    with pytest.raises(ZeroDivisionError):
+@pytest.mark.parametrize("error", [ZeroDivisionError("ours"), ModuleNotFoundError("no", name="gensim2.lost")])
+def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    _command_that_raises(monkeypatch, error)
+    with pytest.raises(type(error)):
         cli.run(["tasks"])
 
 

@@ -15,6 +15,12 @@ from gensim2.errors import GenSim2Error, InputError, MissingExtraError
 #: Exit codes; 0 is "ran to the end".
 FOUND_WRONG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
+#: Modules that come with an extra; a light installation has none of them.
+EXTRAS = {
+    **dict.fromkeys(("coacd", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
+}
+
 #: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
 COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
@@ -73,6 +79,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"gensim2: {error}", BAD_INPUT)
     except MissingExtraError as error:
         return _fail(f"gensim2: {error}", BAD_INPUT)
+    except ModuleNotFoundError as error:
+        module = (error.name or "").partition(".")[0]
+        if module not in EXTRAS:
+            raise
+        return _fail(f"gensim2: {MissingExtraError(module, EXTRAS[module])}", BAD_INPUT)
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort):
