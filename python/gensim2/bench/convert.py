@@ -1,0 +1,61 @@
+"""Recorded problem and its scene in, problem of the solver out."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.bench.problems import PlanProblem
+from gensim2.bench.scene import ProblemScene, SceneObstacle
+from gensim2.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Frames = Literal["original", "object"]
+
+
+def _body(obstacle: SceneObstacle) -> kpam.Body:
+    shapes = [kpam.Shape.convex_hull(points) for points in obstacle.hulls]
+    role = "rigid" if obstacle.role == "attached" else obstacle.role
+    return kpam.Body(obstacle.name, role, shapes, obstacle.pose)
+
+
+def keypoint_problem(
+    problem: PlanProblem, scene: ProblemScene, robot: kpam.Robot, *, frames: Frames = "original"
+) -> kpam.KeypointProblem:
+    """Return what the solver is asked.
+
+    Args:
+        problem: as read from the file; its own clock and keypoints are kept.
+        scene: its obstacles.
+        robot: the arm, with hand and fingers.
+        frames: which reading of motion frames; ``"original"`` turns list-type motions by the drawn yaw.
+
+    Raises:
+        InputError: the config or a number is one that the solver refuses; names the problem.
+    """
+    joint = scene.joint
+    try:
+        return kpam.KeypointProblem(
+            robot,
+            kpam.SolverConfig(problem.timed_config()),
+            np.asarray(problem.q_current),
+            tool_keypoints={name: np.asarray(p) for name, p in problem.tool_keypoints_hand.items()},
+            object_keypoints={name: np.asarray(p) for name, p in problem.object_keypoints_base.items()},
+            T_base_object=problem.pose("T_base_object"),
+            joint=None
+            if joint is None
+            else kpam.Joint(joint.kind, joint.origin, joint.axis, joint.value, joint.lower, joint.upper),
+            object_axis=problem.object_axis or "y",
+            object_yaw=problem.object_yaw,
+            T_base_world=np.linalg.inv(problem.pose("T_world_base")),
+            bodies=[_body(obstacle) for obstacle in scene.obstacles if obstacle.role != "attached"],
+            attached=[_body(obstacle) for obstacle in scene.obstacles if obstacle.role == "attached"],
+            options={"timing": "config", "frames": frames, "start_time": problem.start_time, "allow_partial": True},
+        )
+    except kpam.KpamError as error:
+        raise InputError(
+            str(error), field=f"problem {problem.id}", remedy="see docs/solver.md for the config language"
+        ) from error

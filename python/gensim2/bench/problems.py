@@ -1,0 +1,216 @@
+"""Planning problems as JSON Lines: one validated value a line.
+
+Lengths in metres, angles in radians, poses 4x4 row-major, quaternions (w, x, y, z), times in seconds on the
+problem's own clock. Fields that are not named here (``reference``, for example) are left alone.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from gensim2.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+#: How far a stored rotation may be from orthonormal; the data are single precision.
+ROTATION_TOLERANCE = 1e-4
+
+
+def _is_pose(rows: list[list[float]]) -> list[list[float]]:
+    if len(rows) != 4 or any(len(row) != 4 for row in rows):
+        raise ValueError("a pose has 4 rows of 4 numbers")
+    pose = np.asarray(rows)
+    rotation = pose[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        raise ValueError("the upper left 3x3 block is not a rotation")
+    if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
+        raise ValueError("the last row is not 0 0 0 1")
+    return rows
+
+
+def _is_quaternion(values: list[float]) -> list[float]:
+    if abs(float(np.linalg.norm(values)) - 1.0) > ROTATION_TOLERANCE:
+        raise ValueError("not a unit quaternion")
+    return values
+
+
+def _is_increasing(values: list[float]) -> list[float]:
+    if any(later <= earlier for earlier, later in zip(values, values[1:], strict=False)):
+        raise ValueError("times must increase")
+    return values
+
+
+Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4), AfterValidator(_is_quaternion)]
+Pose = Annotated[list[list[FiniteFloat]], AfterValidator(_is_pose)]
+Times = Annotated[list[FiniteFloat], AfterValidator(_is_increasing)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=False)
+
+
+class ArticulatedRecord(_Record):
+    """The articulated object as it stands: root pose in the world, joint value, scale of its files."""
+
+    cls: str
+    id: str
+    root_p: Vector3
+    root_q: Quaternion
+    qpos: Annotated[list[FiniteFloat], Field(min_length=1, max_length=1)]
+    close_qpos: FiniteFloat
+    open_qpos: FiniteFloat
+    scale: Annotated[FiniteFloat, Field(gt=0.0)]
+
+
+class RigidRecord(_Record):
+    """The rigid object as it stands: pose in the world and scale of its file."""
+
+    cls: str
+    p: Vector3
+    q: Quaternion
+    scale: Annotated[FiniteFloat, Field(gt=0.0)]
+
+
+class ObjectsRecord(_Record):
+    """What stands on the table."""
+
+    articulated: ArticulatedRecord
+    rigid: RigidRecord | None = None
+
+
+class PlanProblem(_Record):
+    """One line of a problem file; see the module's docstring for units and frames."""
+
+    id: Annotated[str, Field(min_length=1)]
+    objects: ObjectsRecord
+    config: dict[str, Any]
+    start_time: FiniteFloat
+    actuation_time: FiniteFloat
+    pre_actuation_times: Times
+    post_actuation_times: Times
+    q_current: Annotated[list[FiniteFloat], Field(min_length=9, max_length=9)]
+    T_world_base: Pose
+    T_base_object: Pose
+    tool_keypoints_hand: dict[str, Vector3]
+    object_keypoints_base: dict[str, Vector3]
+    object_yaw: FiniteFloat
+    object_axis: Literal["x", "y", "z"] | None
+
+    def pose(self, name: Literal["T_world_base", "T_base_object"]) -> Array:
+        """Return a pose as (4, 4), its rotation made orthonormal again after storage in single precision."""
+        pose = np.asarray(getattr(self, name), dtype=np.float64)
+        left, _, right = np.linalg.svd(pose[:3, :3])
+        pose[:3, :3] = left @ right
+        return pose
+
+    def timed_config(self) -> dict[str, Any]:
+        """Return the solver config with this problem's clock written into it."""
+        return {
+            **self.config,
+            "actuation_time": self.actuation_time,
+            "pre_actuation_times": list(self.pre_actuation_times),
+            "post_actuation_times": list(self.post_actuation_times),
+        }
+
+    def check_times(self) -> None:
+        """Raise ValueError where the clock and the motions do not fit each other."""
+        for kind, times in (("pre", self.pre_actuation_times), ("post", self.post_actuation_times)):
+            motions = self.config.get(f"{kind}_actuation_motions", [])
+            if not isinstance(motions, list) or len(motions) != len(times):
+                raise ValueError(f"{kind}_actuation_times: one time a motion of config.{kind}_actuation_motions")
+        clock = [
+            self.start_time,
+            *self.pre_actuation_times,
+            self.actuation_time,
+            *self.post_actuation_times,
+        ]
+        if any(later <= earlier for earlier, later in zip(clock, clock[1:], strict=False)):
+            raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number")
+
+
+def parse_problem(line: str, *, file: Path | str, number: int) -> PlanProblem:
+    """Parse one line.
+
+    Args:
+        line: JSON text of one problem.
+        file: where it comes from, for messages.
+        number: its line number, for messages.
+
+    Raises:
+        InputError: not JSON, a field missing, of the wrong kind, or not finite.
+    """
+    where = f"line {number}"
+    try:
+        data = json.loads(line, parse_constant=_no_constant)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"not JSON: {error.msg} at column {error.colno}",
+            file=file,
+            field=where,
+            remedy="one JSON object a line",
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(error), file=file, field=where, remedy="numbers must be finite") from error
+    if not isinstance(data, dict):
+        raise InputError("not a JSON object", file=file, field=where, remedy="one JSON object a line")
+    try:
+        problem = PlanProblem.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            first["msg"].removeprefix("Value error, "),
+            file=file,
+            field=f"{where}: {field}",
+            remedy="see docs/benchmarks.md for the fields",
+        ) from error
+    try:
+        problem.check_times()
+    except ValueError as error:
+        field, _, message = str(error).partition(": ")
+        raise InputError(
+            message, file=file, field=f"{where}: {field}", remedy="see docs/benchmarks.md for the fields"
+        ) from error
+    return problem
+
+
+def read_problems(path: Path) -> list[PlanProblem]:
+    """Read a problem file, in its order; blank lines are skipped.
+
+    Raises:
+        InputError: the file is missing, unreadable, empty, holds a bad line, or names a problem twice.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(f"cannot read: {reason}", file=path, remedy="give a JSON Lines file") from error
+    problems: list[PlanProblem] = []
+    lines: dict[str, int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        problem = parse_problem(line, file=path, number=number)
+        if problem.id in lines:
+            raise InputError(
+                f"{problem.id!r} is on line {lines[problem.id]} already",
+                file=path,
+                field=f"line {number}: id",
+                remedy="give every problem its own id",
+            )
+        lines[problem.id] = number
+        problems.append(problem)
+    if not problems:
+        raise InputError("no problems in it", file=path, remedy="one JSON object a line")
+    return problems

@@ -1,0 +1,150 @@
+"""``gensim2 bench solver``: solve a file of problems, write one JSON object a problem."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.bench.convert import Frames, keypoint_problem
+from gensim2.bench.problems import PlanProblem, read_problems
+from gensim2.bench.scene import check_assets, problem_scene
+from gensim2.errors import InputError
+from gensim2.files import write_atomic
+from gensim2.planning.robot import panda
+from gensim2.progress import NULL_PROGRESS, Progress
+
+#: Problems that go to the solver's threads at once, a thread.
+BATCH_PER_THREAD = 8
+
+
+@dataclass(frozen=True)
+class BenchSummary:
+    """What a run found, over all problems; times are medians of CPU time in milliseconds."""
+
+    problems: int
+    statuses: dict[str, int]
+    with_actuation: int
+    warnings: int
+    cpu_ms_actuation: float
+    cpu_ms_trajectory: float
+    cpu_ms_total: float
+    cpu_ms_total_p99: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return asdict(self)
+
+
+def _listed(value: Any) -> Any:
+    return None if value is None else np.asarray(value, dtype=np.float64).tolist()
+
+
+def record_of(problem: PlanProblem, plan: kpam.Plan, warnings: tuple[str, ...], sample_dt: float | None) -> dict[str, Any]:
+    """Return one output line; docs/benchmarks.md says what the fields mean."""
+    trajectory = plan.trajectory
+    record: dict[str, Any] = {
+        "id": problem.id,
+        "status": plan.status,
+        "reason": plan.reason,
+        "warnings": list(warnings),
+        "q_actuation": _listed(plan.q_actuation),
+        "q_best_effort": _listed(plan.q_best_effort),
+        "cost": plan.cost,
+        "residuals": [dict(entry) for entry in plan.residuals],
+        "q_plan": _listed(plan.q_plan),
+        "keyframes": [
+            {
+                "time": float(frame["time"]),
+                "T_base_hand": _listed(frame["T_base_hand"]),
+                "reached": bool(frame["reached"]),
+            }
+            for frame in plan.keyframes
+        ],
+        "waypoint_times": None if trajectory is None else _listed(trajectory.times),
+        "waypoints": None if trajectory is None else _listed(trajectory.positions),
+        "min_clearance_m": dict(plan.min_clearance),
+        "start_overlap_m": float(plan.start_overlap),
+        "cpu_ms": dict(plan.cpu_ms),
+    }
+    if sample_dt is not None:
+        record["sample_dt"] = sample_dt
+        record["samples"] = None if trajectory is None else _listed(trajectory.sample_every(sample_dt))
+    return record
+
+
+def bench_solver(
+    problems: Path,
+    out: Path,
+    *,
+    assets: Path | None = None,
+    frames: Frames = "original",
+    threads: int = 1,
+    sample_dt: float | None = None,
+    progress: Progress = NULL_PROGRESS,
+) -> BenchSummary:
+    """Solve every problem of a file.
+
+    Scenes are loaded before the solver is called, so that ``cpu_ms`` holds the solver's own work.
+
+    Args:
+        problems: JSON Lines, see ``gensim2.bench.problems``.
+        out: JSON Lines are written here, in the order of the input, when all are solved.
+        assets: folder of real objects, which are then obstacles; None plans with the table alone.
+        frames: reading of motion frames.
+        threads: solver threads; the result does not depend on their number.
+        sample_dt: also write the joint positions every so many seconds.
+        progress: told of every problem.
+
+    Raises:
+        InputError: a bad line, a missing folder, an object that cannot be read, or a place that cannot be written.
+    """
+    recorded = read_problems(problems)
+    robot = panda()
+    folder = None if assets is None else check_assets(assets)
+    if sample_dt is not None and not 0.0 < sample_dt < float("inf"):
+        raise InputError("must be a positive number of seconds", field="--sample-dt", remedy="for example 0.05")
+    write_atomic(out, "")
+    prepared: list[tuple[kpam.KeypointProblem, tuple[str, ...]]] = []
+    progress.start("scenes", len(recorded))
+    for problem in recorded:
+        hand = robot.forward_kinematics(np.asarray(problem.q_current))
+        scene = problem_scene(problem, folder, hand)
+        prepared.append((keypoint_problem(problem, scene, robot, frames=frames), scene.warnings))
+        progress.advance()
+    records: list[dict[str, Any]] = []
+    size = 1 if threads == 1 else threads * BATCH_PER_THREAD
+    progress.start("plans", len(recorded))
+    for start in range(0, len(prepared), size):
+        batch = prepared[start : start + size]
+        plans = kpam.plan_batch([problem for problem, _ in batch], threads)
+        for offset, (plan, (_, warnings)) in enumerate(zip(plans, batch, strict=True)):
+            records.append(record_of(recorded[start + offset], plan, warnings, sample_dt))
+        progress.advance(len(batch))
+    write_atomic(out, "".join(json.dumps(record, allow_nan=False) + "\n" for record in records))
+    return summary_of(records)
+
+
+def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
+    """Summarize output lines."""
+    statuses: dict[str, int] = {}
+    for record in records:
+        statuses[record["status"]] = statuses.get(record["status"], 0) + 1
+    times = {
+        part: np.array([record["cpu_ms"][part] for record in records])
+        for part in ("actuation", "trajectory", "total")
+    }
+    return BenchSummary(
+        problems=len(records),
+        statuses=dict(sorted(statuses.items())),
+        with_actuation=sum(record["q_actuation"] is not None for record in records),
+        warnings=sum(len(record["warnings"]) for record in records),
+        cpu_ms_actuation=float(np.median(times["actuation"])),
+        cpu_ms_trajectory=float(np.median(times["trajectory"])),
+        cpu_ms_total=float(np.median(times["total"])),
+        cpu_ms_total_p99=float(np.percentile(times["total"], 99)),
+    )
