@@ -1,4 +1,4 @@
-"""A hand-made articulated object: a hollow crate with a lid or a sliding lid, small enough to reason about."""
+"""A hand-made articulated object: a hollow crate with a lid or a sliding lid, easy to reason about."""
 
 from __future__ import annotations
 
@@ -96,9 +96,7 @@ def make_crate(
         ),
         keypoints={
             "articulated_object_head": Keypoint("lid", np.array([-0.2, 0.0, 0.0]), "front edge of the lid"),
-            "articulated_object_inside_base": Keypoint(
-                "base", np.array([0.0, 0.0, 0.01]), "floor of the crate"
-            ),
+            "articulated_object_inside_base": Keypoint("base", np.array([0.0, 0.0, 0.01]), "floor of the crate"),
         },
         T_link_object=frame,
         object_axis="x",

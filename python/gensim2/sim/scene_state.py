@@ -8,6 +8,7 @@ from mani_skill.utils.structs import Articulation
 
 from gensim2.assets.types import Instance
 from gensim2.planning.scene import JointState, Role, Scene, SceneBody
+from gensim2.sim.robot import base_pose
 from gensim2.sim.table import HALF_SIZE, corners
 
 Array = npt.NDArray[np.float64]
@@ -24,7 +25,7 @@ def read_scene(
         instance: its hulls, keypoints and joint are carried over.
         object_yaw: what the randomization turned it by, rad.
     """
-    T_world_base = _matrix(robot)
+    T_world_base = base_pose()  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     T_base_link = {link.name: T_base_world @ _matrix(link) for link in articulation.links}
     T_base_root = T_base_link[articulation.root.name]
@@ -46,7 +47,7 @@ def read_scene(
         joint=JointState(
             type=joint.type,
             origin=_transform(T_base_root, joint.origin),
-            axis=T_base_root[:3, :3] @ joint.axis,
+            axis=_unit(T_base_root[:3, :3] @ joint.axis),
             value=float(articulation.get_qpos()[0, 0]),
             lower=joint.lower,
             upper=joint.upper,
@@ -68,6 +69,10 @@ def _matrix(thing: Articulation) -> Array:
 
 def _transform(pose: Array, point: Array) -> Array:
     return np.asarray(pose[:3, :3] @ point + pose[:3, 3], dtype=np.float64)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
 
 
 def _moved_by(articulation: Articulation, link: str) -> set[str]:

@@ -1,0 +1,62 @@
+"""Scenes for the simulator's tests."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gensim2.assets.types import Instance
+from gensim2.tasks.library import parse_task
+from gensim2.tasks.spec import TaskSpec
+
+_SPEC = importlib.util.spec_from_file_location("tiny_object", Path(__file__).with_name("tiny_object.py"))
+assert _SPEC is not None
+assert _SPEC.loader is not None
+tiny_object = importlib.util.module_from_spec(_SPEC)
+sys.modules["tiny_object"] = tiny_object
+_SPEC.loader.exec_module(tiny_object)
+
+
+class CrateLibrary:
+    """Two crates, in the place of an object library."""
+
+    def __init__(self, *crates: Instance) -> None:
+        self._crates = {crate.id: crate for crate in crates}
+
+    def instances(self, asset_class: str, /) -> tuple[str, ...]:
+        return tuple(self._crates) if asset_class == "crate" else ()
+
+    def split(self, asset_class: str, which: str, /) -> tuple[str, ...]:
+        return self.instances(asset_class)[:1] if which == "train" else self.instances(asset_class)[1:]
+
+    def load(self, asset_class: str, instance_id: str, /) -> Instance:
+        return self._crates[instance_id]
+
+
+@pytest.fixture
+def crates(tmp_path: Path) -> Callable[..., CrateLibrary]:
+    """Make a library of ``count`` equal crates."""
+
+    def make(count: int = 1, **kwargs: Any) -> CrateLibrary:
+        return CrateLibrary(
+            *(tiny_object.make_crate(tmp_path / f"{kwargs}-{n}", number=n, **kwargs) for n in range(count))
+        )
+
+    return make
+
+
+@pytest.fixture
+def crate_task() -> TaskSpec:
+    return parse_task(
+        {
+            "name": "CloseCrate",
+            "description": "close the crate",
+            "asset_class": "crate",
+            "success": [{"type": "articulated_closed", "threshold": 0.2}],
+        }
+    )

@@ -1,0 +1,88 @@
+"""How an object behaves once it is in the simulator: friction that holds and yields, hulls that must all be there."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from gensim2.errors import InputError
+from gensim2.sim.env import GenSim2Env, make_env
+
+LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid
+
+
+def _lid(env: GenSim2Env, seconds: float, torque: float = 0.0) -> list[float]:
+    """Joint values of the lid while a torque acts on it, with nobody near."""
+    values = []
+    joint_force = np.array([torque], dtype=np.float32)
+    for _ in range(round(seconds * env.sim_freq)):
+        env.object._objs[0].set_qf(joint_force)
+        env._before_simulation_step()
+        env.scene.step()
+        values.append(float(env.object.get_qpos()[0, 0]))
+    return values
+
+
+def test_friction_holds_a_lid_that_gravity_pulls_for_five_seconds(crates: Callable[..., Any], crate_task: Any) -> None:
+    env = make_env(crate_task, assets=crates(friction=0.35))
+    env.reset(seed=0, options={"openness": 0.2})
+    before = env.openness
+    _lid(env, 5.0)
+    assert abs(env.openness - before) < 0.002
+
+
+def test_a_lid_without_enough_friction_falls_shut(crates: Callable[..., Any], crate_task: Any) -> None:
+    env = make_env(crate_task, assets=crates(friction=0.15))
+    env.reset(seed=0, options={"openness": 0.3})
+    _lid(env, 5.0)
+    assert env.openness < 0.01
+
+
+@pytest.mark.parametrize(("joint_type", "friction"), [("revolute", 0.5), ("prismatic", 4.0)])
+def test_the_joint_yields_at_load_plus_friction_and_not_before(
+    crates: Callable[..., Any], crate_task: Any, joint_type: str, friction: float
+) -> None:
+    env = make_env(crate_task, assets=crates(friction=friction, joint_type=joint_type))
+    openness = 0.3
+    angle = openness * 1.5
+    weight = LID_MASS * GRAVITY
+    load = weight * LID_ARM * np.cos(angle) if joint_type == "revolute" else weight
+    for share, moves in [(0.95, False), (1.1, True)]:
+        env.reset(seed=0, options={"openness": openness})
+        before = env.openness
+        _lid(env, 1.0, torque=share * (load + friction))
+        assert (env.openness - before > 0.02) == moves, share
+
+
+def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any], crate_task: Any) -> None:
+    friction, damping, push = 1.0, 8.0, 6.0
+    env = make_env(crate_task, assets=crates(friction=friction, damping=damping, joint_type="prismatic"))
+    env.reset(seed=0, options={"openness": 0.1})
+    values = _lid(env, 0.6, torque=push + LID_MASS * GRAVITY)
+    speed = (values[-1] - values[-21]) / 0.2
+    # Terminal speed: push = friction + damping * v.
+    assert speed == pytest.approx((push - friction) / damping, rel=0.1)
+
+
+def test_a_hull_that_the_engine_drops_is_an_error(crates: Callable[..., Any], crate_task: Any, tmp_path: Path) -> None:
+    library = crates()
+    crate = library.load("crate", "0")
+    # A degenerate mesh: three collinear points cannot be cooked into a hull.
+    flat = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.3, 0, 0]], [[0, 1, 2], [1, 2, 3]], process=False)
+    flat.export(crate.urdf.parent / "left.obj")
+    with pytest.raises(InputError, match=r"body: 1 of 5 collision hulls were dropped"):
+        make_env(crate_task, assets=library)
+
+
+def test_an_instance_whose_joint_differs_from_its_urdf_is_refused(crates: Callable[..., Any], crate_task: Any) -> None:
+    library = crates()
+    crate = library.load("crate", "0")
+    library._crates["0"] = dataclasses.replace(crate, joint=dataclasses.replace(crate.joint, upper=1.0))
+    with pytest.raises(InputError, match="hinge: limits are"):
+        make_env(crate_task, assets=library)
