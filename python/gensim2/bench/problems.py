@@ -7,6 +7,7 @@ problem's own clock. Fields that are not named here (``reference``, for example)
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
 
@@ -41,7 +42,7 @@ def _is_quaternion(values: list[float]) -> list[float]:
 
 
 def _is_increasing(values: list[float]) -> list[float]:
-    if any(later <= earlier for earlier, later in zip(values, values[1:], strict=False)):
+    if any(later <= earlier for earlier, later in pairwise(values)):
         raise ValueError("times must increase")
     return values
 
@@ -131,7 +132,7 @@ class PlanProblem(_Record):
             self.actuation_time,
             *self.post_actuation_times,
         ]
-        if any(later <= earlier for earlier, later in zip(clock, clock[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(clock)):
             raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")
 
 

@@ -170,9 +170,7 @@ def _mesh_hulls(path: Path, scale: float) -> tuple[Array, ...]:
     return tuple(hull for hull in hulls if hull is not None)
 
 
-def _link_hulls(
-    link: _Link, T_body_link: Array, scale: float, folder: Path, warnings: list[str]
-) -> list[Array]:
+def _link_hulls(link: _Link, T_body_link: Array, scale: float, folder: Path, warnings: list[str]) -> list[Array]:
     hulls = []
     for T_link_mesh, path in link.meshes:
         try:
@@ -185,9 +183,7 @@ def _link_hulls(
     return hulls
 
 
-def _articulated(
-    problem: PlanProblem, folder: Path, warnings: list[str]
-) -> tuple[list[SceneObstacle], SceneJoint]:
+def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tuple[list[SceneObstacle], SceneJoint]:
     """The object's body and moving link at the recorded joint value."""
     record = problem.objects.articulated
     path = folder / "articulated_objs" / record.cls / record.id / "mobility.urdf"

@@ -44,7 +44,9 @@ def _listed(value: Any) -> Any:
     return None if value is None else np.asarray(value, dtype=np.float64).tolist()
 
 
-def record_of(problem: PlanProblem, plan: kpam.Plan, warnings: tuple[str, ...], sample_dt: float | None) -> dict[str, Any]:
+def record_of(
+    problem: PlanProblem, plan: kpam.Plan, warnings: tuple[str, ...], sample_dt: float | None
+) -> dict[str, Any]:
     """Return one output line; docs/benchmarks.md says what the fields mean."""
     trajectory = plan.trajectory
     record: dict[str, Any] = {
@@ -108,7 +110,7 @@ def bench_solver(
     folder = None if assets is None else check_assets(assets)
     if sample_dt is not None and not 0.0 < sample_dt < float("inf"):
         raise InputError("must be a positive number of seconds", field="--sample-dt", remedy="for example 0.05")
-    write_atomic(out, "")
+    check_writable(out)
     prepared: list[tuple[kpam.KeypointProblem, tuple[str, ...]]] = []
     progress.start("scenes", len(recorded))
     for problem in recorded:
@@ -129,14 +131,20 @@ def bench_solver(
     return summary_of(records)
 
 
+def check_writable(out: Path) -> None:
+    """Raise InputError where ``out`` cannot be written, before hours of work; nothing is left behind."""
+    probe = out.with_name(f".{out.name}.probe")
+    write_atomic(probe, "")
+    probe.unlink()
+
+
 def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
     """Summarize output lines."""
     statuses: dict[str, int] = {}
     for record in records:
         statuses[record["status"]] = statuses.get(record["status"], 0) + 1
     times = {
-        part: np.array([record["cpu_ms"][part] for record in records])
-        for part in ("actuation", "trajectory", "total")
+        part: np.array([record["cpu_ms"][part] for record in records]) for part in ("actuation", "trajectory", "total")
     }
     return BenchSummary(
         problems=len(records),
