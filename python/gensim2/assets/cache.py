@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from platformdirs import user_cache_dir
 
 from gensim2.assets.types import Instance, Keypoint, MovingJoint, Placement
 from gensim2.errors import InputError
+from gensim2.files import write_atomic
+
+Array = npt.NDArray[np.float64]
 
 SCHEMA_VERSION = 1
 
@@ -25,15 +31,50 @@ def cache_dir() -> Path:
     return Path(os.environ.get("GENSIM2_CACHE") or user_cache_dir("gensim2"))
 
 
+# What every prepared object passes through; a source adds its own modules.
+SHARED_MODULES = ("cache", "model", "physics", "placement", "prepare", "shapes", "types")
+
+
 @cache
-def code_digest() -> str:
-    """Digest of this package's source: what another version of the code prepared is never taken for ours."""
+def source_digest(*modules: str) -> str:
+    """Digest of modules of this package: what other code prepared is never taken for ours."""
     digest = hashlib.sha256()
     here = Path(__file__).parent
-    for path in sorted(here.rglob("*.py")):
-        digest.update(path.relative_to(here).as_posix().encode())
-        digest.update(path.read_bytes())
+    for module in modules:
+        digest.update(module.encode())
+        digest.update((here / f"{module}.py").read_bytes())
     return digest.hexdigest()[:12]
+
+
+def cached_hulls(
+    key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
+) -> tuple[list[Array], dict[str, int]]:
+    """Hulls, each (N, 3), and counts about them under ``key``; made where they are not there yet.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    file = cache_dir() / "hulls" / f"{key}.npz"
+    if file.is_file():
+        with np.load(file) as data:
+            counts = dict(zip(data["names"].tolist(), data["counts"].tolist(), strict=True))
+            return _split(data["points"], data["sizes"]), counts
+    hulls, counts = make()
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream, **_joined(hulls), names=np.array(list(counts), str), counts=np.array(list(counts.values()), np.int64)
+    )
+    write_atomic(file, stream.getvalue())
+    return hulls, counts
+
+
+def _joined(hulls: Sequence[Array]) -> dict[str, Any]:
+    points = np.concatenate(hulls) if hulls else np.zeros((0, 3))
+    return {"points": points, "sizes": np.array([len(p) for p in hulls], np.int64)}
+
+
+def _split(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
+    return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 
 def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
@@ -60,9 +101,9 @@ def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
     try:
         instance = make(scratch)
         write_instance(scratch, instance)
-        os.chmod(scratch, 0o755)
+        scratch.chmod(0o755)
         try:
-            os.rename(scratch, folder)
+            scratch.rename(folder)
         except OSError:
             if not (folder / "instance.json").is_file():
                 raise
@@ -76,12 +117,7 @@ def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
 def write_instance(folder: Path, instance: Instance) -> None:
     """Write everything but the URDF and its meshes."""
     joint, placement = instance.joint, instance.placement
-    points = [hull for hulls in instance.hulls.values() for hull in hulls]
-    np.savez(
-        folder / "hulls.npz",
-        points=np.concatenate(points) if points else np.zeros((0, 3)),
-        sizes=np.array([len(p) for p in points], np.int64),
-    )
+    np.savez(folder / "hulls.npz", **_joined([hull for hulls in instance.hulls.values() for hull in hulls]))
     value = {
         "schema_version": SCHEMA_VERSION,
         "asset_class": instance.asset_class,
@@ -125,7 +161,7 @@ def read_instance(folder: Path) -> Instance:
     try:
         value = json.loads((folder / "instance.json").read_text())
         with np.load(folder / "hulls.npz") as data:
-            pieces = np.split(data["points"], np.cumsum(data["sizes"])[:-1]) if len(data["sizes"]) else []
+            pieces = _split(data["points"], data["sizes"])
         hulls, taken = {}, 0
         for link, count in value["hulls"].items():
             hulls[link] = tuple(pieces[taken : taken + count])

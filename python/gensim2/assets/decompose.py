@@ -1,30 +1,39 @@
-"""Triangle soup to a few convex hulls.
+"""Triangle soup to a few convex hulls that fill next to nothing of the space that can be reached.
 
-The released meshes are not watertight, overlap, and come in hundreds of pieces. Each connected piece gets its own hull;
-a piece whose hull would fill a cavity is cut up by CoACD; pieces that lie inside others are dropped, and neighbours
-whose common hull adds next to nothing are merged.
+The released meshes are not watertight, overlap, and come in hundreds of pieces. A connected piece whose hull fills no
+cavity is taken as its hull. Another is taken apart into the convex plates of its surface. Then neighbours are merged,
+always the pair whose common hull fills least: walls become solid again, cavities stay open.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
+
+from gensim2.assets.voidspace import VoidSpace
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-THINNEST = 0.0015  # m: thinner pieces are thickened, physics cannot cook them
+THINNEST = 0.003  # m: thinner pieces are thickened; physics cannot cook or hold them
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
-MAX_HULLS = 48
-FREE_MERGE = 3e-7  # m³ that a merge may add anywhere
+MAX_HULLS = 40  # a link
+FREE_SHARE = 0.01  # of a hull's volume that it may fill
+FREE_VOLUME = 1e-6  # m³ that a hull may fill at most, where the number of hulls allows
+PATCH_ANGLE = np.cos(np.radians(15))
+PATCH_OFFSET = 0.002  # m from the plane of the patch's first face
+NEIGHBOURS = 5
+TRIANGLES_A_PATCH = 60
+MANY_FACES = 1500  # more than these in a piece to take apart: corners closer than a cell become one first
 
 
 @dataclass(frozen=True)
@@ -41,12 +50,14 @@ class Hull:
 
 
 def make_hull(points: Array) -> Hull | None:
-    """Hull of (N, 3) points, thickened to ``THINNEST`` where flat, at most ``MAX_VERTICES`` vertices; None if too small."""
+    """Hull of (N, 3) points, thickened to ``THINNEST`` where flat; None if it is too small.
+
+    At most ``MAX_VERTICES`` vertices are kept: those that reach farthest in directions spread over the sphere.
+    """
     center = points.mean(axis=0)
-    axes = (
-        np.linalg.svd(points - center, full_matrices=True)[2] if len(points) < 400 else _axes(points - center)
-    )
-    local = (points - center) @ axes.T
+    centered = points - center
+    axes = np.asarray(np.linalg.eigh(centered.T @ centered)[1].T[::-1])
+    local = centered @ axes.T
     extent = np.ptp(local, axis=0)
     if extent.max() < SMALLEST:
         return None
@@ -56,29 +67,27 @@ def make_hull(points: Array) -> Hull | None:
             low, high = local.copy(), local.copy()
             low[:, i], high[:, i] = middle - THINNEST / 2, middle + THINNEST / 2
             local = np.concatenate([low, high])
+    return _solid_hull(local @ axes + center)
+
+
+def _solid_hull(points: Array) -> Hull | None:
+    """Hull of (N, 3) points that are thick enough."""
+    center = points.mean(axis=0)
     try:
-        hull = ConvexHull(local)
+        hull = ConvexHull(points - center)
         if len(hull.vertices) > MAX_VERTICES:
-            corners = local[hull.vertices]
-            hull = ConvexHull(corners[np.unique(np.argmax(corners @ _directions().T, axis=0))])
-            local = hull.points
+            corners = hull.points[hull.vertices]
+            hull = ConvexHull(corners[np.unique(np.argmax(corners @ _DIRECTIONS.T, axis=0))])
     except QhullError:
         return None
-    world = local[hull.vertices] @ axes + center
-    normals = hull.equations[:, :3] @ axes
+    normals = hull.equations[:, :3]
     planes = np.column_stack([normals, hull.equations[:, 3] - normals @ center])
-    return Hull(world, planes, float(hull.volume))
-
-
-def _axes(centered: Array) -> Array:
-    return np.asarray(np.linalg.eigh(centered.T @ centered)[1].T[::-1])
+    return Hull(hull.points[hull.vertices] + center, planes, float(hull.volume))
 
 
 def _directions() -> Array:
     """``MAX_VERTICES`` directions spread evenly over the sphere, box corners and faces among them."""
-    box = np.array(
-        [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float
-    )
+    box = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
     box /= np.linalg.norm(box, axis=1)[:, None]
     n = MAX_VERTICES - len(box)
     k = np.arange(n) + 0.5
@@ -87,20 +96,28 @@ def _directions() -> Array:
     return np.concatenate([box, spiral])
 
 
-def components(vertices: Array, faces: Faces, weld: float = 1e-5) -> list[tuple[Array, Faces]]:
-    """Connected pieces of a mesh, vertices closer than ``weld`` metres taken as one."""
+_DIRECTIONS = _directions()
+
+
+def weld(vertices: Array, faces: Faces, distance: float = 1e-5) -> tuple[Array, Faces]:
+    """Take vertices closer than ``distance`` metres as one; faces that collapse are left out."""
+    _, first, inverse = np.unique(
+        np.round(vertices / distance).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    welded = inverse.ravel()[faces]
+    real = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
+    return vertices[first], welded[real]
+
+
+def components(vertices: Array, faces: Faces) -> list[tuple[Array, Faces]]:
+    """Connected pieces of a welded mesh."""
     if not len(faces):
         return []
-    _, inverse = np.unique(np.round(vertices / weld).astype(np.int64), axis=0, return_inverse=True)
-    inverse = inverse.ravel()
-    welded = inverse[faces]
-    n = int(inverse.max()) + 1
-    edges = np.concatenate([welded[:, [0, 1]], welded[:, [1, 2]]])
+    n = len(vertices)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    if count == 1:
-        return [(vertices, faces)]
-    of_face = label[welded[:, 0]]
+    _, label = connected_components(graph, directed=False)
+    of_face = label[faces[:, 0]]
     pieces = []
     for k in np.unique(of_face):
         chosen = faces[of_face == k]
@@ -109,72 +126,186 @@ def components(vertices: Array, faces: Faces, weld: float = 1e-5) -> list[tuple[
     return pieces
 
 
-def drop_contained(hulls: list[Hull], tolerance: float = 5e-4) -> list[Hull]:
-    """Leave out hulls that lie inside a bigger one."""
+def patches(vertices: Array, faces: Faces) -> list[Faces]:
+    """Connected groups of faces that lie in one plane, give or take ``PATCH_ANGLE`` and ``PATCH_OFFSET``."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(areas, 1e-18)[:, None]
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    edge = edge.ravel()
+    owners: list[list[int]] = [[] for _ in range(int(edge.max()) + 1)]
+    for slot, e in enumerate(edge.tolist()):
+        owners[e].append(slot // 3)
+    taken = np.zeros(len(faces), bool)
+    groups = []
+    for seed in np.argsort(-areas, kind="stable").tolist():
+        if taken[seed]:
+            continue
+        normal = normals[seed]
+        offsets = np.abs((corners - corners[seed, 0]) @ normal).max(axis=1)
+        fits = (offsets < PATCH_OFFSET) & ((np.abs(normals @ normal) > PATCH_ANGLE) | (areas < 1e-12)) & ~taken
+        group, queue = [], deque([seed])
+        taken[seed] = True
+        while queue:
+            face = queue.popleft()
+            group.append(face)
+            for e in edge[3 * face : 3 * face + 3].tolist():
+                for other in owners[e]:
+                    if fits[other] and not taken[other]:
+                        taken[other] = True
+                        queue.append(other)
+        groups.append(faces[np.array(sorted(group))])
+    return groups
+
+
+def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
+    """Thin hulls that cover a surface and fill nothing."""
+    found = []
+    waiting = deque(patches(vertices, faces))
+    while waiting:
+        patch = waiting.popleft()
+        hull = make_hull(vertices[np.unique(patch)])
+        if hull is None:
+            continue
+        if len(patch) == 1 or fits(hull, space):
+            found.append(hull)
+        elif len(patch) <= TRIANGLES_A_PATCH:
+            waiting.extend(patch[i : i + 1] for i in range(len(patch)))
+        else:
+            centers = vertices[patch].mean(axis=1)
+            axis = int(np.argmax(np.ptp(centers, axis=0)))
+            order = np.argsort(centers[:, axis], kind="stable")
+            waiting.extend(np.array_split(patch[order], 2))
+    return found
+
+
+def fits(hull: Hull, space: VoidSpace) -> bool:
+    """Whether a hull fills so little that it may stay."""
+    return space.filled(hull.points, hull.planes) <= allowance(hull.volume, space.cell)
+
+
+def allowance(volume: float, cell: float) -> float:
+    """Volume in m³ that a hull of ``volume`` may fill."""
+    return min(max(2 * cell**3, FREE_SHARE * volume), FREE_VOLUME)
+
+
+def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]:
+    """Leave out hulls that lie inside a bigger one, give or take ``tolerance`` metres."""
     order = sorted(hulls, key=lambda h: -h.volume)
     kept: list[Hull] = []
+    lows, highs = np.zeros((len(order), 3)), np.zeros((len(order), 3))
     for hull in order:
         low, high = hull.points.min(axis=0), hull.points.max(axis=0)
-        inside = False
-        for other in kept:
-            if (other.points.min(axis=0) > low + tolerance).any() or (
-                other.points.max(axis=0) < high - tolerance
-            ).any():
-                continue
-            if (other.depth(hull.points) > -tolerance).all():
-                inside = True
-                break
-        if not inside:
+        n = len(kept)
+        around = (lows[:n] <= low + tolerance).all(axis=1) & (highs[:n] >= high - tolerance).all(axis=1)
+        if not any((kept[k].depth(hull.points) > -tolerance).all() for k in np.flatnonzero(around)):
+            lows[n], highs[n] = low, high
             kept.append(hull)
     return kept
 
 
-def merge(hulls: list[Hull], limit: int = MAX_HULLS, free: float = FREE_MERGE) -> list[Hull]:
-    """Merge neighbours, least added volume first: while it adds less than ``free`` m³, or more than ``limit`` are left."""
-    alive: dict[int, Hull] = dict(enumerate(hulls))
-    if len(alive) < 2:
-        return hulls
-    heap: list[tuple[float, int, int]] = []
-    joined: dict[tuple[int, int], Hull] = {}
+class _Merger:
+    """Hulls by number, with the heap of pairs to merge: least filled first, then the smallest."""
 
-    def consider(i: int, j: int) -> None:
-        a, b = (i, j) if i < j else (j, i)
-        if (a, b) in joined:
-            return
-        union = make_hull(np.concatenate([alive[a].points, alive[b].points]))
-        if union is not None:
-            joined[a, b] = union
-            heapq.heappush(heap, (union.volume - alive[a].volume - alive[b].volume, a, b))
+    def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
+        self.space = space
+        self.alive: dict[int, Hull] = {}
+        self._filled: dict[int, float] = {}
+        self._low: Array = np.full((2 * len(hulls), 3), np.inf)
+        self._high: Array = np.full((2 * len(hulls), 3), -np.inf)
+        self._heap: list[tuple[float, float, int, int]] = []
+        self._tried: dict[tuple[int, int], Hull] = {}
+        for hull in hulls:
+            self._add(hull)
+        for i in list(self.alive):
+            self._pair_up(i)
 
-    def neighbours(i: int, others: Iterable[int], count: int) -> list[int]:
-        low, high = alive[i].points.min(axis=0), alive[i].points.max(axis=0)
-        gaps = []
-        for j in others:
-            p = alive[j].points
-            gap = np.maximum(0, np.maximum(p.min(axis=0) - high, low - p.max(axis=0)))
-            gaps.append((float(gap @ gap), float(np.linalg.norm(p.mean(axis=0) - (low + high) / 2)), j))
-        return [j for _, _, j in sorted(gaps)[:count]]
+    def _add(self, hull: Hull) -> int:
+        number = len(self._filled)
+        self.alive[number] = hull
+        self._filled[number] = self.space.filled(hull.points, hull.planes)
+        self._low[number], self._high[number] = hull.points.min(axis=0), hull.points.max(axis=0)
+        return number
 
-    centers = np.array([h.points.mean(axis=0) for h in hulls])
-    _, near = cKDTree(centers).query(centers, k=min(7, len(hulls)))
-    for i in range(len(hulls)):
-        for j in near[i]:
-            if int(j) != i:
-                consider(i, int(j))
-        if len(hulls) <= 80:
-            for j in neighbours(i, (k for k in alive if k != i), 6):
-                consider(i, j)
-    following = len(hulls)
-    while heap:
-        cost, i, j = heapq.heappop(heap)
-        if i not in alive or j not in alive:
-            continue
-        if cost > free and len(alive) <= limit:
-            break
-        union = joined.pop((i, j))
-        del alive[i], alive[j]
-        alive[following] = union
-        for k in neighbours(following, (k for k in alive if k != following), 6):
-            consider(following, k)
-        following += 1
-    return list(alive.values())
+    def _pair_up(self, i: int) -> None:
+        gap = np.maximum(0, np.maximum(self._low - self._high[i], self._low[i] - self._high))
+        span = np.maximum(self._high, self._high[i]) - np.minimum(self._low, self._low[i])
+        with np.errstate(invalid="ignore"):
+            distance = (gap**2).sum(axis=1) + 1e-3 * (span**2).sum(axis=1)
+        distance[~np.isfinite(distance)] = np.inf
+        distance[i] = np.inf
+        for j in np.argsort(distance, kind="stable")[:NEIGHBOURS].tolist():
+            a, b = min(i, j), max(i, j)
+            if not np.isfinite(distance[j]) or (a, b) in self._tried:
+                continue
+            union = _solid_hull(np.concatenate([self.alive[a].points, self.alive[b].points]))
+            if union is not None:
+                self._tried[a, b] = union
+                more = self.space.filled(union.points, union.planes) - self._filled[a] - self._filled[b]
+                heapq.heappush(self._heap, (max(more, 0.0), union.volume, a, b))
+
+    def run(self, limit: int) -> list[Hull]:
+        while self._heap:
+            cost, volume, a, b = heapq.heappop(self._heap)
+            if a not in self.alive or b not in self.alive:
+                continue
+            if cost > allowance(volume, self.space.cell) and len(self.alive) <= limit:
+                continue
+            union = self._tried[a, b]
+            for k in (a, b):
+                del self.alive[k]
+                self._low[k], self._high[k] = np.inf, -np.inf
+            swallowed = [
+                k
+                for k in np.flatnonzero(
+                    (self._low >= union.points.min(axis=0) - 1e-4).all(axis=1)
+                    & (self._high <= union.points.max(axis=0) + 1e-4).all(axis=1)
+                ).tolist()
+                if k in self.alive and (union.depth(self.alive[k].points) > -1e-4).all()
+            ]
+            for k in swallowed:
+                del self.alive[k]
+                self._low[k], self._high[k] = np.inf, -np.inf
+            self._pair_up(self._add(union))
+        return list(self.alive.values())
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Hulls of a link, each (N, 3); pieces too small to matter; pieces whose hull would have filled a cavity."""
+
+    hulls: list[Array]
+    dropped: int
+    opened: int
+
+
+def decompose(meshes: Sequence[tuple[Array, Faces]], limit: int = MAX_HULLS) -> Decomposition:
+    """Convex hulls of the meshes of one link.
+
+    Args:
+        meshes: (vertices (N, 3) in metres, faces (M, 3)).
+        limit: most hulls, if need be at the price of filled space.
+    """
+    pieces = [piece for vertices, faces in meshes for piece in components(*weld(vertices, faces))]
+    if not pieces:
+        return Decomposition([], 0, 0)
+    space = VoidSpace(pieces)
+    hulls: list[Hull] = []
+    concave: list[tuple[Array, Faces]] = []
+    dropped = 0
+    for vertices, faces in pieces:
+        hull = make_hull(vertices)
+        if hull is None:
+            dropped += 1
+        elif fits(hull, space):
+            hulls.append(hull)
+        else:
+            concave.append((vertices, faces))
+    for vertices, faces in concave:
+        if len(faces) > MANY_FACES:
+            vertices, faces = weld(vertices, faces, space.cell)
+        hulls += plates(vertices, faces, space)
+    merged = _Merger(drop_contained(hulls), space).run(limit)
+    return Decomposition([h.points for h in drop_contained(merged)], dropped, len(concave))

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from gensim2.assets.cache import code_digest, prepared
+from gensim2.assets.cache import SHARED_MODULES, prepared, source_digest
 from gensim2.assets.classes import object_classes
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
 from gensim2.assets.generate import generate
 from gensim2.assets.known import DESCRIPTIONS, JOINT_TYPES
 from gensim2.assets.prepare import prepare
 from gensim2.assets.real import LICENSE as REAL_LICENSE
-from gensim2.assets.real import fingerprint, read_model
+from gensim2.assets.real import READER_MODULES, fingerprint, read_model
 from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 from gensim2.seeding import rng
@@ -159,8 +159,9 @@ class GeneratedLibrary(Library):
             )
 
     def _load(self, asset_class: str, instance_id: str) -> Instance:
+        modules = (*SHARED_MODULES, "blueprint", "generate", "classes/_common", f"classes/{asset_class}")
         return prepared(
-            f"generated-{asset_class}-{instance_id}-{code_digest()}",
+            f"generated-{asset_class}-{instance_id}-{source_digest(*modules)}",
             lambda folder: prepare(generate(asset_class, int(instance_id)), folder),
         )
 
@@ -199,9 +200,10 @@ class FolderLibrary(Library):
     def _load(self, asset_class: str, instance_id: str) -> Instance:
         folder = self._folder / asset_class / instance_id
         print_of_data = fingerprint(folder)
+        modules = (*SHARED_MODULES, *READER_MODULES)
         key = hashlib.sha256(f"{asset_class}/{instance_id}/{print_of_data}".encode()).hexdigest()[:16]
         return prepared(
-            f"real-{asset_class}-{instance_id}-{key}-{code_digest()}",
+            f"real-{asset_class}-{instance_id}-{key}-{source_digest(*modules)}",
             lambda target: prepare(
                 read_model(folder, asset_class, print_of_data, JOINT_TYPES.get(asset_class)), target
             ),
@@ -247,9 +249,7 @@ def open_library(where: Path | str | None = None) -> Library:
         return GeneratedLibrary()
     folder = Path(where).expanduser()
     if not folder.is_dir():
-        raise InputError(
-            "no such folder", file=folder, field=field, remedy='give an existing one, or "builtin"'
-        )
+        raise InputError("no such folder", file=folder, field=field, remedy='give an existing one, or "builtin"')
     try:
         return FolderLibrary(folder)
     except OSError as error:

@@ -78,14 +78,10 @@ class Model:
 
 def _geometry(solids: list[Solid], T: Array) -> LinkGeometry:
     moved = [solid.moved(T) for solid in solids]
-    return LinkGeometry(
-        [s.hull for s in moved if s.hull is not None], [s.mesh for s in moved if s.mesh is not None]
-    )
+    return LinkGeometry([s.hull for s in moved if s.hull is not None], [s.mesh for s in moved if s.mesh is not None])
 
 
-def from_blueprint(
-    asset_class: str, number: int, blueprint: Blueprint, content_hash: str, license: str
-) -> Model:
+def from_blueprint(asset_class: str, number: int, blueprint: Blueprint, content_hash: str, license: str) -> Model:
     """Turn a blueprint, written in the model frame, into a model."""
     origin = np.asarray(blueprint.joint_origin, float)
     axis = np.asarray(blueprint.joint_axis, float) / np.linalg.norm(blueprint.joint_axis)

@@ -21,9 +21,7 @@ def read_materials(path: Path) -> dict[str, Look]:
     def keep() -> None:
         if name:
             rgb = tuple(round(min(max(c, 0.0), 1.0), 3) for c in colour)
-            looks[name] = Look(
-                (rgb[0], rgb[1], rgb[2], min(max(alpha, 0.15), 1.0)), 0.0, 0.7 - 0.4 * min(specular, 1)
-            )
+            looks[name] = Look((rgb[0], rgb[1], rgb[2], min(max(alpha, 0.15), 1.0)), 0.0, 0.7 - 0.4 * min(specular, 1))
 
     for line in path.read_text(errors="replace").splitlines():
         word, *rest = line.split() or [""]

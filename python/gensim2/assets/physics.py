@@ -98,12 +98,8 @@ def hull_moments(points: Array) -> tuple[float, Array, Array]:
     volume = float(det.sum() / 6)
     centroid = (det[:, None] * tetra.sum(axis=1)).sum(axis=0) / 24 / volume
     total = tetra.sum(axis=1)
-    second = (
-        np.einsum("n,nki,nkj->ij", det, tetra, tetra) + np.einsum("n,ni,nj->ij", det, total, total)
-    ) / 120
-    shifted = (
-        second + volume * np.outer(centroid, a) + volume * np.outer(a, centroid) + volume * np.outer(a, a)
-    )
+    second = (np.einsum("n,nki,nkj->ij", det, tetra, tetra) + np.einsum("n,ni,nj->ij", det, total, total)) / 120
+    shifted = second + volume * np.outer(centroid, a) + volume * np.outer(a, centroid) + volume * np.outer(a, a)
     return volume, centroid + a, shifted
 
 
@@ -145,8 +141,7 @@ def joint_resistance(
         return friction, 5.0 + 0.5 * friction
     arm = moving.center - origin
     loads = [
-        float(np.cross(rotation(axis, q) @ arm, moving.mass * gravity) @ axis)
-        for q in np.linspace(lower, upper, 41)
+        float(np.cross(rotation(axis, q) @ arm, moving.mass * gravity) @ axis) for q in np.linspace(lower, upper, 41)
     ]
     reach = float(np.linalg.norm(np.cross(axis, arm)))
     friction = 1.3 * max(abs(t) for t in loads) + 0.05 * moving.mass * 9.81 * reach + 0.01

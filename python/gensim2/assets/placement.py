@@ -14,11 +14,13 @@ Array = npt.NDArray[np.float64]
 
 ROBOT_BASE = np.array([-0.615, 0.0, 0.0])
 COMFORTABLE_REACH = 0.55  # m, horizontal, base to the head keypoint, mean over the range
-FARTHEST_REACH = 0.72  # m, base to the head keypoint anywhere in its range, before randomization
+FARTHEST_REACH = 0.74  # m, base to the head keypoint anywhere in its range; being clear of the hand gives way to it
 NEAREST_X = -0.27  # m, world: nothing of a low object comes closer to the robot's base
 HAND_AT_REST = np.array([-0.21, 0.0])  # x, y of the hand at the start of an episode
 HAND_LOW_POINT = 0.22  # m: what is lower passes under the hand at rest
-HAND_CLEARANCE = 0.2  # m between the hand at rest and anything tall: half is eaten by randomization
+HAND_CLEARANCE = 0.13  # m ahead of the hand at rest that anything tall keeps: its thickness and the randomization
+HAND_HALF_WIDTH = 0.2  # m to each side of the hand at rest where that holds: its width and the randomization
+MOST_SIDEWAYS = 0.2  # m off the robot's middle line
 SAMPLES = 13
 
 
@@ -50,9 +52,7 @@ def work_keypoint(model: Model) -> str:
     """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first on the moving link."""
     if "articulated_object_head" in model.keypoints:
         return "articulated_object_head"
-    return next(
-        (n for n, k in model.keypoints.items() if k.link == model.moving_link), next(iter(model.keypoints))
-    )
+    return next((n for n, k in model.keypoints.items() if k.link == model.moving_link), next(iter(model.keypoints)))
 
 
 def stance(model: Model, rule: ClassRule) -> Array:
@@ -72,9 +72,7 @@ def stance(model: Model, rule: ClassRule) -> Array:
         low, high = points[:, 0].min(), points[:, 0].max()
         start = values[0] + rule.default_openness * (values[-1] - values[0])
         at_start = tilt @ model.keypoint_in_root(name, start)
-        yaw = (
-            np.pi if at_start[0] > (low + high) / 2 + 0.35 * (high - low) and track[:, 0].min() > low else 0.0
-        )
+        yaw = np.pi if at_start[0] > (low + high) / 2 + 0.35 * (high - low) and track[:, 0].min() > low else 0.0
     return np.round(rotation((0, 0, 1), yaw)) @ tilt
 
 
@@ -82,8 +80,7 @@ def place(model: Model, rule: ClassRule) -> Placement:
     """Default placement of a model.
 
     Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a comfortable
-    reach, unless something tall would come near the hand at rest. Sideways: the middle of the keypoint's path, mostly,
-    in front of the robot.
+    reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front of the robot.
     """
     R = stance(model, rule)
     name = work_keypoint(model)
@@ -98,20 +95,23 @@ def place(model: Model, rule: ClassRule) -> Placement:
     path = np.array(track)
     everything = np.concatenate([*body, *swept])
     z = -float(everything[:, 2].min())
-    y = -float(np.clip(0.7 * path[:, 1].mean(), -0.2, 0.2))
 
-    # Only what the episode can start with has to stay clear of the hand: openness up to 0.65 by default.
-    first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
-    start = np.concatenate(
-        [*body, *swept[int(first * (SAMPLES - 1)) : int(np.ceil(last * (SAMPLES - 1))) + 1]]
-    )
+    # What an episode usually starts with, and the way to both ends that a task usually asks for.
     shares = np.linspace(0, 1, SAMPLES)
+    first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]
-    reach_x = np.sqrt(max(COMFORTABLE_REACH**2 - float(usual[:, 1].mean() + y) ** 2, 0.2**2))
-    comfortable = ROBOT_BASE[0] + reach_x - float(usual[:, 0].mean())
+    y = -float(np.clip(usual[:, 1].mean(), -MOST_SIDEWAYS, MOST_SIDEWAYS))
+    sideways = float(usual[:, 1].mean()) + y
+    comfortable = (
+        ROBOT_BASE[0] + np.sqrt(COMFORTABLE_REACH**2 - min(abs(sideways), 0.3) ** 2) - float(usual[:, 0].mean())
+    )
+
+    start = np.concatenate([*body, *swept[int(first * (SAMPLES - 1)) : int(np.ceil(last * (SAMPLES - 1))) + 1]])
     clear = NEAREST_X - float(start[:, 0].min())
-    tall = start[(start[:, 2] + z > HAND_LOW_POINT) & (np.abs(start[:, 1] + y) < 0.3)]
+    tall = start[(start[:, 2] + z > HAND_LOW_POINT) & (np.abs(start[:, 1] + y) < HAND_HALF_WIDTH)]
     if len(tall):
         clear = max(clear, HAND_AT_REST[0] + HAND_CLEARANCE - float(tall[:, 0].min()))
-    x = max(comfortable, clear)
+    across = np.abs(path[:, 1] + y)
+    farthest = float((ROBOT_BASE[0] + np.sqrt(np.maximum(FARTHEST_REACH**2 - across**2, 0)) - path[:, 0]).min())
+    x = max(comfortable, min(clear, farthest))
     return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion_from_matrix(R))

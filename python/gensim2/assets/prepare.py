@@ -34,6 +34,38 @@ def _numbers(values: Array) -> str:
     return " ".join(f"{v:.9g}" for v in np.asarray(values, float) + 0.0)
 
 
+def box_of(hull: Array) -> tuple[Array, Array] | None:
+    """Pose (4, 4) and full size (3,) where the (N, 3) vertices are a box's eight corners, else None.
+
+    Physics engines test boxes faster than meshes, and need not cook them.
+    """
+    if len(hull) != 8:
+        return None
+    center = hull.mean(axis=0)
+    offsets = hull - center
+    edges = np.linalg.norm(hull - hull[0], axis=1)
+    order = np.argsort(edges, kind="stable")
+    R = np.zeros((3, 3))
+    found: list[Array] = []
+    for i in order[1:]:
+        edge = (hull[i] - hull[0]) / edges[i]
+        if all(abs(float(edge @ other)) < 1e-6 for other in found):
+            found.append(edge)
+            if len(found) == 3:
+                break
+    if len(found) < 3:
+        return None
+    R[:, 0], R[:, 1] = found[0], found[1]
+    R[:, 2] = np.cross(R[:, 0], R[:, 1])
+    local = np.abs(offsets @ R)
+    half = local.max(axis=0)
+    if half.min() <= 0 or (np.abs(local - half) > 1e-6).any():
+        return None
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, center
+    return T, 2 * half
+
+
 def _write_hull(path: Path, points: Array) -> None:
     mesh = hull_mesh(points, Look())
     corners, faces = np.unique(mesh.vertices, axis=0, return_inverse=True)
@@ -80,6 +112,14 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
         _write_visual(folder / "visual" / f"{name}.glb", geometry.meshes)
         lines.append(f'    <visual><geometry><mesh filename="visual/{name}.glb"/></geometry></visual>')
     for number, hull in enumerate(geometry.hulls):
+        box = box_of(hull)
+        if box is not None:
+            T, size = box
+            lines.append(
+                f'    <collision><origin xyz="{_numbers(T[:3, 3])}" rpy="{_numbers(rpy_from_matrix(T[:3, :3]))}"/>'
+                f'<geometry><box size="{_numbers(size)}"/></geometry></collision>'
+            )
+            continue
         file = f"collision/{name}_{number}.obj"
         _write_hull(folder / file, hull)
         lines.append(f'    <collision><geometry><mesh filename="{file}"/></geometry></collision>')

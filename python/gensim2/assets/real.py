@@ -24,7 +24,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from gensim2.assets.decompose import MAX_HULLS, Hull, components, drop_contained, make_hull, merge
+from gensim2.assets.cache import cached_hulls, source_digest
+from gensim2.assets.decompose import decompose
 from gensim2.assets.model import LinkGeometry, Model
 from gensim2.assets.objfile import read_obj
 from gensim2.assets.shapes import Mesh, rotation, transform
@@ -36,6 +37,8 @@ Array = npt.NDArray[np.float64]
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 COLOURS = ("blue", "red", "yellow", "green")
 FALLBACK_SCALE = 0.25
+HULL_MODULES = ("decompose", "voidspace")
+READER_MODULES = (*HULL_MODULES, "objfile", "real")
 
 
 class AssetError(InputError):
@@ -85,9 +88,7 @@ def _elements(link: ET.Element, kind: str, file: Path) -> list[_Element]:
     for element in link.findall(kind):
         mesh = element.find("geometry/mesh")
         if mesh is None or not mesh.get("filename"):
-            raise AssetError(
-                "only mesh geometry is read", file=file, field=f"link {link.get('name')}: {kind}"
-            )
+            raise AssetError("only mesh geometry is read", file=file, field=f"link {link.get('name')}: {kind}")
         where = _origin(element.find("origin"), file, f"link {link.get('name')}: {kind}.origin")
         found.append(_Element(file.parent / str(mesh.get("filename")), where))
     return found
@@ -102,9 +103,7 @@ def _joints(root: ET.Element, file: Path) -> list[_Joint]:
             raise AssetError("a joint needs a parent and a child", file=file, field=f"joint {name}")
         limits = None
         if limit is not None and limit.get("lower") is not None and limit.get("upper") is not None:
-            low, high, _ = _vector(
-                f"{limit.get('lower')} {limit.get('upper')} 0", file, f"joint {name}: limit", ""
-            )
+            low, high, _ = _vector(f"{limit.get('lower')} {limit.get('upper')} 0", file, f"joint {name}: limit", "")
             limits = (float(low), float(high))
         found.append(
             _Joint(
@@ -187,18 +186,19 @@ class _Meshes:
 
 
 def _hulls(meshes: list[Mesh], warnings: list[str], link: str) -> list[Array]:
-    hulls: list[Hull] = []
-    dropped = 0
+    """Convex parts of a link, from the cache where the same meshes were taken apart before."""
+    digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
     for mesh in meshes:
-        for vertices, _ in components(mesh.vertices, mesh.faces):
-            hull = make_hull(vertices)
-            if hull is None:
-                dropped += 1
-            else:
-                hulls.append(hull)
-    if dropped:
-        warnings.append(f"{link}: {dropped} collision pieces under a millimetre left out")
-    return [h.points for h in merge(drop_contained(hulls), MAX_HULLS)]
+        digest.update(mesh.vertices.tobytes() + b"/" + mesh.faces.tobytes() + b"/")
+
+    def make() -> tuple[list[Array], dict[str, int]]:
+        result = decompose([(mesh.vertices, mesh.faces) for mesh in meshes])
+        return result.hulls, {"dropped": result.dropped}
+
+    hulls, counts = cached_hulls(digest.hexdigest()[:24], make)
+    if counts["dropped"]:
+        warnings.append(f"{link}: {counts['dropped']} collision pieces under a millimetre left out")
+    return hulls
 
 
 def fingerprint(folder: Path) -> str:
@@ -352,21 +352,15 @@ def _limits(
     try:
         low, high = (float(v) for v in given)
     except (TypeError, ValueError) as error:
-        raise AssetError(
-            "not two numbers", file=folder / "info.json", field="joint_position_range"
-        ) from error
+        raise AssetError("not two numbers", file=folder / "info.json", field="joint_position_range") from error
     if not (np.isfinite([low, high]).all() and low < high):
         raise AssetError("not an increasing range", file=folder / "info.json", field="joint_position_range")
     if own is not None and (low > own[1] or high < own[0]):
-        warnings.append(
-            f"range {low:g}..{high:g} is disjoint from the limits {own[0]:g}..{own[1]:g}: the range holds"
-        )
+        warnings.append(f"range {low:g}..{high:g} is disjoint from the limits {own[0]:g}..{own[1]:g}: the range holds")
     return low, high
 
 
-def _object_axis(
-    info: dict[str, Any], folder: Path, axis: Array, T_link_object: Array
-) -> Literal["x", "y", "z"]:
+def _object_axis(info: dict[str, Any], folder: Path, axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
     letter = info.get("axis")
     if letter is None:
         letter = "xyz"[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]

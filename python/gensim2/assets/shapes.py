@@ -139,9 +139,7 @@ def ring(center: Vec3, direction: Vec3, radius: float, sides: int, start: float 
     d = np.asarray(direction, float) / np.linalg.norm(direction)
     u, v = _frame(d)
     angle = start + 2 * np.pi * np.arange(sides) / sides
-    return np.asarray(
-        np.asarray(center, float) + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v))
-    )
+    return np.asarray(np.asarray(center, float) + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v)))
 
 
 def cone(a: Vec3, b: Vec3, radius_a: float, radius_b: float, look: Look, sides: int = 16) -> Solid:

@@ -72,9 +72,7 @@ def turned_point(point: Vec3, origin: Vec3, axis: Vec3, angle: float) -> Array:
     return np.asarray(o + rotation(axis, angle) @ (np.asarray(point, float) - o))
 
 
-def bar_handle(
-    center: Vec3, length: float, along: str, reach: float, radius: float, look: Look
-) -> list[Solid]:
+def bar_handle(center: Vec3, length: float, along: str, reach: float, radius: float, look: Look) -> list[Solid]:
     """A round bar on two posts in front of a surface.
 
     Args:
@@ -94,9 +92,7 @@ def bar_handle(
     return parts
 
 
-def flat_handle(
-    center: Vec3, length: float, along: str, reach: float, width: float, look: Look
-) -> list[Solid]:
+def flat_handle(center: Vec3, length: float, along: str, reach: float, width: float, look: Look) -> list[Solid]:
     """A flat bracket in front of a surface, arguments as for ``bar_handle``."""
     c = np.asarray(center, float)
     i = "xyz".index(along)
@@ -112,9 +108,7 @@ def flat_handle(
     return parts
 
 
-def feet(
-    width: float, depth: float, bottom: float, height: float, radius: float, look: Look = RUBBER
-) -> list[Solid]:
+def feet(width: float, depth: float, bottom: float, height: float, radius: float, look: Look = RUBBER) -> list[Solid]:
     """Four round feet under a box; ``bottom`` is the box's lower y, ``height`` the feet's."""
     return [
         rod(

@@ -30,12 +30,8 @@ def build(rng: np.random.Generator) -> Blueprint:
     origin = np.array([0.0, top + GAP, back])
     lid_top = top + GAP + rim + plate
     if hollow_lid:
-        lid = tray(
-            (0, top + GAP + (rim + plate) / 2, 0), (width, rim + plate, depth), wall, lid_look, "-y", plate
-        )
-        lid.append(
-            box((0, top + GAP + plate / 2, front + overhang / 2), (0.4 * width, plate, overhang), lid_look)
-        )
+        lid = tray((0, top + GAP + (rim + plate) / 2, 0), (width, rim + plate, depth), wall, lid_look, "-y", plate)
+        lid.append(box((0, top + GAP + plate / 2, front + overhang / 2), (0.4 * width, plate, overhang), lid_look))
     else:
         length = depth + overhang
         lid = [box((0, lid_top - plate / 2, back + length / 2), (width, plate, length), lid_look)]

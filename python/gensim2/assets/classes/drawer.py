@@ -12,9 +12,7 @@ GAP = 0.002  # m around the sliding drawer
 FRONT = 0.012  # m thickness of a drawer's front
 
 
-def _handle(
-    rng: np.random.Generator, at: np.ndarray, width: float, height: float
-) -> tuple[list[Solid], float]:
+def _handle(rng: np.random.Generator, at: np.ndarray, width: float, height: float) -> tuple[list[Solid], float]:
     """A handle in front of ``at`` and how far its middle stands out."""
     look = c.pick(rng, c.METALS)
     kind = int(rng.integers(3))
@@ -74,9 +72,7 @@ def build(rng: np.random.Generator) -> Blueprint:
             inside = np.array([0, y - 0.005, depth / 2 - inner_d / 2])
         else:
             body += [front, *handle]
-            body.append(
-                box((0, y, wall / 2 + 0.001), (inner_w, row_height - 2 * GAP, inner_d), c.WOODS[1], 0.0)
-            )
+            body.append(box((0, y, wall / 2 + 0.001), (inner_w, row_height - 2 * GAP, inner_d), c.WOODS[1], 0.0))
     return Blueprint(
         body=body,
         moving=drawer,

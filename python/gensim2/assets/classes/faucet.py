@@ -53,9 +53,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     tip = start + lever * np.array([0, np.sin(rise), np.cos(rise)])
     moving += path([start, tip], bar, lever_look)
     moving.append(ball(tip, (1.6 * bar if flat_tip else 1.15 * bar, 1.15 * bar, 1.15 * bar), lever_look))
-    moving.append(
-        rod((0, base + cap, z), (0, base + cap + 0.002, z), 0.4 * radius, c.PAINTS[1]).visual_only()
-    )
+    moving.append(rod((0, base + cap, z), (0, base + cap + 0.002, z), 0.4 * radius, c.PAINTS[1]).visual_only())
     return Blueprint(
         body=body,
         moving=moving,

@@ -30,9 +30,7 @@ def keyboard(width: float, depth: float, top: float) -> list[Solid]:
     ]
     space = (-field_w / 2 + 6 * pitch_x, top + 0.0006, z0 + (rows - 0.5) * pitch_z)
     parts.append(box(space, (5.8 * pitch_x, 0.0012, 0.82 * pitch_z), c.BLACK, 0.0).visual_only())
-    pad = box(
-        (0, top + 0.0003, 0.5 * depth - 0.2 * depth), (0.3 * width, 0.0006, 0.26 * depth), c.DARK_METAL, 0.0
-    )
+    pad = box((0, top + 0.0003, 0.5 * depth - 0.2 * depth), (0.3 * width, 0.0006, 0.26 * depth), c.DARK_METAL, 0.0)
     return [*parts, pad.visual_only()]
 
 

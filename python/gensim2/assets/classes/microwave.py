@@ -28,18 +28,14 @@ def build(rng: np.random.Generator) -> Blueprint:
     body.append(box((width / 2 - panel / 2, 0, 0), (panel, height, depth), look))
     body += c.feet(width, depth, -height / 2, 0.008, 0.010)
     panel_x = width / 2 - panel / 2
+    body.append(box((panel_x, 0, front + 0.001), (0.9 * panel, 0.94 * height, 0.002), c.BLACK, 0.0).visual_only())
     body.append(
-        box((panel_x, 0, front + 0.001), (0.9 * panel, 0.94 * height, 0.002), c.BLACK, 0.0).visual_only()
-    )
-    body.append(
-        box(
-            (panel_x, 0.34 * height, front + 0.0025), (0.7 * panel, 0.12 * height, 0.001), c.DISPLAY, 0.0
-        ).visual_only()
+        box((panel_x, 0.34 * height, front + 0.0025), (0.7 * panel, 0.12 * height, 0.001), c.DISPLAY, 0.0).visual_only()
     )
     if knobs:
         for y in (0.08, -0.22):
             at = np.array([panel_x, y * height, front + 0.002])
-            body.append(rod(at, at + [0, 0, 0.012], 0.28 * panel, metal).visual_only())
+            body.append(rod(at, at + np.array([0, 0, 0.012]), 0.28 * panel, metal).visual_only())
     else:
         for i in range(3):
             for j in range(4):

@@ -37,12 +37,8 @@ def build(rng: np.random.Generator) -> Blueprint:
     face = front + GAP + door
     shape = [box((right - span / 2, 0, front + GAP + door / 2), (span, height - 0.002, door), look, 0.003)]
     inset = (0.86 * span, 0.88 * height, 0.002)
-    shape.append(
-        box((right - span / 2, 0, face), inset, c.pick(rng, (look, c.DARK_METAL)), 0.0).visual_only()
-    )
-    at = np.array(
-        [right - span * c.between(rng, 0.78, 0.86), c.between(rng, -0.12, 0.05) * height, face + reach]
-    )
+    shape.append(box((right - span / 2, 0, face), inset, c.pick(rng, (look, c.DARK_METAL)), 0.0).visual_only())
+    at = np.array([right - span * c.between(rng, 0.78, 0.86), c.between(rng, -0.12, 0.05) * height, face + reach])
     if kind == 0:
         shape += c.bar_handle(at, c.between(rng, 0.30, 0.45) * height, "y", reach, 0.007, metal)
     elif kind == 1:
@@ -52,15 +48,15 @@ def build(rng: np.random.Generator) -> Blueprint:
         shape += _wheel(at, reach, c.between(rng, 0.030, 0.040), metal)
     dial = np.array([right - 0.45 * span, 0.22 * height, face])
     if rng.random() < 0.5:
-        shape.append(rod(dial, dial + [0, 0, 0.014], 0.022, metal).visual_only())
-        shape.append(rod(dial, dial + [0, 0, 0.003], 0.032, c.BLACK).visual_only())
+        shape.append(rod(dial, dial + np.array([0, 0, 0.014]), 0.022, metal).visual_only())
+        shape.append(rod(dial, dial + np.array([0, 0, 0.003]), 0.032, c.BLACK).visual_only())
     else:
-        shape.append(box(dial + [0, 0, 0.003], (0.06, 0.07, 0.006), c.BLACK).visual_only())
+        shape.append(box(dial + np.array([0, 0, 0.003]), (0.06, 0.07, 0.006), c.BLACK).visual_only())
         for i in range(3):
             for j in range(3):
                 key = dial + np.array([(i - 1) * 0.017, (j - 1) * 0.018 - 0.006, 0.006])
                 shape.append(box(key, (0.012, 0.012, 0.003), c.WHITE, 0.0).visual_only())
-        shape.append(box(dial + [0, 0.027, 0.006], (0.046, 0.010, 0.002), c.DISPLAY, 0.0).visual_only())
+        shape.append(box(dial + np.array([0, 0.027, 0.006]), (0.046, 0.010, 0.002), c.DISPLAY, 0.0).visual_only())
     for y in (-0.32, 0.32):
         foot, tip = (
             (right + 0.004, y * height - 0.02, front + GAP),
