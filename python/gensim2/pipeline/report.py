@@ -114,7 +114,7 @@ def _verification(path: Path) -> dict[str, Any] | None:
         "low": low,
         "high": high,
         "causes": Counter(episode["cause"] for episode in episodes if episode["cause"]).most_common(),
-        "instances": [(name, held[name], trials[name]) for name in sorted(trials)],
+        "instances": [(name, held[name], trials[name]) for name in sorted(trials, key=lambda id: (len(id), id))],
         "episodes": episodes,
         "still": sum(bool(episode.get("still_success")) for episode in episodes),
     }

@@ -74,7 +74,9 @@ def run_pipeline(
     """
     _check(num_tasks=num_tasks, episodes=episodes, workers=workers)
     if designer not in DESIGNERS:
-        raise InputError(f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
+        raise InputError(
+            f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}"
+        )
     target = load_task(target_task) if target_task is not None else None
     library = open_library(assets)
     folder = RunFolder(
@@ -156,9 +158,7 @@ class _Run:
         classes = list(self.library.classes())
         order = seeding.rng(self.seed, "classes").permutation(len(classes))
         affordances = (self.affordance(classes[index]) for index in order)
-        return iter(
-            self.designer.propose((a for a in affordances if a is not None), known, self.seed)
-        )
+        return iter(self.designer.propose((a for a in affordances if a is not None), known, self.seed))
 
     def affordance(self, asset_class: str) -> Affordance | None:
         """Return what a few instances of a class have in common, or None where none can be used."""
@@ -249,4 +249,3 @@ class _Run:
             verification = Verification(tuple(attempts), KEEP_THRESHOLD)
             write_json(folder.path / "verification.json", verification.to_dict())
         return verification
-

@@ -1,9 +1,9 @@
 """The run folder: what a run leaves behind, and what lets a second run go on where the first one stopped.
 
-    OUT/run.json                    command, seed, versions, hashes and licences of the objects, outcome
-    OUT/report.html
-    OUT/tasks/<Task>/               task.yaml, solver.yaml, design.json, verification.json, trajectory.h5, ...
-    OUT/rejected/<Task>/            the same for what was designed and not kept
+OUT/run.json                    command, seed, versions, hashes and licences of the objects, outcome
+OUT/report.html
+OUT/tasks/<Task>/               task.yaml, solver.yaml, design.json, verification.json, trajectory.h5, ...
+OUT/rejected/<Task>/            the same for what was designed and not kept
 """
 
 from __future__ import annotations
@@ -66,7 +66,9 @@ class RunFolder:
             raise InputError("is not a folder", file=path, remedy="choose another --out")
         if record.exists():
             if not resume:
-                raise InputError("holds a run already", file=path, remedy="add --resume, or choose another --out")
+                raise InputError(
+                    "holds a run already", file=path, remedy="add --resume, or choose another --out"
+                )
             self.record = read_json(record)
             for name in IDENTITY:
                 before, now = self.record["arguments"].get(name), arguments.get(name)
@@ -164,7 +166,9 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", file=path, remedy="restore or delete the file") from error
+        raise InputError(
+            f"cannot be read: {error}", file=path, remedy="restore or delete the file"
+        ) from error
     if not isinstance(value, dict):
         raise InputError("is not a JSON object", file=path, remedy="restore or delete the file")
     return value

@@ -139,9 +139,7 @@ class Search:
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 
-    def _physics(
-        self, results: Sequence[CandidateResult], episodes: int, what: str
-    ) -> list[CandidateResult]:
+    def _physics(self, results: Sequence[CandidateResult], episodes: int, what: str) -> list[CandidateResult]:
         jobs, owners = [], []
         for index, result in enumerate(results):
             done = self._episodes_run[self._key(result)]

@@ -119,7 +119,15 @@ def demo(
     files.write_config(config)
     with PoolEvaluator(library.name, workers, progress) as evaluator:
         demos = collect(
-            spec, config, files, folder, evaluator, episodes=episodes, seed=seed, video=video, progress=progress
+            spec,
+            config,
+            files,
+            folder,
+            evaluator,
+            episodes=episodes,
+            seed=seed,
+            video=video,
+            progress=progress,
         )
     result = DemoResult(spec.name, str(folder.path), demos)
     folder.finish(result.to_dict())

@@ -6,7 +6,7 @@ Functions here run in worker processes; their arguments and results are plain va
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from gensim2.planning.problem import SceneProblems
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
+    from gensim2.demos.recording import Recording
     from gensim2.sim.env import GenSim2Env
 
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken, physics decides whether it does.
@@ -35,6 +36,7 @@ class Setting:
     task: str
     assets: str
     instances: str = "all"
+    obs_mode: str = "none"
 
 
 @lru_cache(maxsize=2)
@@ -46,13 +48,11 @@ def environment(setting: Setting) -> GenSim2Env:
         TaskSpec.model_validate_json(setting.task),
         assets=setting.assets,
         instances=setting.instances,
-        obs_mode="none",
+        obs_mode=setting.obs_mode,
     )
 
 
-def screen_scene(
-    setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]
-) -> list[str | None]:
+def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]) -> list[str | None]:
     """Plan every config on the scene of one seed; None where the plan is whole, else its status."""
     env = environment(setting)
     env.reset(seed=seed)
@@ -78,6 +78,17 @@ def plan_episode(
 
 def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:
     """Run one episode in physics and, where it seems to succeed, the same seed with a still arm."""
+    return _episode(setting, config, seed, record=False)[0]
+
+
+def demonstrate(setting: Setting, config: Mapping[str, Any], seed: int) -> tuple[Attempt, Recording | None]:
+    """Run one episode as ``attempt`` does and keep its states; the recording is None where it did not hold."""
+    return _episode(replace(setting, obs_mode="state"), config, seed, record=True)
+
+
+def _episode(
+    setting: Setting, config: Mapping[str, Any], seed: int, record: bool
+) -> tuple[Attempt, Recording | None]:
     from gensim2.demos.rollout import run_episode
 
     env = environment(setting)
@@ -85,7 +96,7 @@ def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:
     instance, start = _instance(env).id, env.openness
     plan, actions = plan_episode(env, config)
     if actions is None:
-        return Attempt(
+        attempt = Attempt(
             seed=seed,
             instance=instance,
             success=False,
@@ -97,10 +108,11 @@ def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:
             plan_status=plan.status,
             plan_reason=plan.reason,
         )
-    episode = run_episode(env, actions)
+        return attempt, None
+    episode = run_episode(env, actions, record=record)
     still = still_success(setting, seed) if episode.success else None
     success = episode.success and not still
-    return Attempt(
+    attempt = Attempt(
         seed=seed,
         instance=instance,
         success=success,
@@ -112,6 +124,7 @@ def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:
         plan_status=plan.status,
         plan_reason=plan.reason,
     )
+    return attempt, episode.recording if success else None
 
 
 def failed(seed: int, error: Exception) -> Attempt:
