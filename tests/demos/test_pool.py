@@ -13,30 +13,16 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import jobs
 import pytest
 
 from gensim2.demos.pool import JobError, WorkerPool
 from gensim2.errors import InputError
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _workers_find_jobs() -> Iterator[None]:
-    """Spawned workers import ``jobs`` from this folder."""
-    folder = str(Path(__file__).parent)
-    sys.path.insert(0, folder)
-    yield
-    sys.path.remove(folder)
-
-
-def _jobs():  # type: ignore[no-untyped-def]
-    import jobs
-
-    return jobs
-
-
 @pytest.mark.parametrize("workers", [0, 1, 2])
 def test_results_come_in_order_of_the_jobs(workers: int) -> None:
-    square = _jobs().square
+    square = jobs.square
     with WorkerPool(workers) as pool:
         # The first job is the slowest: order does not come from finishing first.
         outcomes = list(pool.map(square, [(3, 0.5), (4, 0.0), (5, 0.0), (6, 0.0), (7, 0.0)]))
@@ -46,14 +32,14 @@ def test_results_come_in_order_of_the_jobs(workers: int) -> None:
 
 def test_jobs_run_in_other_processes() -> None:
     with WorkerPool(1) as pool:
-        (outcome,) = pool.map(_jobs().process_id, [(0,)])
+        (outcome,) = pool.map(jobs.process_id, [(0,)])
     assert outcome.unwrap() != os.getpid()
 
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_an_error_reaches_the_caller_with_its_type_and_words(workers: int) -> None:
     with WorkerPool(workers) as pool:
-        (outcome,) = pool.map(_jobs().fail, [(3,)])
+        (outcome,) = pool.map(jobs.fail, [(3,)])
     assert isinstance(outcome.error, InputError)
     assert str(outcome.error) == "numbers.txt: 3: is odd (give an even one)"
     assert outcome.traceback is not None
@@ -64,13 +50,12 @@ def test_an_error_reaches_the_caller_with_its_type_and_words(workers: int) -> No
 
 def test_an_error_that_cannot_be_pickled_keeps_its_words() -> None:
     with WorkerPool(1) as pool:
-        (outcome,) = pool.map(_jobs().fail_oddly, [(3,)])
+        (outcome,) = pool.map(jobs.fail_oddly, [(3,)])
     assert isinstance(outcome.error, JobError)
     assert "LocalError: 3 and 4" in str(outcome.error)
 
 
 def test_a_crash_is_the_error_of_its_job_only() -> None:
-    jobs = _jobs()
     with WorkerPool(2) as pool:
         crashed = list(pool.map(jobs.die, [(0,), (1,)]))
         after = [outcome.unwrap() for outcome in pool.map(jobs.square, [(2,), (3,)])]
@@ -82,14 +67,14 @@ def test_a_crash_is_the_error_of_its_job_only() -> None:
 def test_a_job_that_hangs_is_ended() -> None:
     begin = time.monotonic()
     with WorkerPool(1, timeout=1.5) as pool:
-        (outcome,) = pool.map(_jobs().hang, [(0,)])
+        (outcome,) = pool.map(jobs.hang, [(0,)])
     assert isinstance(outcome.error, JobError)
     assert "longer than" in str(outcome.error)
     assert time.monotonic() - begin < 20
 
 
 def test_a_caller_may_stop_early_and_go_on_with_other_jobs() -> None:
-    square = _jobs().square
+    square = jobs.square
     taken: list[int] = []
 
     def endless() -> Iterator[tuple[int, float]]:

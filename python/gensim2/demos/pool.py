@@ -83,9 +83,7 @@ class WorkerPool:
         for worker in self._workers:
             worker.stop()
 
-    def map(
-        self, function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]]
-    ) -> Iterator[Outcome[Result]]:
+    def map(self, function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]]) -> Iterator[Outcome[Result]]:
         """Yield the outcome of ``function(*job)`` for every job, in order, whatever the number of workers.
 
         Jobs are taken from the iterable as workers become free, at most two a worker ahead of what was

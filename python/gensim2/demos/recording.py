@@ -21,7 +21,8 @@ class Recording:
 
     Attributes:
         seed: of the reset.
-        reset_options: which instance stood there; the rest follows from the seed.
+        reset_options: the options of the reset, and which instance stood there; the rest follows from the
+            seed.
         control_mode: of the actions.
         actions: (T, 8) float32.
         obs: (T + 1, D) float32 state observations.
@@ -87,7 +88,7 @@ class Recorder:
         flags = np.array(self._flags, dtype=bool)
         return Recording(
             seed=int(self._env._episode_seed[0]),
-            reset_options={"instance": self._env._require_instance().id},
+            reset_options=_plain({**self._env.reset_options, "instance": self._env._require_instance().id}),
             control_mode=self._env.control_mode,
             actions=np.stack(self._actions),
             obs=np.stack(self._obs),
@@ -100,14 +101,22 @@ class Recorder:
         )
 
 
+def _plain(options: dict[str, Any]) -> dict[str, Any]:
+    """Reset options as JSON holds them: numbers and arrays of any kind as floats and lists."""
+    return {
+        key: value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
+        for key, value in options.items()
+    }
+
+
 def _row(obs: Any) -> npt.NDArray[np.float32]:
-    return np.array(obs[0], dtype=np.float32)
+    return np.asarray(obs[0].numpy(), dtype=np.float32)
 
 
 def _to_numpy(tree: Any) -> Any:
     if isinstance(tree, dict):
         return {key: _to_numpy(value) for key, value in tree.items()}
-    return np.array(tree[0], dtype=np.float32)
+    return tree[0].numpy().astype(np.float32)
 
 
 def _stack(trees: list[Any]) -> Any:

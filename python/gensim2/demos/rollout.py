@@ -87,9 +87,7 @@ def run_episode(
     elif options:
         raise InputError("reset options need a seed", field="options")
     elif int(env.elapsed_steps[0]) != 0:
-        raise InputError(
-            "the episode has already begun", field="env", remedy="reset the environment, or give a seed"
-        )
+        raise InputError("the episode has already begun", field="env", remedy="reset the environment, or give a seed")
     start = env.openness
     recorder = Recorder(env) if record else None
     once = False

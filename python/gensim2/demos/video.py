@@ -67,19 +67,13 @@ def film(trajectory: Path, video: Path, *, episode: int = 0, still: Path | None 
 
 
 def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    path = (
-        trajectory.with_name(JSON_NAME)
-        if trajectory.name == "trajectory.h5"
-        else trajectory.with_suffix(".json")
-    )
+    path = trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=path) from error
     except json.JSONDecodeError as error:
-        raise InputError(
-            f"is not valid JSON: {error.msg}", file=path, field=f"line {error.lineno}"
-        ) from error
+        raise InputError(f"is not valid JSON: {error.msg}", file=path, field=f"line {error.lineno}") from error
     for entry in document["episodes"]:
         if entry["episode_id"] == episode:
             return document["env_info"], entry
@@ -132,9 +126,7 @@ def _write(target: Path, suffix: str, write: Any) -> None:
         handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=suffix)
         os.close(handle)
     except OSError as error:
-        raise InputError(
-            f"cannot write: {error.strerror}", file=target, remedy="choose another folder"
-        ) from error
+        raise InputError(f"cannot write: {error.strerror}", file=target, remedy="choose another folder") from error
     try:
         write(Path(temporary))
         Path(temporary).chmod(0o644)

@@ -23,7 +23,7 @@ from gensim2.errors import GenSim2Error, InputError
 from gensim2.planning.scene import Scene
 from gensim2.sim import rendering
 from gensim2.sim.objects import apply_friction, load_object
-from gensim2.sim.randomize import Draw, check_options, draw_scene, openness_at_reset, placed
+from gensim2.sim.randomize import RESET_OPTIONS, Draw, check_options, draw_scene, openness_at_reset, placed
 from gensim2.sim.registration import MODULE
 from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.sim.scene_state import read_scene
@@ -91,13 +91,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         **kwargs: Any,
     ) -> None:
         if num_envs != 1 or sim_backend not in ("cpu", "physx_cpu", "auto"):
-            raise InputError(
-                "one environment a process, on physx_cpu", field="num_envs", remedy="use processes"
-            )
+            raise InputError("one environment a process, on physx_cpu", field="num_envs", remedy="use processes")
         if reconfiguration_freq not in (None, 1):
-            raise InputError(
-                "must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq"
-            )
+            raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         if robot_uids != "panda":
             raise InputError(f"knows the panda only, not {robot_uids!r}", field="robot_uids")
         self.task = _as_task(task)
@@ -106,6 +102,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         self.instance: Instance | None = None
         self._draw: Draw | None = None
         self._spec: EnvSpec | None = None
+        self.reset_options: dict[str, Any] = {}
         _spare_imports_from_collection()
         super().__init__(
             *args,
@@ -169,6 +166,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     ) -> tuple[Any, dict[str, Any]]:
         """Build a fresh scene; see the class for ``options``."""
         check_options(options)
+        self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)
         return result
 
@@ -196,9 +194,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         self.object: Articulation = load_object(self.scene, self.instance, sapien.Pose(position, quaternion))
         given = options.get("openness")
         self.initial_openness = (
-            openness_at_reset(self.task, self._draw, self.instance.default_openness)
-            if given is None
-            else float(given)
+            openness_at_reset(self.task, self._draw, self.instance.default_openness) if given is None else float(given)
         )
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
@@ -251,9 +247,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
                 "openness": info["openness"],
                 "object_qpos": self.object.get_qpos(),
                 "object_pose": self.object.pose.raw_pose,
-                "moving_link_pose": self.object.links_map[
-                    self._require_instance().joint.child_link
-                ].pose.raw_pose,
+                "moving_link_pose": self.object.links_map[self._require_instance().joint.child_link].pose.raw_pose,
             }
         return extra
 
@@ -269,9 +263,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             GenSim2Error: no Vulkan driver works, or rendering was switched off.
         """
         if self.render_mode is not None and not self.scene.can_render():
-            raise GenSim2Error(
-                rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off"
-            )
+            raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
         return super().render()
 
 
@@ -359,6 +351,4 @@ def make_env(
 
     It behaves as ``gym.make(env_id(task), ...)`` does.
     """
-    return GenSim2Env(
-        task=task, assets=assets, instances=instances, obs_mode=obs_mode, render_mode=render_mode
-    )
+    return GenSim2Env(task=task, assets=assets, instances=instances, obs_mode=obs_mode, render_mode=render_mode)

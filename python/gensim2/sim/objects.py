@@ -25,9 +25,7 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
         super()._build_link(link, link_builder)
 
 
-def load_object(
-    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object"
-) -> Articulation:
+def load_object(scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object") -> Articulation:
     """Build ``instance`` with its root fixed at ``pose`` (root to world).
 
     Raises:
@@ -61,9 +59,7 @@ def apply_friction(articulation: Articulation, instance: Instance, speed: float 
     """
     joint = instance.joint
     limit = joint.friction + joint.damping * abs(speed)
-    for active in articulation._objs[
-        0
-    ].active_joints:  # SAPIEN's own joints: ManiSkill's batching costs 10 us
+    for active in articulation._objs[0].active_joints:  # SAPIEN's own joints: ManiSkill's batching costs 10 us
         active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 

@@ -52,9 +52,7 @@ def observation_cameras() -> list[CameraConfig]:
     target = [-0.1, 0.0, 0.15]
     places = {"left": [-0.3, 0.75, 0.65], "right": [-0.3, -0.75, 0.65], "front": [0.75, 0.0, 0.65]}
     return [
-        CameraConfig(
-            uid, sapien_utils.look_at(place, target), 128, 128, fov=np.deg2rad(60), near=0.01, far=10
-        )
+        CameraConfig(uid, sapien_utils.look_at(place, target), 128, 128, fov=np.deg2rad(60), near=0.01, far=10)
         for uid, place in places.items()
     ]
 
@@ -62,6 +60,4 @@ def observation_cameras() -> list[CameraConfig]:
 def video_camera() -> CameraConfig:
     """One camera for people: 640 x 480 pixels, from the left, robot and the object's front in view."""
     pose = sapien_utils.look_at([-0.5, 1.15, 0.72], [-0.17, 0.0, 0.22])
-    return CameraConfig(
-        "render_camera", pose, 640, 480, fov=np.deg2rad(48), near=0.01, far=20, shader_pack="default"
-    )
+    return CameraConfig("render_camera", pose, 640, 480, fov=np.deg2rad(48), near=0.01, far=20, shader_pack="default")

@@ -14,9 +14,7 @@ from gensim2.sim.table import HALF_SIZE, corners
 Array = npt.NDArray[np.float64]
 
 
-def read_scene(
-    robot: Articulation, articulation: Articulation, instance: Instance, object_yaw: float
-) -> Scene:
+def read_scene(robot: Articulation, articulation: Articulation, instance: Instance, object_yaw: float) -> Scene:
     """Read out where everything stands.
 
     Args:
@@ -41,8 +39,7 @@ def read_scene(
         T_world_base=T_world_base,
         T_base_object=T_base_link[joint.child_link] @ instance.T_link_object,
         object_keypoints={
-            name: _transform(T_base_link[point.link], point.position)
-            for name, point in instance.keypoints.items()
+            name: _transform(T_base_link[point.link], point.position) for name, point in instance.keypoints.items()
         },
         joint=JointState(
             type=joint.type,

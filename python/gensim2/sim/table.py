@@ -30,9 +30,7 @@ def build_table(scene: ManiSkillScene) -> Actor:
 
 
 def _add_visuals(builder: sapien.ActorBuilder) -> None:
-    def paint(
-        color: tuple[float, ...], roughness: float, metallic: float = 0.0
-    ) -> sapien.render.RenderMaterial:
+    def paint(color: tuple[float, ...], roughness: float, metallic: float = 0.0) -> sapien.render.RenderMaterial:
         return sapien.render.RenderMaterial(
             base_color=list(color), roughness=roughness, metallic=metallic, specular=0.3
         )
