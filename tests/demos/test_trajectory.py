@@ -147,7 +147,7 @@ def test_reset_options_are_recorded_so_that_a_replay_starts_alike() -> None:
     recording = run_episode(env, jobs.hold(), seed=3, options=options, record=True).recording
     assert recording is not None
     told = json.loads(json.dumps(recording.reset_options))
-    again = run_episode(env, recording.actions, seed=recording.seed, options=told, record=True).recording
+    again = run_episode(env, jobs.hold(), seed=recording.seed, options=told, record=True).recording
     assert again is not None
     assert np.array_equal(recording.obs, again.obs)
     assert told["openness"] == pytest.approx(0.25)
