@@ -1,0 +1,179 @@
+//! Axis-aligned boxes and a static tree over them: the broad phase.
+
+use nalgebra::{Point3, Vector3};
+
+/// Axis-aligned box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Aabb {
+    /// Lower corner.
+    pub min: Point3<f64>,
+    /// Upper corner.
+    pub max: Point3<f64>,
+}
+
+impl Aabb {
+    /// The box that contains nothing.
+    pub const EMPTY: Self = Self {
+        min: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        max: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    /// Smallest box around points, grown by `radius`.
+    #[must_use]
+    pub fn around(points: &[Point3<f64>], radius: f64) -> Self {
+        let tight = points.iter().fold(Self::EMPTY, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) });
+        tight.grown(radius)
+    }
+
+    /// Box of a ball.
+    #[must_use]
+    pub fn of_ball(center: &Point3<f64>, radius: f64) -> Self {
+        let r = Vector3::repeat(radius);
+        Self { min: center - r, max: center + r }
+    }
+
+    /// The box grown by `by` on every side.
+    #[must_use]
+    pub fn grown(&self, by: f64) -> Self {
+        let r = Vector3::repeat(by);
+        Self { min: self.min - r, max: self.max + r }
+    }
+
+    /// Smallest box around both.
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
+        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
+    }
+
+    /// Whether the boxes share a point.
+    #[must_use]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.min.x <= other.max.x
+            && other.min.x <= self.max.x
+            && self.min.y <= other.max.y
+            && other.min.y <= self.max.y
+            && self.min.z <= other.max.z
+            && other.min.z <= self.max.z
+    }
+
+    /// Squared distance between the boxes, 0 where they overlap.
+    #[must_use]
+    pub fn distance_squared(&self, other: &Self) -> f64 {
+        let gap = |a: f64, b: f64, c: f64, d: f64| (c - b).max(a - d).max(0.0);
+        let x = gap(self.min.x, self.max.x, other.min.x, other.max.x);
+        let y = gap(self.min.y, self.max.y, other.min.y, other.max.y);
+        let z = gap(self.min.z, self.max.z, other.min.z, other.max.z);
+        x * x + y * y + z * z
+    }
+}
+
+/// Leaves hold at most this many boxes: below that, testing them all is cheaper than another level.
+const LEAF: usize = 4;
+
+#[derive(Debug, Clone)]
+struct Node {
+    bounds: Aabb,
+    /// Index of the right child (the left one follows its parent), or 0 in a leaf.
+    right: u32,
+    start: u32,
+    end: u32,
+}
+
+/// A static tree over boxes, built once.
+#[derive(Debug, Clone, Default)]
+pub struct Bvh {
+    nodes: Vec<Node>,
+    order: Vec<u32>,
+}
+
+impl Bvh {
+    /// Builds the tree by median splits of the longest side of the centres' box.
+    #[must_use]
+    pub fn new(boxes: &[Aabb]) -> Self {
+        let mut tree = Self { nodes: Vec::new(), order: (0..boxes.len() as u32).collect() };
+        if !boxes.is_empty() {
+            tree.build(boxes, 0, boxes.len());
+        }
+        tree
+    }
+
+    fn build(&mut self, boxes: &[Aabb], start: usize, end: usize) -> u32 {
+        let index = self.nodes.len() as u32;
+        let of = |i: &u32| boxes[*i as usize];
+        let bounds = self.order[start..end].iter().map(of).fold(Aabb::EMPTY, |a, b| a.union(&b));
+        self.nodes.push(Node { bounds, right: 0, start: start as u32, end: end as u32 });
+        if end - start <= LEAF {
+            return index;
+        }
+        let center = |b: Aabb| nalgebra::center(&b.min, &b.max);
+        let span = self.order[start..end]
+            .iter()
+            .map(|i| center(of(i)))
+            .fold(Aabb::EMPTY, |a, c| a.union(&Aabb { min: c, max: c }));
+        let axis = (span.max - span.min).imax();
+        let middle = (start + end) / 2;
+        // The index breaks ties, so that equal centres always split the same way.
+        self.order[start..end].select_nth_unstable_by(middle - start, |a, b| {
+            center(of(a))[axis].total_cmp(&center(of(b))[axis]).then(a.cmp(b))
+        });
+        self.build(boxes, start, middle);
+        let right = self.build(boxes, middle, end);
+        self.nodes[index as usize].right = right;
+        index
+    }
+
+    /// Calls `visit` with the index of every box whose leaf comes within `reach` of `query`.
+    pub fn near(&self, query: &Aabb, reach: f64, mut visit: impl FnMut(usize)) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let limit = reach * reach;
+        let mut stack = [0u32; 64];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let at = stack[top];
+            let node = &self.nodes[at as usize];
+            if node.bounds.distance_squared(query) > limit {
+                continue;
+            }
+            if node.right == 0 {
+                for i in &self.order[node.start as usize..node.end as usize] {
+                    visit(*i as usize);
+                }
+            } else {
+                // Median splits halve: the depth is under 32 for any u32 count, so two pushes always fit.
+                stack[top] = node.right;
+                stack[top + 1] = at + 1;
+                top += 2;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn finds_all_that_is_near(
+            corners in prop::collection::vec((prop::array::uniform3(-1.0..1.0f64), prop::array::uniform3(0.0..0.3f64)), 0..60),
+            query in prop::array::uniform3(-1.0..1.0f64),
+            reach in 0.0..0.5f64,
+        ) {
+            let boxes: Vec<Aabb> = corners
+                .iter()
+                .map(|(c, s)| Aabb { min: Point3::from(*c), max: Point3::from(*c) + Vector3::from(*s) })
+                .collect();
+            let q = Aabb::of_ball(&Point3::from(query), 0.05);
+            let mut found = vec![0; boxes.len()];
+            Bvh::new(&boxes).near(&q, reach, |i| found[i] += 1);
+            for (b, n) in boxes.iter().zip(found) {
+                prop_assert!(n <= 1);
+                prop_assert!(n == 1 || b.distance_squared(&q) > reach * reach);
+            }
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! One kind of shape: the convex hull of points, rounded by a radius.
+//!
+//! Boxes, spheres, capsules, hulls, triangles and cloud points are all that, so there is one distance query instead
+//! of a table of pairs. Distances come from parry's GJK, depths from its EPA.
+
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use parry3d_f64::query::epa::EPA;
+use parry3d_f64::query::gjk::{self, CSOPoint, GJKResult, VoronoiSimplex};
+use parry3d_f64::shape::SupportMap;
+use serde::{Deserialize, Serialize};
+
+use crate::{Aabb, Pose, ShapeError};
+
+/// Sides of the prism that stands for a cylinder. It is drawn around the circle: 0.5 % wider at the corners, never
+/// narrower.
+const CYLINDER_SIDES: usize = 32;
+
+/// Convex hull of points, grown by a radius.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Convex {
+    points: Vec<Point3<f64>>,
+    radius: f64,
+    center: Point3<f64>,
+    half: Vector3<f64>,
+    bound: f64,
+}
+
+impl Convex {
+    /// Hull of points (m), grown by `radius` (m, at least 0).
+    ///
+    /// # Errors
+    /// No points, or a number that is not finite.
+    pub fn rounded_hull(points: &[Point3<f64>], radius: f64) -> Result<Self, ShapeError> {
+        if points.is_empty() {
+            return Err(ShapeError::new("points", "a hull needs at least one point"));
+        }
+        if let Some(i) = points.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
+            return Err(ShapeError::new(format!("points[{i}]"), "is not finite"));
+        }
+        if !(radius.is_finite() && radius >= 0.0) {
+            return Err(ShapeError::new("radius", format!("must be finite and not negative, not {radius}")));
+        }
+        let points = extreme_points(points);
+        let low = points.iter().fold(points[0], |a, p| a.inf(p));
+        let high = points.iter().fold(points[0], |a, p| a.sup(p));
+        let center = nalgebra::center(&low, &high);
+        let bound = points.iter().map(|p| (p - center).norm()).fold(0.0, f64::max) + radius;
+        if !bound.is_finite() {
+            return Err(ShapeError::new("points", "are too far apart to measure"));
+        }
+        Ok(Self { points, radius, center, half: (high - low) * 0.5, bound })
+    }
+
+    /// Hull of points (m).
+    ///
+    /// # Errors
+    /// No points, or a number that is not finite.
+    pub fn hull(points: &[Point3<f64>]) -> Result<Self, ShapeError> {
+        Self::rounded_hull(points, 0.0)
+    }
+
+    /// Box with half extents (m) at a pose.
+    ///
+    /// # Errors
+    /// A half extent that is not positive and finite.
+    pub fn cuboid(half: [f64; 3], pose: &Pose) -> Result<Self, ShapeError> {
+        positive("half_extents", &half)?;
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
+            pose * Point3::new(sign(1) * half[0], sign(2) * half[1], sign(4) * half[2])
+        };
+        Self::hull(&(0..8).map(corner).collect::<Vec<_>>())
+    }
+
+    /// Ball.
+    ///
+    /// # Errors
+    /// A radius that is not positive and finite.
+    pub fn ball(radius: f64, center: Point3<f64>) -> Result<Self, ShapeError> {
+        positive("radius", &[radius])?;
+        Self::rounded_hull(&[center], radius)
+    }
+
+    /// Capsule along z of the pose, `length` between the centres of its caps.
+    ///
+    /// # Errors
+    /// A radius or length that is not positive and finite.
+    pub fn capsule(radius: f64, length: f64, pose: &Pose) -> Result<Self, ShapeError> {
+        positive("radius and length", &[radius, length])?;
+        let end = |z: f64| pose * Point3::new(0.0, 0.0, z);
+        Self::rounded_hull(&[end(-length / 2.0), end(length / 2.0)], radius)
+    }
+
+    /// Cylinder along z of the pose, as a prism around it.
+    ///
+    /// # Errors
+    /// A radius or length that is not positive and finite.
+    pub fn cylinder(radius: f64, length: f64, pose: &Pose) -> Result<Self, ShapeError> {
+        positive("radius and length", &[radius, length])?;
+        let step = std::f64::consts::TAU / CYLINDER_SIDES as f64;
+        let outer = radius / (step / 2.0).cos();
+        let mut points = Vec::with_capacity(2 * CYLINDER_SIDES);
+        for i in 0..CYLINDER_SIDES {
+            let (s, c) = (step * i as f64).sin_cos();
+            for z in [-length / 2.0, length / 2.0] {
+                points.push(pose * Point3::new(outer * c, outer * s, z));
+            }
+        }
+        Self::hull(&points)
+    }
+
+    /// Corners of the hull, in the shape's frame.
+    #[must_use]
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// Rounding radius (m).
+    #[must_use]
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// Centre of a ball around the shape.
+    #[must_use]
+    pub fn center(&self) -> &Point3<f64> {
+        &self.center
+    }
+
+    /// Radius of that ball (m), rounding included.
+    #[must_use]
+    pub fn bound(&self) -> f64 {
+        self.bound
+    }
+
+    /// Box around the shape moved by a pose, from the moved box of the shape.
+    #[must_use]
+    pub fn aabb_at(&self, pose: &Pose) -> Aabb {
+        let center = pose * self.center;
+        let reach = pose.rotation.matrix().abs() * self.half + Vector3::repeat(self.radius);
+        Aabb { min: center - reach, max: center + reach }
+    }
+
+    /// The corners moved by a pose, written into `out`.
+    pub fn corners_at(&self, pose: &Pose, out: &mut Vec<Point3<f64>>) {
+        out.clear();
+        out.extend(self.points.iter().map(|p| pose * p));
+    }
+
+    /// The shape moved by a pose.
+    #[must_use]
+    pub fn moved(&self, pose: &Pose) -> Self {
+        let points: Vec<Point3<f64>> = self.points.iter().map(|p| pose * p).collect();
+        let tight = Aabb::around(&points, 0.0);
+        Self {
+            center: pose * self.center,
+            half: pose.rotation.matrix().abs() * self.half,
+            bound: self.bound,
+            radius: self.radius,
+            points,
+        }
+        .with_box(&tight)
+    }
+
+    fn with_box(mut self, tight: &Aabb) -> Self {
+        self.center = nalgebra::center(&tight.min, &tight.max);
+        self.half = (tight.max - tight.min) * 0.5;
+        self.bound = self.points.iter().map(|p| (p - self.center).norm()).fold(0.0, f64::max) + self.radius;
+        self
+    }
+}
+
+fn positive(field: &str, values: &[f64]) -> Result<(), ShapeError> {
+    match values.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
+        Some(v) => Err(ShapeError::new(field, format!("must be positive and finite, not {v}"))),
+        None => Ok(()),
+    }
+}
+
+/// Drops what lies inside the hull. Flat sets keep all their points: a support map needs no volume.
+fn extreme_points(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let mut unique: Vec<Point3<f64>> = points.to_vec();
+    unique.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
+    unique.dedup();
+    if unique.len() <= 8 {
+        return unique;
+    }
+    match parry3d_f64::transformation::try_convex_hull(&unique) {
+        Ok((vertices, _)) if vertices.len() >= 4 => vertices,
+        _ => unique,
+    }
+}
+
+/// The nearest, or deepest, points of two shapes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Signed distance (m): negative where the shapes overlap.
+    pub distance: f64,
+    /// Point on the first shape.
+    pub on_first: Point3<f64>,
+    /// Point on the second shape.
+    pub on_second: Point3<f64>,
+    /// Unit direction from the first shape to the second: moving the first along it shortens the distance.
+    pub normal: Vector3<f64>,
+}
+
+struct Points<'a>(&'a [Point3<f64>]);
+
+impl SupportMap for Points<'_> {
+    fn local_support_point(&self, dir: &Vector3<f64>) -> Point3<f64> {
+        let mut best = 0;
+        let mut value = f64::NEG_INFINITY;
+        for (i, p) in self.0.iter().enumerate() {
+            let v = p.coords.dot(dir);
+            if v > value {
+                value = v;
+                best = i;
+            }
+        }
+        self.0[best]
+    }
+}
+
+/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
+///
+/// `toward` is a guess of the direction from the first to the second; any vector will do.
+#[must_use]
+pub fn signed_distance(
+    first: (&[Point3<f64>], f64),
+    second: (&[Point3<f64>], f64),
+    toward: &Vector3<f64>,
+    reach: f64,
+) -> Option<Contact> {
+    let (a, b) = (Points(first.0), Points(second.0));
+    let rounding = first.1 + second.1;
+    let same = Isometry3::identity();
+    let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(CSOPoint::from_shapes(&same, &a, &b, &direction));
+    let found = match gjk::closest_points(&same, &a, &b, reach + rounding, true, &mut simplex) {
+        GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
+        GJKResult::NoIntersection(_) => None,
+        GJKResult::Proximity(_) | GJKResult::Intersection => {
+            let (p, q, n) = EPA::new().closest_points(&same, &a, &b, &simplex).unwrap_or((
+                a.local_support_point(&direction),
+                b.local_support_point(&-direction.into_inner()),
+                direction,
+            ));
+            Some((p, q, n.into_inner(), (q - p).dot(&n)))
+        }
+    };
+    let (p, q, normal, core) = found?;
+    Some(Contact {
+        distance: core - rounding,
+        on_first: p + normal * first.1,
+        on_second: q - normal * second.1,
+        normal,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn between(a: &Convex, b: &Convex) -> Contact {
+        signed_distance((a.points(), a.radius()), (b.points(), b.radius()), &(b.center() - a.center()), 10.0).unwrap()
+    }
+
+    fn cube(half: f64, at: [f64; 3]) -> Convex {
+        Convex::cuboid([half; 3], &Pose::translation(at[0], at[1], at[2])).unwrap()
+    }
+
+    #[test]
+    fn cubes_apart_touching_and_inside() {
+        assert!((between(&cube(0.5, [0.0; 3]), &cube(0.5, [1.5, 0.2, 0.0])).distance - 0.5).abs() < 1e-9);
+        let c = between(&cube(0.5, [0.0; 3]), &cube(0.5, [0.9, 0.05, 0.02]));
+        assert!((c.distance + 0.1).abs() < 1e-6, "{c:?}");
+        assert!(c.normal.x > 0.99);
+    }
+
+    proptest! {
+        #[test]
+        fn balls_measure_as_balls(c in prop::array::uniform3(-1.0..1.0f64), r in 0.05..0.5f64, s in 0.05..0.5f64) {
+            let center = Point3::from(c);
+            prop_assume!(center.coords.norm() > 1e-3);
+            let a = Convex::ball(r, Point3::origin()).unwrap();
+            let b = Convex::ball(s, center).unwrap();
+            let d = between(&a, &b);
+            prop_assert!((d.distance - (center.coords.norm() - r - s)).abs() < 1e-9);
+        }
+
+        #[test]
+        fn distance_changes_along_the_normal(at in prop::array::uniform3(-0.8..0.8f64)) {
+            let a = cube(0.2, [0.0; 3]);
+            let b = cube(0.1, at);
+            let d = between(&a, &b);
+            let step = 1e-5;
+            let shift = Pose::from(nalgebra::Translation3::from(d.normal * step));
+            let e = between(&a.moved(&shift), &b);
+            prop_assert!((d.distance - e.distance - step).abs() < 1e-7, "{d:?} {e:?}");
+        }
+    }
+
+    #[test]
+    fn degenerate_input_is_refused_or_measured() {
+        assert!(Convex::hull(&[]).is_err());
+        assert!(Convex::hull(&[Point3::new(f64::NAN, 0.0, 0.0)]).is_err());
+        assert!(Convex::ball(0.0, Point3::origin()).is_err());
+        let flat: Vec<_> = (0..12).map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4), 0.0)).collect();
+        let plate = Convex::hull(&flat).unwrap();
+        let d = between(&plate, &Convex::ball(0.1, Point3::new(1.0, 1.0, 1.0)).unwrap());
+        assert!((d.distance - 0.9).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,51 @@
+//! Typed errors that name the file or the value, the field, and what to do.
+
+use std::fmt;
+
+/// A robot description that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UrdfError {
+    /// File, as the caller named it.
+    pub file: String,
+    /// Element or attribute, e.g. `joint panda_joint1: limit`.
+    pub field: String,
+    /// What is wrong and how to mend it.
+    pub message: String,
+}
+
+impl UrdfError {
+    pub(crate) fn new(file: &str, field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { file: file.to_owned(), field: field.into(), message: message.into() }
+    }
+}
+
+impl fmt::Display for UrdfError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}: {}", self.file, self.field, self.message)
+    }
+}
+
+impl std::error::Error for UrdfError {}
+
+/// A shape that has no extent, no points or a number that is not finite.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ShapeError {
+    /// Which argument.
+    pub field: String,
+    /// What is wrong and how to mend it.
+    pub message: String,
+}
+
+impl ShapeError {
+    pub(crate) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { field: field.into(), message: message.into() }
+    }
+}
+
+impl fmt::Display for ShapeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.field, self.message)
+    }
+}
+
+impl std::error::Error for ShapeError {}

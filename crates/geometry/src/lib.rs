@@ -1,0 +1,35 @@
+//! Robots from URDF, forward kinematics and Jacobians, convex shapes and signed distances.
+//!
+//! Metres, radians, seconds. `T_a_b` maps coordinates in `b` to `a`. Nothing here knows tasks, keypoints or Python.
+//!
+//! ```
+//! use gensim2_geometry::Robot;
+//!
+//! let urdf = r#"<robot name="pendulum">
+//!   <link name="base"/><link name="bob"/>
+//!   <joint name="hinge" type="revolute">
+//!     <parent link="base"/><child link="bob"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+//!     <limit lower="-3" upper="3" effort="1" velocity="2"/>
+//!   </joint>
+//! </robot>"#;
+//! let robot = Robot::from_urdf_str(urdf, "pendulum.urdf", None, "bob", None)?;
+//! let pose = robot.link_pose(&[0.5], robot.hand());
+//! assert!((pose.translation.vector.z - 1.0).abs() < 1e-12);
+//! # Ok::<(), gensim2_geometry::UrdfError>(())
+//! ```
+
+mod bvh;
+mod collision;
+mod convex;
+mod error;
+mod mesh;
+mod pose;
+mod robot;
+mod urdf;
+
+pub use bvh::{Aabb, Bvh};
+pub use collision::{Proximity, RobotShapes, Scene, Scratch, Target};
+pub use convex::{Contact, Convex, signed_distance};
+pub use error::{ShapeError, UrdfError};
+pub use pose::{Pose, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about};
+pub use robot::{Chain, ChainFrames, Joint, JointKind, Link, Mimic, Robot};

@@ -1,0 +1,415 @@
+//! What may touch what and when, and whether a motion keeps to it.
+
+use gensim2_geometry::{Contact, Proximity, Robot, RobotShapes, Scene, Scratch, Target};
+use nalgebra::Point3;
+
+use crate::KeypointProblem;
+use crate::model::{Model, Row};
+use crate::problem::Role;
+
+/// Distances beyond this (m) are not measured: so far at most can one step of a sweep go.
+const REACH: f64 = 0.12;
+/// Finest step of a sweep: no point of the robot moves more than this between two checks (m).
+const FINEST: f64 = 0.002;
+/// Overlaps up to this are rounding (m).
+const TOUCH: f64 = 1e-4;
+
+/// An overlap that breaks the rules, or a distance for a report.
+#[derive(Debug, Clone)]
+pub(crate) struct Hit {
+    pub first: String,
+    pub second: String,
+    pub distance: f64,
+    pub at: Point3<f64>,
+    /// Fraction of the swept edge.
+    pub along: f64,
+}
+
+/// Smallest signed distances over what was checked.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Clearances {
+    pub itself: f64,
+    pub table: f64,
+    pub object: f64,
+}
+
+pub(crate) struct Judge<'p> {
+    problem: &'p KeypointProblem,
+    model: &'p Model,
+    shapes: RobotShapes,
+    scene: Scene,
+    /// Which bodies of the problem the scene holds (attached ones are left out).
+    bodies: Vec<usize>,
+    /// Whether variable v moves link l.
+    moves: Vec<Vec<bool>>,
+    /// Link that carries each variable's joint.
+    carrier: Vec<usize>,
+    /// Link is the hand or rides on it.
+    on_hand: Vec<bool>,
+    /// Largest distance of a link's shapes from its origin (m).
+    extents: Vec<f64>,
+    /// Overlaps at the start, by link and scene body, and by self pair: those may persist, not deepen.
+    start_bodies: Vec<Vec<f64>>,
+    start_self: Vec<f64>,
+    pub start_overlap: f64,
+    scratch: Scratch,
+    q: Vec<f64>,
+}
+
+impl<'p> Judge<'p> {
+    pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
+        let robot: &Robot = &problem.robot;
+        let links = robot.links();
+        let carrier: Vec<usize> =
+            model.indices.iter().map(|j| links.iter().position(|l| l.joint == Some(*j)).unwrap_or(0)).collect();
+        let below = |mut link: usize, top: usize| loop {
+            if link == top {
+                return true;
+            }
+            match links[link].parent {
+                Some(p) => link = p,
+                None => return false,
+            }
+        };
+        let moves: Vec<Vec<bool>> =
+            (0..links.len()).map(|l| carrier.iter().map(|c| below(l, *c)).collect()).collect();
+        let on_hand: Vec<bool> = (0..links.len()).map(|l| below(l, robot.hand())).collect();
+        let mut shapes = RobotShapes::new(robot, |l| moves[l].iter().any(|m| *m));
+        let attached = |name: &String| problem.options.attached.contains(name);
+        let bodies: Vec<usize> =
+            (0..problem.bodies.len()).filter(|b| !attached(&problem.bodies[*b].name)).collect();
+        let hand = robot.link_pose(&model.rest, robot.hand());
+        for body in problem.bodies.iter().filter(|b| attached(&b.name)) {
+            let in_hand = hand.inverse() * body.pose;
+            let riding: Vec<_> = body.shapes.iter().map(|s| s.moved(&in_hand)).collect();
+            shapes.attach(robot.hand(), &riding);
+        }
+        let scene = Scene::new(bodies.iter().map(|b| (problem.bodies[*b].shapes.as_slice(), &problem.bodies[*b].pose)));
+        let mut judge = Self {
+            problem,
+            model,
+            start_bodies: vec![vec![0.0; bodies.len()]; links.len()],
+            start_self: vec![0.0; shapes.self_pairs().len()],
+            start_overlap: 0.0,
+            shapes,
+            scene,
+            bodies,
+            moves,
+            carrier,
+            on_hand,
+            extents: Vec::new(),
+            scratch: Scratch::default(),
+            q: Vec::new(),
+        };
+        judge.extents = (0..links.len()).map(|l| judge.shapes.extent(l, &Point3::origin())).collect();
+        judge.measure_start();
+        judge
+    }
+
+    fn measure_start(&mut self) {
+        let start = self.model.pick(&self.model.rest);
+        self.place(&start);
+        let mut body_overlaps = Vec::new();
+        let reach = |link: usize, body: usize| if self.judged(link, body, 0) { 0.0 } else { f64::NEG_INFINITY };
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+            body_overlaps.push(p);
+            true
+        });
+        let mut self_overlaps = Vec::new();
+        self.shapes.near_self(&mut scratch, |_| 0.0, |i, p| {
+            self_overlaps.push((i, p.contact.distance));
+            true
+        });
+        self.scratch = scratch;
+        for p in body_overlaps {
+            if let Target::Body(b) = p.target {
+                self.start_bodies[p.link][b] = p.contact.distance.min(0.0);
+                self.start_overlap = self.start_overlap.max(-p.contact.distance);
+            }
+        }
+        for (i, d) in self_overlaps {
+            self.start_self[i] = d.min(0.0);
+            self.start_overlap = self.start_overlap.max(-d);
+        }
+    }
+
+    fn place(&mut self, x: &Row) {
+        self.model.fill(&self.problem.robot, x, &mut self.q);
+        self.shapes.place(&self.problem.robot, &self.q, &mut self.scratch);
+    }
+
+    /// Whether a link is judged against a body of the scene on the way to keyframe `stage` (1 is the first keyframe;
+    /// stage 0 is the start itself).
+    fn judged(&self, link: usize, scene_body: usize, stage: usize) -> bool {
+        if !self.moves[link].iter().any(|m| *m) {
+            return false;
+        }
+        let body = &self.problem.bodies[self.bodies[scene_body]];
+        let before = self.problem.config.pre.len();
+        if let Some(windows) = &self.problem.options.contacts {
+            let name = &self.problem.robot.links()[link].name;
+            return !windows.iter().any(|w| {
+                let (from, to) = (self.problem.keyframe_index(&w.from), self.problem.keyframe_index(&w.to));
+                w.links.contains(name)
+                    && w.bodies.contains(&body.name)
+                    && from.is_some_and(|f| f < stage || (f == 0 && stage == 0))
+                    && to.is_some_and(|t| stage <= t)
+            });
+        }
+        match body.role {
+            Role::Table | Role::ObjectBody => true,
+            Role::Rigid => !(self.on_hand[link] && self.problem.options.targets.contains(&body.name)),
+            // Stage `before + 1` leads to the actuation pose: from the last pre-actuation keyframe on.
+            Role::MovingLink => {
+                if stage > before + 1 {
+                    false
+                } else if stage == before + 1 || before == 0 {
+                    !self.on_hand[link]
+                } else {
+                    true
+                }
+            }
+        }
+    }
+
+    fn names(&self, p: &Proximity) -> (String, String) {
+        let links = self.problem.robot.links();
+        let second = match p.target {
+            Target::Body(b) => self.problem.bodies[self.bodies[b]].name.clone(),
+            Target::Link(l) => links[l].name.clone(),
+        };
+        (links[p.link].name.clone(), second)
+    }
+
+    fn hit(&self, p: &Proximity, along: f64) -> Hit {
+        let (first, second) = self.names(p);
+        let Contact { distance, on_first, on_second, .. } = p.contact;
+        Hit { first, second, distance, at: nalgebra::center(&on_first, &on_second), along }
+    }
+
+    /// The first judged pair nearer than `margin` allows at `x`, if any.
+    pub fn at(&mut self, x: &Row, stage: usize, margins: &Margins) -> Option<Hit> {
+        self.place(x);
+        let mut found = None;
+        let threshold = |link: usize, body: usize| {
+            if self.judged(link, body, stage) {
+                margins.body(&self.start_bodies, link, body)
+            } else {
+                f64::NEG_INFINITY
+            }
+        };
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.shapes.near_bodies(&self.scene, &mut scratch, threshold, |p| {
+            found = Some(p);
+            false
+        });
+        if found.is_none() {
+            let threshold = |pair: usize| margins.itself(&self.start_self, pair);
+            self.shapes.near_self(&mut scratch, threshold, |_, p| {
+                found = Some(p);
+                false
+            });
+        }
+        self.scratch = scratch;
+        found.map(|p| self.hit(&p, 0.0))
+    }
+
+    /// How far (fraction of `step`, at most 1) the robot can surely go from `x` along `step`, or the pair that is
+    /// nearer than its margin already. The bound: a point at distance r from a joint's axis moves at most r + d per
+    /// radian while it stays within d of where it is.
+    fn advance(&mut self, x: &Row, step: &Row, stage: usize, margins: &Margins) -> Result<f64, Hit> {
+        self.place(x);
+        let n = self.model.n();
+        let links = self.problem.robot.links();
+        let poses = self.shapes.poses(&self.scratch);
+        // Lever of each link about each variable's axis: largest distance of its points from the axis.
+        let mut speed = vec![(0.0, 0.0); links.len()];
+        let mut lever = vec![[0.0; crate::model::MOST_JOINTS]; links.len()];
+        for l in 0..links.len() {
+            if links[l].shapes.is_empty() {
+                continue;
+            }
+            for v in (0..n).filter(|v| self.moves[l][*v]) {
+                let joint = &self.problem.robot.joints()[self.model.indices[v]];
+                let frame = &poses[self.carrier[v]];
+                let (rate, slack) = match joint.kind {
+                    gensim2_geometry::JointKind::Prismatic => (1.0, 0.0),
+                    gensim2_geometry::JointKind::Revolute => {
+                        let axis = frame.rotation * joint.axis;
+                        let arm = poses[l].translation.vector - frame.translation.vector;
+                        let off = (arm - axis * arm.dot(&axis)).norm();
+                        (off + self.extents[l], 1.0)
+                    }
+                };
+                lever[l][v] = rate;
+                speed[l].0 += rate * step[v].abs();
+                speed[l].1 += slack * step[v].abs();
+            }
+        }
+        let safe = |distance: f64, rate: (f64, f64)| {
+            let total = rate.0 + rate.1 * distance;
+            if total <= 0.0 { f64::INFINITY } else { distance / total }
+        };
+        let mut far = f64::INFINITY;
+        let mut blocked = None;
+        let reach = |link: usize, body: usize| {
+            if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY }
+        };
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+            let Target::Body(b) = p.target else { return true };
+            let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
+            if gap < 0.0 {
+                blocked = Some(p);
+                return false;
+            }
+            far = far.min(safe(gap, speed[p.link]));
+            true
+        });
+        let pairs = self.shapes.self_pairs();
+        if blocked.is_none() {
+            self.shapes.near_self(&mut scratch, |_| REACH, |index, p| {
+                let (a, b) = pairs[index];
+                let gap = p.contact.distance - margins.itself(&self.start_self, index);
+                if gap < 0.0 {
+                    blocked = Some(p);
+                    return false;
+                }
+                let mut rate = (0.0, 0.0);
+                for v in 0..n {
+                    if self.moves[a][v] != self.moves[b][v] {
+                        rate.0 += lever[a][v].max(lever[b][v]) * step[v].abs();
+                        rate.1 += step[v].abs();
+                    }
+                }
+                far = far.min(safe(gap, rate));
+                true
+            });
+        }
+        self.scratch = scratch;
+        if let Some(p) = blocked {
+            return Err(self.hit(&p, 0.0));
+        }
+        // Nothing else is within reach.
+        let fastest = speed.iter().fold(0.0, |m: f64, s| m.max(s.0 + s.1 * REACH));
+        let beyond = if fastest > 0.0 { (REACH - margins.clearance) / fastest } else { 1.0 };
+        let least = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
+        Ok(far.min(beyond).max(least).min(1.0))
+    }
+
+    /// Sweeps the straight joint segment from `a` to `b`; the first hit with its place along it.
+    pub fn sweep(&mut self, a: &Row, b: &Row, stage: usize, margins: &Margins) -> Option<Hit> {
+        let mut step = *a;
+        for v in 0..self.model.n() {
+            step[v] = b[v] - a[v];
+        }
+        let mut t = 0.0;
+        loop {
+            let mut x = *a;
+            for v in 0..self.model.n() {
+                x[v] = a[v] + t * step[v];
+            }
+            match self.advance(&x, &step, stage, margins) {
+                Err(hit) => return Some(Hit { along: t, ..hit }),
+                Ok(_) if t >= 1.0 => return None,
+                Ok(far) => t = (t + far).min(1.0),
+            }
+        }
+    }
+
+    /// Margins for the free motion between two poses: `clearance`, or what either end leaves where that is less.
+    pub fn margins_between(&mut self, a: &Row, b: &Row, stage: usize, clearance: f64) -> Margins {
+        let mut out = Margins::plain(clearance);
+        for x in [a, b] {
+            self.place(x);
+            let mut near = Vec::new();
+            let mut near_self = Vec::new();
+            let mut scratch = std::mem::take(&mut self.scratch);
+            let reach = |l: usize, body: usize| {
+                if self.judged(l, body, stage) { clearance } else { f64::NEG_INFINITY }
+            };
+            self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+                if let Target::Body(body) = p.target {
+                    near.push((p.link, body, p.contact.distance));
+                }
+                true
+            });
+            self.shapes.near_self(&mut scratch, |_| clearance, |i, p| {
+                near_self.push((i, p.contact.distance));
+                true
+            });
+            self.scratch = scratch;
+            out.bodies.extend(near.into_iter().map(|(l, body, d)| ((l, body), (d - TOUCH).max(-TOUCH))));
+            out.pairs.extend(near_self.into_iter().map(|(i, d)| (i, (d - TOUCH).max(-TOUCH))));
+        }
+        out
+    }
+
+    /// Adds the distances at `x` to the smallest so far.
+    pub fn measure(&mut self, x: &Row, stage: usize, out: &mut Clearances) {
+        self.place(x);
+        let reach = |link: usize, body: usize| {
+            if self.judged(link, body, stage) { 1.0 } else { f64::NEG_INFINITY }
+        };
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+            if let Target::Body(b) = p.target {
+                match self.problem.bodies[self.bodies[b]].role {
+                    Role::Table => out.table = out.table.min(p.contact.distance),
+                    _ => out.object = out.object.min(p.contact.distance),
+                }
+            }
+            true
+        });
+        self.shapes.near_self(&mut scratch, |_| 1.0, |_, p| {
+            out.itself = out.itself.min(p.contact.distance);
+            true
+        });
+        self.scratch = scratch;
+    }
+}
+
+/// Clearance asked of judged pairs, and less where a pair cannot keep it.
+#[derive(Debug, Clone)]
+pub(crate) struct Margins {
+    clearance: f64,
+    bodies: Vec<((usize, usize), f64)>,
+    pairs: Vec<(usize, f64)>,
+}
+
+impl Margins {
+    pub fn plain(clearance: f64) -> Self {
+        Self { clearance, bodies: Vec::new(), pairs: Vec::new() }
+    }
+
+    /// The same margins, all `by` smaller.
+    pub fn eased(&self, by: f64) -> Self {
+        let mut out = self.clone();
+        out.clearance -= by.min(out.clearance);
+        out.bodies.iter_mut().for_each(|(_, d)| *d = (*d - by).max(d.min(-TOUCH)));
+        out.pairs.iter_mut().for_each(|(_, d)| *d = (*d - by).max(d.min(-TOUCH)));
+        out
+    }
+
+    /// Rounding is forgiven, and an overlap at the start may persist.
+    fn body(&self, start: &[Vec<f64>], link: usize, body: usize) -> f64 {
+        let asked = self
+            .bodies
+            .iter()
+            .filter(|(key, _)| *key == (link, body))
+            .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
+        let start = start[link][body];
+        if start < 0.0 { asked.min(start - TOUCH) } else { asked }
+    }
+
+    fn itself(&self, start: &[f64], pair: usize) -> f64 {
+        let asked = self
+            .pairs
+            .iter()
+            .filter(|(key, _)| *key == pair)
+            .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
+        let start = start[pair];
+        if start < 0.0 { asked.min(start - TOUCH) } else { asked }
+    }
+}

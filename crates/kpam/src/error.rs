@@ -1,0 +1,40 @@
+//! Typed errors that name the field and the remedy.
+
+use std::fmt;
+
+macro_rules! field_error {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Eq)]
+        pub struct $name {
+            /// Path of the field, e.g. `constraint_list[2].tolerance`.
+            pub field: String,
+            /// What is wrong and how to mend it.
+            pub message: String,
+        }
+
+        impl $name {
+            /// Error about `field`.
+            pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+                Self { field: field.into(), message: message.into() }
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{}: {}", self.field, self.message)
+            }
+        }
+
+        impl std::error::Error for $name {}
+    };
+}
+
+field_error!(
+    /// A solver config that cannot be used.
+    ConfigError
+);
+field_error!(
+    /// A problem whose parts do not fit each other.
+    ProblemError
+);

@@ -1,0 +1,168 @@
+//! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
+//! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
+
+use crate::contact::{Hit, Judge, Margins};
+use crate::model::{MOST_JOINTS, Model, Row};
+
+/// Longest edge that a tree grows by (weighted rad).
+const EDGE: f64 = 0.6;
+/// Rounds of shortcuts.
+const SHORTCUTS: usize = 60;
+
+struct Tree {
+    nodes: Vec<(Row, usize)>,
+}
+
+impl Tree {
+    fn nearest(&self, n: usize, x: &Row) -> usize {
+        let mut best = (f64::INFINITY, 0);
+        for (i, (node, _)) in self.nodes.iter().enumerate() {
+            let d = squared(n, node, x);
+            if d < best.0 {
+                best = (d, i);
+            }
+        }
+        best.1
+    }
+
+    fn path_from_root(&self, mut at: usize) -> Vec<Row> {
+        let mut out = vec![self.nodes[at].0];
+        while at != 0 {
+            at = self.nodes[at].1;
+            out.push(self.nodes[at].0);
+        }
+        out.reverse();
+        out
+    }
+}
+
+fn squared(n: usize, a: &Row, b: &Row) -> f64 {
+    (0..n).map(|v| (a[v] - b[v]).powi(2)).sum()
+}
+
+fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
+    let mut out = *a;
+    for v in 0..n {
+        out[v] = a[v] + s * (b[v] - a[v]);
+    }
+    out
+}
+
+/// SplitMix64: a small generator with a fixed sequence.
+pub(crate) struct Draws(u64);
+
+impl Draws {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// Uniform in 0..1.
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^= z >> 31;
+        (z >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Corners of a free joint path from `a` to `b`, both included, or the first thing that blocks the straight segment.
+pub(crate) fn connect(
+    judge: &mut Judge<'_>,
+    model: &Model,
+    a: &Row,
+    b: &Row,
+    stage: usize,
+    margins: &Margins,
+    samples: usize,
+) -> Result<Vec<Row>, Hit> {
+    let Some(hit) = judge.sweep(a, b, stage, margins) else { return Ok(vec![*a, *b]) };
+    if judge.at(b, stage, margins).is_some() || judge.at(a, stage, margins).is_some() {
+        return Err(hit);
+    }
+    let n = model.n();
+    let mut draws = Draws::new(0x6b70_616d);
+    let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
+    let mut active = 0;
+    for _ in 0..samples {
+        let mut goal = [0.0; MOST_JOINTS];
+        for (v, value) in goal.iter_mut().enumerate().take(n) {
+            let (low, high) = model.range(v);
+            *value = low + (high - low) * draws.unit();
+        }
+        if let Some(new) = grow(judge, n, &mut trees[active], &goal, stage, margins) {
+            let target = trees[active].nodes[new].0;
+            let other = 1 - active;
+            while let Some(reached) = grow(judge, n, &mut trees[other], &target, stage, margins) {
+                if squared(n, &trees[other].nodes[reached].0, &target) < 1e-18 {
+                    let mut path = trees[active].path_from_root(new);
+                    let mut rest = trees[other].path_from_root(reached);
+                    rest.pop();
+                    rest.reverse();
+                    path.extend(rest);
+                    if active == 1 {
+                        path.reverse();
+                    }
+                    shorten(judge, n, &mut path, stage, margins, &mut draws);
+                    return Ok(path);
+                }
+            }
+        }
+        active = 1 - active;
+    }
+    Err(hit)
+}
+
+/// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
+fn grow(judge: &mut Judge<'_>, n: usize, tree: &mut Tree, goal: &Row, stage: usize, margins: &Margins) -> Option<usize> {
+    let from = tree.nearest(n, goal);
+    let start = tree.nodes[from].0;
+    let length = squared(n, &start, goal).sqrt();
+    if length == 0.0 {
+        return None;
+    }
+    let end = if length <= EDGE { *goal } else { between(n, &start, goal, EDGE / length) };
+    if judge.at(&end, stage, margins).is_some() || judge.sweep(&start, &end, stage, margins).is_some() {
+        return None;
+    }
+    tree.nodes.push((end, from));
+    Some(tree.nodes.len() - 1)
+}
+
+/// Cuts corners: first whole runs of them, then between points drawn on the path.
+fn shorten(judge: &mut Judge<'_>, n: usize, path: &mut Vec<Row>, stage: usize, margins: &Margins, draws: &mut Draws) {
+    let mut i = 0;
+    while i + 2 < path.len() {
+        let mut j = path.len() - 1;
+        while j > i + 1 {
+            if judge.sweep(&path[i], &path[j], stage, margins).is_none() {
+                path.drain(i + 1..j);
+                break;
+            }
+            j -= 1;
+        }
+        i += 1;
+    }
+    for _ in 0..SHORTCUTS {
+        if path.len() < 3 {
+            return;
+        }
+        let place = |s: f64| {
+            let at = s * (path.len() - 1) as f64;
+            let k = (at as usize).min(path.len() - 2);
+            (k, between(n, &path[k], &path[k + 1], at - k as f64))
+        };
+        let (s, t) = (draws.unit(), draws.unit());
+        let ((i, a), (j, b)) = (place(s.min(t)), place(s.max(t)));
+        if i == j {
+            continue;
+        }
+        let along: f64 = squared(n, &a, &path[i + 1]).sqrt()
+            + (i + 1..j).map(|k| squared(n, &path[k], &path[k + 1]).sqrt()).sum::<f64>()
+            + squared(n, &path[j], &b).sqrt();
+        if squared(n, &a, &b).sqrt() < 0.98 * along && judge.sweep(&a, &b, stage, margins).is_none() {
+            path.splice(i + 1..=j, [a, b]);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Joint motion along a given path of the hand: small steps, each a QP that meets the next hand pose exactly within
+//! joint limits and spends what freedom is left on staying away from them.
+
+use gensim2_geometry::{ChainFrames, Pose, rotation_log};
+use nalgebra::Vector3;
+
+use crate::KeypointProblem;
+use crate::model::{MOST_JOINTS, Model, Row};
+use crate::motion::HandPath;
+use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+
+/// Longest step of the hand (m) and largest turn (rad) between waypoints.
+const STRIDE: f64 = 0.01;
+const TURN: f64 = 0.05;
+/// A joint that moves more than this between waypoints (rad or m) has changed branch or passed a singularity.
+const JUMP: f64 = 0.25;
+/// Hand pose is met within this (m and rad) at waypoints.
+const EXACT: f64 = 1e-6;
+/// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
+pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
+
+/// Waypoints along a path, as far as it can be followed.
+pub(crate) struct Followed {
+    /// Joints at even steps of the path, the start first.
+    pub waypoints: Vec<Row>,
+    /// Fraction of the path that was followed: 1 where all of it was.
+    pub fraction: f64,
+}
+
+pub(crate) struct Follower<'p> {
+    problem: &'p KeypointProblem,
+    model: &'p Model,
+    q: Vec<f64>,
+    frames: ChainFrames,
+    qp: ActiveSet,
+    bounds: Vec<Bound>,
+}
+
+impl<'p> Follower<'p> {
+    pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
+        Self {
+            problem,
+            model,
+            q: Vec::new(),
+            frames: ChainFrames::default(),
+            qp: ActiveSet::default(),
+            bounds: Vec::new(),
+        }
+    }
+
+    /// Hand pose at `x`.
+    pub fn hand(&mut self, x: &Row) -> Pose {
+        self.model.forward(&self.problem.robot, x, &mut self.q, &mut self.frames);
+        self.frames.tip
+    }
+
+    /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
+    pub fn follow(&mut self, path: &HandPath, x: &Row, backwards: bool) -> Followed {
+        let (way, turn) = path.length();
+        let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
+        let mut waypoints = vec![*x];
+        let mut last = *x;
+        let mut velocity = [0.0; MOST_JOINTS];
+        for k in 1..=steps {
+            let s = k as f64 / steps as f64;
+            let goal = path.at(if backwards { 1.0 - s } else { s });
+            let Some(next) = self.reach(&goal, &last, &velocity) else {
+                return Followed { waypoints, fraction: (k - 1) as f64 / steps as f64 };
+            };
+            for v in 0..self.model.n() {
+                velocity[v] = next[v] - last[v];
+            }
+            last = next;
+            waypoints.push(next);
+        }
+        Followed { waypoints, fraction: 1.0 }
+    }
+
+    /// Joints near `from` at which the hand is at `goal`; `drift` is the previous step, which is likely to go on.
+    pub fn reach(&mut self, goal: &Pose, from: &Row, drift: &Row) -> Option<Row> {
+        let n = self.model.n();
+        let mut x = *from;
+        for round in 0..12 {
+            let hand = self.hand(&x);
+            let way = goal.translation.vector - hand.translation.vector;
+            let turn = rotation_log(&(goal.rotation * hand.rotation.inverse()));
+            if way.amax() < EXACT && turn.amax() < EXACT {
+                let jumped = (0..n).any(|v| (x[v] - from[v]).abs() > JUMP);
+                return (!jumped).then_some(x);
+            }
+            self.bounds.clear();
+            let robot = &self.problem.robot;
+            for k in 0..3 {
+                let axis = Vector3::ith(k, 1.0);
+                let row = self.model.linear_row(robot, &self.frames, &hand.translation.vector, &axis);
+                self.bounds.push(Bound { row, low: way[k], high: way[k] });
+                let row = self.model.angular_row(robot, &self.frames, &axis);
+                self.bounds.push(Bound { row, low: turn[k], high: turn[k] });
+            }
+            let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+            let mut gradient = [0.0; MOST_JOINTS];
+            for v in 0..n {
+                hessian[v][v] = 1.0;
+                let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
+                let mut row = [0.0; MOST_JOINTS];
+                row[v] = 1.0;
+                // A start at or outside its margin may stay there, not leave further.
+                self.bounds.push(Bound { row, low: low.min(x[v]) - x[v], high: high.max(x[v]) - x[v] });
+                if round == 0 {
+                    gradient[v] = -drift[v] - self.from_limits(v, &x);
+                }
+            }
+            let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &self.bounds };
+            let QpOutcome::Solved { step, .. } = self.qp.solve(&qp) else { return None };
+            if step[..n].iter().any(|s| !(s.abs() <= 2.0 * JUMP)) {
+                return None;
+            }
+            for v in 0..n {
+                x[v] += step[v];
+            }
+        }
+        None
+    }
+
+    /// A gentle push of a joint from its limits towards the middle, growing near them.
+    fn from_limits(&self, v: usize, x: &Row) -> f64 {
+        let (low, high) = (self.model.lower[v], self.model.upper[v]);
+        if !(low.is_finite() && high.is_finite()) {
+            return 0.0;
+        }
+        let half = 0.5 * (high - low);
+        let u = (x[v] - 0.5 * (low + high)) / half;
+        -0.01 * u.powi(5) * half.min(1.0)
+    }
+}

@@ -1,0 +1,158 @@
+//! The joints that planning moves, and the hand as a function of them.
+
+use gensim2_geometry::{ChainFrames, JointKind, Robot};
+use nalgebra::Vector3;
+
+/// Most joints that planning moves at once; buffers of this length live on the stack.
+pub const MOST_JOINTS: usize = 12;
+
+/// Joint values, velocities or a Jacobian row of the moving joints; entries past their number are zero.
+pub type Row = [f64; MOST_JOINTS];
+
+/// The joints between base and hand, as independent variables.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Place in the full joint vector of each variable.
+    pub indices: Vec<usize>,
+    /// Lower limits (rad or m).
+    pub lower: Row,
+    /// Upper limits (rad or m).
+    pub upper: Row,
+    /// Full joint vector that holds still whatever is not a variable.
+    pub rest: Vec<f64>,
+    /// For each chain joint: its variable and factor (1 but for mimic joints).
+    columns: Vec<(usize, f64)>,
+}
+
+impl Model {
+    /// Variables of `robot`; joints off the chain stay as in `rest`. `None` where the chain has too many joints or a
+    /// mimic joint whose source is off the chain.
+    #[must_use]
+    pub fn new(robot: &Robot, rest: &[f64]) -> Option<Self> {
+        let joints = robot.joints();
+        let on_chain: Vec<usize> = robot.chain().joint_indices().collect();
+        let indices: Vec<usize> = on_chain.iter().copied().filter(|j| joints[*j].mimic.is_none()).collect();
+        if indices.is_empty() || indices.len() > MOST_JOINTS {
+            return None;
+        }
+        let columns = on_chain
+            .iter()
+            .map(|j| {
+                let (source, factor) = joints[*j].mimic.map_or((*j, 1.0), |m| (m.source, m.multiplier));
+                indices.iter().position(|i| *i == source).map(|v| (v, factor))
+            })
+            .collect::<Option<Vec<_>>>()?;
+        let mut lower = [0.0; MOST_JOINTS];
+        let mut upper = [0.0; MOST_JOINTS];
+        for (v, j) in indices.iter().enumerate() {
+            (lower[v], upper[v]) = (joints[*j].lower, joints[*j].upper);
+        }
+        Some(Self { indices, lower, upper, rest: rest.to_vec(), columns })
+    }
+
+    /// Number of variables.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Variables of a full joint vector.
+    #[must_use]
+    pub fn pick(&self, q: &[f64]) -> Row {
+        let mut x = [0.0; MOST_JOINTS];
+        for (v, j) in self.indices.iter().enumerate() {
+            x[v] = q[*j];
+        }
+        x
+    }
+
+    /// Writes the full joint vector of variables `x` into `q`.
+    pub fn fill(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>) {
+        q.clear();
+        q.extend_from_slice(&self.rest);
+        for (v, j) in self.indices.iter().enumerate() {
+            q[*j] = x[v];
+        }
+        robot.apply_mimic(q, &self.indices);
+    }
+
+    /// Hand frames at `x`.
+    pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
+        self.fill(robot, x, q);
+        robot.chain().forward(q, frames);
+    }
+
+    /// Gradient of `direction . p` for a point `p` fixed to the hand.
+    #[must_use]
+    pub fn linear_row(
+        &self,
+        robot: &Robot,
+        frames: &ChainFrames,
+        point: &Vector3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Row {
+        let mut row = [0.0; MOST_JOINTS];
+        for (i, (v, factor)) in self.columns.iter().enumerate() {
+            row[*v] += factor * direction.dot(&robot.chain().linear(frames, i, point));
+        }
+        row
+    }
+
+    /// Gradient of the angle turned about `direction` by the hand.
+    #[must_use]
+    pub fn angular_row(&self, robot: &Robot, frames: &ChainFrames, direction: &Vector3<f64>) -> Row {
+        let mut row = [0.0; MOST_JOINTS];
+        for (i, (v, factor)) in self.columns.iter().enumerate() {
+            row[*v] += factor * direction.dot(&robot.chain().angular(frames, i));
+        }
+        row
+    }
+
+    /// Whether a variable turns without limits, so that it may be counted modulo one turn.
+    #[must_use]
+    pub fn endless(&self, robot: &Robot, v: usize) -> bool {
+        robot.joints()[self.indices[v]].kind == JointKind::Revolute && self.lower[v] == f64::NEG_INFINITY
+    }
+
+    /// Range of a variable to draw start values from.
+    #[must_use]
+    pub fn range(&self, v: usize) -> (f64, f64) {
+        let low = if self.lower[v].is_finite() { self.lower[v] } else { -std::f64::consts::PI };
+        let high = if self.upper[v].is_finite() { self.upper[v] } else { std::f64::consts::PI };
+        (low, high)
+    }
+}
+
+impl Model {
+    /// Adds to `h` the second derivatives of `sum f . p + sum m . a` over points `p` and directions `a` fixed to the
+    /// hand, given as (point, f) and (direction, m) in the base frame.
+    ///
+    /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and likewise for directions.
+    pub(crate) fn second_derivatives(
+        &self,
+        robot: &Robot,
+        frames: &ChainFrames,
+        points: &[(Vector3<f64>, Vector3<f64>)],
+        axes: &[(Vector3<f64>, Vector3<f64>)],
+        h: &mut [Row; MOST_JOINTS],
+    ) {
+        let chain = robot.chain();
+        for (j, (vj, fj)) in self.columns.iter().enumerate() {
+            let mut w = Vector3::zeros();
+            for (p, force) in points {
+                w += chain.linear(frames, j, p).cross(force);
+            }
+            let turn = chain.angular(frames, j);
+            for (a, pull) in axes {
+                w += turn.cross(a).cross(pull);
+            }
+            for (i, (vi, fi)) in self.columns.iter().enumerate().take(j + 1) {
+                let value = fi * fj * chain.angular(frames, i).dot(&w);
+                h[*vi][*vj] += value;
+                if i != j {
+                    h[*vj][*vi] += value;
+                }
+            }
+        }
+    }
+}

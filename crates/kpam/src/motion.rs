@@ -1,0 +1,169 @@
+//! Hand poses of the keyframes, and the path of the hand between them, from an actuation pose and the config.
+
+use gensim2_geometry::{Pose, rotation_about, rotation_log, screw_about};
+use nalgebra::{Rotation3, Translation3, Vector3};
+
+use crate::KeypointProblem;
+use crate::config::Motion;
+use crate::options::{Frames, RotatePath};
+use crate::problem::ObjectJointKind;
+
+/// A named hand pose.
+#[derive(Debug, Clone)]
+pub(crate) struct Keyframe {
+    pub label: String,
+    pub hand: Pose,
+}
+
+/// How the hand goes from one keyframe to the next.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum HandPath {
+    /// Straight, turning evenly.
+    Line { from: Pose, to: Pose },
+    /// Rigidly about a line.
+    Arc { from: Pose, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
+    /// A point `tip` of the hand goes round a line while the hand keeps its orientation.
+    Trace { from: Pose, tip: Vector3<f64>, point: Vector3<f64>, axis: Vector3<f64>, angle: f64 },
+}
+
+impl HandPath {
+    /// Pose at `s` in 0..1.
+    pub fn at(&self, s: f64) -> Pose {
+        match self {
+            Self::Line { from, to } => {
+                let turn = rotation_log(&(from.rotation.inverse() * to.rotation));
+                let rotation =
+                    if turn.norm() < 1e-12 { from.rotation } else { from.rotation * Rotation3::new(turn * s) };
+                let t = from.translation.vector.lerp(&to.translation.vector, s);
+                Pose::from_parts(Translation3::from(t), rotation)
+            }
+            Self::Arc { from, point, axis, angle } => screw_about(point, axis, angle * s) * from,
+            Self::Trace { from, tip, point, axis, angle } => {
+                let moved = screw_about(point, axis, angle * s) * nalgebra::Point3::from(*tip);
+                shifted(from, &(moved.coords - tip))
+            }
+        }
+    }
+
+    /// Length of the hand origin's way (m) and angle turned (rad).
+    pub fn length(&self) -> (f64, f64) {
+        match self {
+            Self::Line { from, to } => (
+                (to.translation.vector - from.translation.vector).norm(),
+                rotation_log(&(from.rotation.inverse() * to.rotation)).norm(),
+            ),
+            Self::Arc { from, point, axis, angle } => {
+                let arm = from.translation.vector - point;
+                ((arm - axis * arm.dot(axis)).norm() * angle.abs(), angle.abs())
+            }
+            Self::Trace { tip, point, axis, angle, .. } => {
+                let arm = tip - point;
+                ((arm - axis * arm.dot(axis)).norm() * angle.abs(), 0.0)
+            }
+        }
+    }
+}
+
+/// Keyframes (pre, actuation, post) and the paths between them: path i leads from keyframe i to i + 1.
+pub(crate) struct Motions {
+    pub keyframes: Vec<Keyframe>,
+    pub paths: Vec<HandPath>,
+    pub actuation: usize,
+}
+
+/// Motions around an actuation pose of the hand.
+pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
+    let config = &problem.config;
+    let before = config.pre.len();
+    let mut keyframes = vec![Keyframe { label: "actuation".to_owned(), hand: *actuation }];
+    let mut paths = Vec::new();
+    // Pre-actuation motions are offsets from the keyframe that comes next, so they chain backwards in time.
+    for (i, motion) in config.pre.iter().enumerate().rev() {
+        let next = keyframes[0].hand;
+        let (hand, path) = match *motion {
+            Motion::Rotate(angle) => {
+                let (point, axis) = object_axis(problem);
+                let hand = screw_about(&point, &axis, angle) * next;
+                (hand, rotation_path(problem, HandPath::Arc { from: hand, point, axis, angle: -angle }))
+            }
+            Motion::Translate { axis, distance } => {
+                let hand = shifted(&next, &(next.rotation * Vector3::ith(axis, distance)));
+                (hand, HandPath::Line { from: hand, to: next })
+            }
+            Motion::Move(v) => {
+                let hand = shifted(&next, &v);
+                (hand, HandPath::Line { from: hand, to: next })
+            }
+            // Refused by the config reader before the actuation.
+            Motion::FollowJoint(_) | Motion::FollowJointTo(_) | Motion::TraceJoint(_) | Motion::TraceJointTo(_) => {
+                (next, HandPath::Line { from: next, to: next })
+            }
+        };
+        keyframes.insert(0, Keyframe { label: format!("pre_{i}"), hand });
+        paths.insert(0, path);
+    }
+    let mut joint_value = problem.joint.map_or(0.0, |j| j.value);
+    for (i, motion) in config.post.iter().enumerate() {
+        let last = keyframes[keyframes.len() - 1].hand;
+        let path = match *motion {
+            Motion::Translate { axis, distance } => {
+                let mut direction = Vector3::ith(axis, distance);
+                if problem.options.frames == Frames::Original {
+                    direction = rotation_about(&Vector3::z(), problem.object_yaw) * direction;
+                }
+                HandPath::Line { from: last, to: shifted(&last, &(last.rotation * direction)) }
+            }
+            Motion::Move(v) => HandPath::Line { from: last, to: shifted(&last, &v) },
+            Motion::Rotate(angle) => {
+                let (point, axis) = object_axis(problem);
+                rotation_path(problem, HandPath::Arc { from: last, point, axis, angle })
+            }
+            Motion::FollowJoint(v) | Motion::TraceJoint(v) => {
+                joint_value += v;
+                follow(problem, last, v, matches!(motion, Motion::FollowJoint(_)))
+            }
+            Motion::FollowJointTo(openness) | Motion::TraceJointTo(openness) => {
+                let goal = problem.joint.map_or(0.0, |j| j.lower + openness * (j.upper - j.lower));
+                let v = goal - joint_value;
+                joint_value = goal;
+                follow(problem, last, v, matches!(motion, Motion::FollowJointTo(_)))
+            }
+        };
+        keyframes.push(Keyframe { label: format!("post_{i}"), hand: path.at(1.0) });
+        paths.push(path);
+    }
+    Motions { keyframes, paths, actuation: before }
+}
+
+fn shifted(pose: &Pose, by: &Vector3<f64>) -> Pose {
+    Pose::from_parts(Translation3::from(pose.translation.vector + by), pose.rotation)
+}
+
+fn object_axis(problem: &KeypointProblem) -> (Vector3<f64>, Vector3<f64>) {
+    let axis = problem.object.rotation * Vector3::ith(problem.object_axis, 1.0);
+    (problem.object.translation.vector, axis)
+}
+
+fn rotation_path(problem: &KeypointProblem, arc: HandPath) -> HandPath {
+    match problem.options.rotate_path {
+        RotatePath::Arc => arc,
+        RotatePath::Chord => HandPath::Line { from: arc.at(0.0), to: arc.at(1.0) },
+    }
+}
+
+/// With the object's joint by `value`: rigidly where `turning`, else by the contact point alone.
+fn follow(problem: &KeypointProblem, from: Pose, value: f64, turning: bool) -> HandPath {
+    match problem.joint {
+        Some(j) if j.kind == ObjectJointKind::Revolute => {
+            let (point, axis) = (j.origin, j.axis);
+            if turning {
+                return HandPath::Arc { from, point, axis, angle: value };
+            }
+            let tip = (from * nalgebra::Point3::from(problem.contact_point())).coords;
+            HandPath::Trace { from, tip, point, axis, angle: value }
+        }
+        Some(j) => HandPath::Line { from, to: shifted(&from, &(j.axis * value)) },
+        // Refused by the problem's check.
+        None => HandPath::Line { from, to: from },
+    }
+}

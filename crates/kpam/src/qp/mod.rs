@@ -1,0 +1,140 @@
+//! Small dense quadratic programs behind one trait.
+
+mod active_set;
+mod interior_point;
+
+pub use active_set::ActiveSet;
+pub use interior_point::InteriorPoint;
+
+use crate::model::Row;
+
+/// `low <= row . d <= high`; equal ends make an equality, infinite ends are left out.
+#[derive(Debug, Clone, Copy)]
+pub struct Bound {
+    /// Coefficients.
+    pub row: Row,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+/// Minimize `d' H d / 2 + g' d` under bounds; `H` symmetric and positive definite.
+#[derive(Debug, Clone)]
+pub struct Qp<'a> {
+    /// Number of variables.
+    pub n: usize,
+    /// Hessian rows.
+    pub hessian: &'a [Row],
+    /// Gradient.
+    pub gradient: &'a Row,
+    /// Bounds.
+    pub bounds: &'a [Bound],
+}
+
+/// How a QP ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum QpOutcome {
+    /// Solved.
+    Solved {
+        /// Minimizer.
+        step: Row,
+        /// Multiplier of each bound: positive where the lower end binds, negative where the upper end does.
+        multipliers: Vec<f64>,
+    },
+    /// No point satisfies the bounds.
+    Infeasible,
+    /// The Hessian is not positive definite, or the iteration limit was met.
+    Failed,
+}
+
+/// A solver of small dense QPs.
+pub trait QpSolver {
+    /// Solves one QP.
+    fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::MOST_JOINTS;
+    use proptest::prelude::*;
+
+    fn row(values: &[f64]) -> Row {
+        let mut out = [0.0; MOST_JOINTS];
+        out[..values.len()].copy_from_slice(values);
+        out
+    }
+
+    #[test]
+    fn a_corner_is_found_by_both() {
+        let hessian = [row(&[1.0, 0.0]), row(&[0.0, 1.0])];
+        let gradient = row(&[-3.0, -3.0]);
+        let bounds = [
+            Bound { row: row(&[1.0, 1.0]), low: f64::NEG_INFINITY, high: 2.0 },
+            Bound { row: row(&[1.0, 0.0]), low: 0.0, high: 0.5 },
+        ];
+        let qp = Qp { n: 2, hessian: &hessian, gradient: &gradient, bounds: &bounds };
+        for outcome in [ActiveSet::default().solve(&qp), InteriorPoint.solve(&qp)] {
+            let QpOutcome::Solved { step, multipliers } = outcome else { panic!("{outcome:?}") };
+            assert!((step[0] - 0.5).abs() < 1e-6 && (step[1] - 1.5).abs() < 1e-6, "{step:?}");
+            assert!((multipliers[0] + 1.5).abs() < 1e-5 && (multipliers[1] + 1.0).abs() < 1e-5, "{multipliers:?}");
+        }
+    }
+
+    #[test]
+    fn contradictions_are_infeasible() {
+        let hessian = [row(&[1.0])];
+        let gradient = row(&[0.0]);
+        let bounds = [
+            Bound { row: row(&[1.0]), low: 1.0, high: 2.0 },
+            Bound { row: row(&[1.0]), low: -2.0, high: -1.0 },
+        ];
+        let qp = Qp { n: 1, hessian: &hessian, gradient: &gradient, bounds: &bounds };
+        assert_eq!(ActiveSet::default().solve(&qp), QpOutcome::Infeasible);
+        assert_eq!(InteriorPoint.solve(&qp), QpOutcome::Infeasible);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+        #[test]
+        fn both_solvers_agree(
+            factors in prop::collection::vec(-1.0..1.0f64, 16),
+            gradient in prop::collection::vec(-3.0..3.0f64, 4),
+            rows in prop::collection::vec((prop::collection::vec(-1.0..1.0f64, 4), 0.0..0.5f64, -0.3..0.3f64, any::<bool>()), 1..8),
+        ) {
+            let n = 4;
+            let mut hessian = [[0.0; MOST_JOINTS]; 4];
+            for i in 0..n {
+                for j in 0..n {
+                    hessian[i][j] = (0..n).map(|k| factors[i * n + k] * factors[j * n + k]).sum::<f64>();
+                }
+                hessian[i][i] += 0.1;
+            }
+            let bounds: Vec<Bound> = rows
+                .iter()
+                .map(|(r, width, middle, equal)| {
+                    // At most a few equalities, or nothing is feasible.
+                    let w = if *equal && rows.len() < 3 { 0.0 } else { *width };
+                    Bound { row: row(r), low: middle - w, high: middle + w }
+                })
+                .collect();
+            let g = row(&gradient);
+            let qp = Qp { n, hessian: &hessian, gradient: &g, bounds: &bounds };
+            let (a, b) = (ActiveSet::default().solve(&qp), InteriorPoint.solve(&qp));
+            if let (QpOutcome::Solved { step: x, .. }, QpOutcome::Solved { step: y, .. }) = (&a, &b) {
+                let cost = |d: &Row| -> f64 {
+                    (0..n).map(|i| g[i] * d[i] + 0.5 * d[i] * (0..n).map(|j| hessian[i][j] * d[j]).sum::<f64>()).sum()
+                };
+                prop_assert!((cost(x) - cost(y)).abs() < 1e-5 * (1.0 + cost(x).abs()), "{} {}", cost(x), cost(y));
+                for bound in &bounds {
+                    let v: f64 = (0..n).map(|i| bound.row[i] * x[i]).sum();
+                    prop_assert!(v >= bound.low - 1e-8 && v <= bound.high + 1e-8);
+                }
+            } else {
+                // Interior points may give up near the edge of feasibility; they must not contradict.
+                prop_assert!(!matches!((&a, &b), (QpOutcome::Infeasible, QpOutcome::Solved { .. })), "{a:?} {b:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! Python values to Rust values and back, with errors that name the argument.
+
+use gensim2_geometry::{Pose, pose_from_matrix, pose_to_matrix};
+use nalgebra::{Matrix4, Point3, Vector3};
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLikeDyn, ndarray};
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyMapping, PySequence, PyString};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Number, Value};
+
+use crate::{ConfigError, KpamError, ProblemError};
+
+/// Poses are written in single precision by simulators; this is how far from rigid they may be.
+const RIGID: f64 = 1e-3;
+
+pub(crate) fn problem_error(field: &str, message: impl std::fmt::Display) -> PyErr {
+    ProblemError::new_err(format!("{field}: {message}"))
+}
+
+/// Numbers of any array-like, flattened, with their shape.
+pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
+    let array: PyArrayLikeDyn<'_, f64, AllowTypeChange> = value
+        .extract()
+        .map_err(|_| problem_error(field, "must be an array of numbers (numpy array, list or tuple)"))?;
+    let view = array.as_array();
+    Ok((view.iter().copied().collect(), view.shape().to_vec()))
+}
+
+pub(crate) fn vector(value: &Bound<'_, PyAny>, field: &str, length: Option<usize>) -> PyResult<Vec<f64>> {
+    let (data, shape) = numbers(value, field)?;
+    let fits = shape.len() == 1 && length.is_none_or(|n| n == shape[0]);
+    if !fits {
+        let wanted = length.map_or("(n,)".to_owned(), |n| format!("({n},)"));
+        return Err(problem_error(field, format!("must have shape {wanted}, not {shape:?}")));
+    }
+    if let Some(i) = data.iter().position(|v| !v.is_finite()) {
+        return Err(problem_error(&format!("{field}[{i}]"), format!("{} is not finite", data[i])));
+    }
+    Ok(data)
+}
+
+pub(crate) fn vector3(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vector3<f64>> {
+    vector(value, field, Some(3)).map(|v| Vector3::new(v[0], v[1], v[2]))
+}
+
+pub(crate) fn points(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Vec<Point3<f64>>> {
+    let (data, shape) = numbers(value, field)?;
+    if shape.len() != 2 || shape[1] != 3 {
+        return Err(problem_error(field, format!("must have shape (N, 3), not {shape:?}")));
+    }
+    Ok(data.chunks_exact(3).map(|c| Point3::new(c[0], c[1], c[2])).collect())
+}
+
+pub(crate) fn pose(value: &Bound<'_, PyAny>, field: &str) -> PyResult<Pose> {
+    let (data, shape) = numbers(value, field)?;
+    if shape != [4, 4] {
+        return Err(problem_error(field, format!("must be a (4, 4) pose, not of shape {shape:?}")));
+    }
+    let matrix = Matrix4::from_row_slice(&data);
+    pose_from_matrix(&matrix, RIGID)
+        .ok_or_else(|| problem_error(field, "is not a finite rigid transform (rotation orthonormal, last row 0 0 0 1)"))
+}
+
+pub(crate) fn optional_pose(value: Option<&Bound<'_, PyAny>>, field: &str) -> PyResult<Pose> {
+    value.map_or(Ok(Pose::identity()), |v| pose(v, field))
+}
+
+pub(crate) fn pose_array<'py>(py: Python<'py>, p: &Pose) -> Bound<'py, PyArray2<f64>> {
+    let m = pose_to_matrix(p);
+    PyArray2::from_owned_array(py, ndarray::Array2::from_shape_fn((4, 4), |(r, c)| m[(r, c)]))
+}
+
+pub(crate) fn array1<'py>(py: Python<'py>, values: &[f64]) -> Bound<'py, PyArray1<f64>> {
+    PyArray1::from_slice(py, values)
+}
+
+pub(crate) fn array2<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) -> Bound<'py, PyArray2<f64>> {
+    PyArray2::from_owned_array(py, ndarray::Array2::from_shape_fn((rows.len(), columns), |(r, c)| rows[r][c]))
+}
+
+/// A config or options mapping as JSON; `field` is the path so far.
+pub(crate) fn json(value: &Bound<'_, PyAny>, field: &str, depth: usize) -> PyResult<Value> {
+    let fail = |message: String| {
+        let at = if field.is_empty() { "config" } else { field };
+        Err(ConfigError::new_err(format!("{at}: {message}")))
+    };
+    if depth > 20 {
+        return fail("is nested too deeply".to_owned());
+    }
+    if value.is_none() {
+        return Ok(Value::Null);
+    }
+    if value.is_instance_of::<PyBool>() {
+        return Ok(Value::Bool(value.extract()?));
+    }
+    if value.is_instance_of::<PyString>() {
+        return Ok(Value::String(value.extract()?));
+    }
+    if value.is_instance_of::<PyInt>()
+        && let Ok(i) = value.extract::<i64>()
+    {
+        return Ok(Value::Number(i.into()));
+    }
+    if let Ok(mapping) = value.cast::<PyMapping>() {
+        let mut out = Map::new();
+        for item in mapping.items()?.iter() {
+            let (key, entry): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
+            let Ok(key) = key.extract::<String>() else { return fail(format!("key {key} must be text")) };
+            let path = if field.is_empty() { key.clone() } else { format!("{field}.{key}") };
+            out.insert(key, json(&entry, &path, depth + 1)?);
+        }
+        return Ok(Value::Object(out));
+    }
+    if value.is_instance_of::<PyFloat>() || value.hasattr("__float__")? && !value.hasattr("__len__")? {
+        let v: f64 = value.extract()?;
+        return match Number::from_f64(v) {
+            Some(n) => Ok(Value::Number(n)),
+            None => fail(format!("{v} is not finite")),
+        };
+    }
+    let listed = if value.hasattr("tolist")? { value.call_method0("tolist")? } else { value.clone() };
+    if let Ok(sequence) = listed.cast::<PySequence>() {
+        let mut out = Vec::new();
+        for i in 0..sequence.len()? {
+            out.push(json(&sequence.get_item(i)?, &format!("{field}[{i}]"), depth + 1)?);
+        }
+        return Ok(Value::Array(out));
+    }
+    fail(format!("{} is not a mapping, list, text or number", value.get_type().name()?))
+}
+
+/// JSON as plain Python values.
+pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
+    match value {
+        Value::Null => Ok(py.None().into_bound(py)),
+        Value::Bool(b) => b.into_bound_py_any(py),
+        Value::Number(n) => match n.as_i64() {
+            Some(i) => i.into_bound_py_any(py),
+            None => n.as_f64().into_bound_py_any(py),
+        },
+        Value::String(s) => s.into_bound_py_any(py),
+        Value::Array(entries) => {
+            let list = PyList::empty(py);
+            for e in entries {
+                list.append(python(py, e)?)?;
+            }
+            Ok(list.into_any())
+        }
+        Value::Object(map) => {
+            let dict = PyDict::new(py);
+            for (k, v) in map {
+                dict.set_item(k, python(py, v)?)?;
+            }
+            Ok(dict.into_any())
+        }
+    }
+}
+
+/// Bytes for pickling.
+pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {
+    postcard::to_stdvec(value).map_err(|e| KpamError::new_err(format!("pickle: {e}")))
+}
+
+/// The inverse of [`freeze`].
+pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
+    postcard::from_bytes(bytes)
+        .map_err(|e| KpamError::new_err(format!("pickle: was written by another version or is damaged ({e})")))
+}
+
+/// Rows of an (n,) or (N, n) array of joint values.
+pub(crate) fn joint_rows(value: &Bound<'_, PyAny>, n: usize) -> PyResult<(Vec<f64>, Option<usize>)> {
+    let (data, shape) = numbers(value, "q")?;
+    let count = match shape.as_slice() {
+        [m] if *m == n => None,
+        [count, m] if *m == n => Some(*count),
+        _ => return Err(problem_error("q", format!("must have shape ({n},) or (N, {n}), not {shape:?}"))),
+    };
+    if data.iter().any(|v| !v.is_finite()) {
+        return Err(problem_error("q", "has an entry that is not finite"));
+    }
+    Ok((data, count))
+}
+

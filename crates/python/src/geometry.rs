@@ -1,0 +1,326 @@
+//! Robot, shapes, bodies, the object's joint.
+
+use std::sync::Arc;
+
+use gensim2_geometry::{ChainFrames, Convex, Pose, Robot, ShapeError};
+use gensim2_kpam::{Body, ObjectJoint, ObjectJointKind, Role};
+use nalgebra::{Point3, Vector3};
+use numpy::{PyArray2, PyArray3, ndarray};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::convert::{self, problem_error};
+use crate::{ProblemError, UrdfError};
+
+fn shape_error(e: &ShapeError) -> PyErr {
+    ProblemError::new_err(e.to_string())
+}
+
+/// A URDF arm. Pickles.
+#[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyRobot(pub Arc<Robot>);
+
+#[pymethods]
+impl PyRobot {
+    #[staticmethod]
+    #[pyo3(signature = (path, *, srdf = None, hand_link = "panda_hand", base_link = None))]
+    fn from_urdf(path: &str, srdf: Option<&str>, hand_link: &str, base_link: Option<&str>) -> PyResult<Self> {
+        Robot::from_urdf(path, srdf, hand_link, base_link)
+            .map(|r| Self(Arc::new(r)))
+            .map_err(|e| UrdfError::new_err(e.to_string()))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    #[getter]
+    fn joint_names(&self) -> Vec<String> {
+        self.0.joints().iter().map(|j| j.name.clone()).collect()
+    }
+
+    #[getter]
+    fn link_names(&self) -> Vec<String> {
+        self.0.links().iter().map(|l| l.name.clone()).collect()
+    }
+
+    #[getter]
+    fn lower<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.lower).collect::<Vec<_>>()).into_any()
+    }
+
+    #[getter]
+    fn upper<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.upper).collect::<Vec<_>>()).into_any()
+    }
+
+    #[getter]
+    fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.velocity).collect::<Vec<_>>()).into_any()
+    }
+
+    /// Pose of `link` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4).
+    #[pyo3(signature = (q, link = None))]
+    fn forward_kinematics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        link: Option<&str>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.0.joints().len();
+        let (data, count) = convert::joint_rows(q, n)?;
+        let chain = self.0.chain_to(self.link(link)?);
+        let mut frames = ChainFrames::default();
+        let Some(count) = count else {
+            chain.forward(&data, &mut frames);
+            return Ok(convert::pose_array(py, &frames.tip).into_any());
+        };
+        let mut out = Vec::with_capacity(count * 16);
+        for row in data.chunks_exact(n) {
+            chain.forward(row, &mut frames);
+            push_rows(&frames.tip, &mut out);
+        }
+        let array = ndarray::Array3::from_shape_vec((count, 4, 4), out).map_err(|e| problem_error("q", e))?;
+        Ok(PyArray3::from_owned_array(py, array).into_any())
+    }
+
+    /// (6, n): linear, then angular velocity of the link's origin, in base axes. (N, n) -> (N, 6, n).
+    #[pyo3(signature = (q, link = None))]
+    fn jacobian<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        link: Option<&str>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.0.joints().len();
+        let (data, count) = convert::joint_rows(q, n)?;
+        let chain = self.0.chain_to(self.link(link)?);
+        let columns: Vec<usize> = chain.joint_indices().collect();
+        let mut frames = ChainFrames::default();
+        let rows = count.unwrap_or(1);
+        let mut out = vec![0.0; rows * 6 * n];
+        for (r, row) in data.chunks_exact(n).enumerate() {
+            chain.forward(row, &mut frames);
+            let tip = frames.tip.translation.vector;
+            let block = &mut out[r * 6 * n..(r + 1) * 6 * n];
+            for (i, j) in columns.iter().enumerate() {
+                let (v, w) = (chain.linear(&frames, i, &tip), chain.angular(&frames, i));
+                for k in 0..3 {
+                    block[k * n + j] = v[k];
+                    block[(k + 3) * n + j] = w[k];
+                }
+            }
+        }
+        if count.is_none() {
+            let array = ndarray::Array2::from_shape_vec((6, n), out).map_err(|e| problem_error("q", e))?;
+            return Ok(PyArray2::from_owned_array(py, array).into_any());
+        }
+        let array = ndarray::Array3::from_shape_vec((rows, 6, n), out).map_err(|e| problem_error("q", e))?;
+        Ok(PyArray3::from_owned_array(py, array).into_any())
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw::<Robot>(bytes).map(|r| Self(Arc::new(r)))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = convert::freeze(self.0.as_ref())?;
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &bytes),)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Robot({:?}, {} joints)", self.0.name(), self.0.joints().len())
+    }
+}
+
+impl PyRobot {
+    fn link(&self, name: Option<&str>) -> PyResult<usize> {
+        let Some(name) = name else { return Ok(self.0.hand()) };
+        self.0.link_index(name).ok_or_else(|| {
+            let known: Vec<&str> = self.0.links().iter().map(|l| l.name.as_str()).collect();
+            problem_error("link", format!("{name:?} is not a link; links: {}", known.join(", ")))
+        })
+    }
+}
+
+fn push_rows(pose: &Pose, out: &mut Vec<f64>) {
+    let (r, t) = (pose.rotation.matrix(), pose.translation.vector);
+    for k in 0..3 {
+        out.extend([r[(k, 0)], r[(k, 1)], r[(k, 2)], t[k]]);
+    }
+    out.extend([0.0, 0.0, 0.0, 1.0]);
+}
+
+/// A collision shape in the body frame; a mesh is a surface of triangles without an inside.
+#[pyclass(name = "Shape", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyShape(pub Vec<Convex>);
+
+#[pymethods]
+impl PyShape {
+    #[staticmethod]
+    #[pyo3(name = "box", signature = (half_extents, pose = None))]
+    fn cuboid(half_extents: &Bound<'_, PyAny>, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let half = convert::vector3(half_extents, "half_extents")?;
+        let pose = convert::optional_pose(pose, "pose")?;
+        one(Convex::cuboid([half.x, half.y, half.z], &pose))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (radius, center = None))]
+    fn sphere(radius: f64, center: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let center = center.map_or(Ok(Vector3::zeros()), |c| convert::vector3(c, "center"))?;
+        one(Convex::ball(radius, Point3::from(center)))
+    }
+
+    /// Capsule along z of `pose`; `length` between the centres of its caps (m).
+    #[staticmethod]
+    #[pyo3(signature = (radius, length, pose = None))]
+    fn capsule(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        one(Convex::capsule(radius, length, &convert::optional_pose(pose, "pose")?))
+    }
+
+    /// Cylinder along z of `pose`, as a prism of 32 sides around it.
+    #[staticmethod]
+    #[pyo3(signature = (radius, length, pose = None))]
+    fn cylinder(radius: f64, length: f64, pose: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        one(Convex::cylinder(radius, length, &convert::optional_pose(pose, "pose")?))
+    }
+
+    /// Hull of (N, 3) points in the body frame.
+    #[staticmethod]
+    fn convex_hull(points: &Bound<'_, PyAny>) -> PyResult<Self> {
+        one(Convex::hull(&convert::points(points, "points")?))
+    }
+
+    /// Triangles (M, 3) over vertices (N, 3): a surface; what lies wholly inside it does not touch it.
+    #[staticmethod]
+    fn mesh(vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let vertices = convert::points(vertices, "vertices")?;
+        let (indices, shape) = convert::numbers(triangles, "triangles")?;
+        if shape.len() != 2 || shape[1] != 3 {
+            return Err(problem_error("triangles", format!("must have shape (M, 3), not {shape:?}")));
+        }
+        let mut out = Vec::with_capacity(shape[0]);
+        for (t, corner) in indices.chunks_exact(3).enumerate() {
+            let mut points = Vec::with_capacity(3);
+            for c in corner {
+                let i = *c as usize;
+                let vertex = vertices.get(i).filter(|_| *c >= 0.0).ok_or_else(|| {
+                    problem_error(&format!("triangles[{t}]"), format!("names vertex {c} of {}", vertices.len()))
+                })?;
+                points.push(*vertex);
+            }
+            out.push(Convex::hull(&points).map_err(|e| shape_error(&e))?);
+        }
+        if out.is_empty() {
+            return Err(problem_error("triangles", "is empty"));
+        }
+        Ok(Self(out))
+    }
+
+    /// Points (N, 3), each a ball of `radius` (m).
+    #[staticmethod]
+    fn point_cloud(points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
+        let points = convert::points(points, "points")?;
+        if points.is_empty() {
+            return Err(problem_error("points", "is empty"));
+        }
+        points
+            .into_iter()
+            .map(|p| Convex::ball(radius, p))
+            .collect::<Result<Vec<_>, _>>()
+            .map(Self)
+            .map_err(|e| shape_error(&e))
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}
+
+fn one(shape: Result<Convex, ShapeError>) -> PyResult<PyShape> {
+    shape.map(|s| PyShape(vec![s])).map_err(|e| shape_error(&e))
+}
+
+/// An obstacle: `role` is "table", "object_body", "moving_link" or "rigid"; `pose` (4, 4) is in the robot base frame.
+#[pyclass(name = "Body", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyBody(pub Body);
+
+#[pymethods]
+impl PyBody {
+    #[new]
+    fn new(name: String, role: &str, shapes: Vec<PyRef<'_, PyShape>>, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let role = match role {
+            "table" => Role::Table,
+            "object_body" => Role::ObjectBody,
+            "moving_link" => Role::MovingLink,
+            "rigid" => Role::Rigid,
+            other => {
+                let message = format!("{other:?} is unknown; use table, object_body, moving_link or rigid");
+                return Err(problem_error("role", message));
+            }
+        };
+        let pose = convert::pose(pose, "pose")?;
+        let shapes = shapes.iter().flat_map(|s| s.0.iter().cloned()).collect();
+        Ok(Self(Body { name, role, shapes, pose }))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}
+
+/// The object's moving joint; `origin` and `axis` are (3,) in the robot base frame.
+#[pyclass(name = "Joint", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyJoint(pub ObjectJoint);
+
+#[pymethods]
+impl PyJoint {
+    #[new]
+    fn new(
+        kind: &str,
+        origin: &Bound<'_, PyAny>,
+        axis: &Bound<'_, PyAny>,
+        value: f64,
+        lower: f64,
+        upper: f64,
+    ) -> PyResult<Self> {
+        let kind = match kind {
+            "revolute" => ObjectJointKind::Revolute,
+            "prismatic" => ObjectJointKind::Prismatic,
+            other => return Err(problem_error("kind", format!("{other:?} is unknown; use revolute or prismatic"))),
+        };
+        let axis = convert::vector3(axis, "axis")?;
+        if axis.norm() < 1e-9 {
+            return Err(problem_error("axis", "has no direction"));
+        }
+        let origin = convert::vector3(origin, "origin")?;
+        Ok(Self(ObjectJoint { kind, origin, axis: axis.normalize(), value, lower, upper }))
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}

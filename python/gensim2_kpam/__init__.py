@@ -1,0 +1,46 @@
+"""Keypoint solver: constraints in, joint motion out. Metres, radians, seconds; poses are (4, 4) row-major float64.
+
+A :class:`KeypointProblem` holds a robot, a solver config, keypoints, the object's joint and obstacles; :func:`plan`
+returns a :class:`Plan` that says what was solved, each constraint's residual, and what failed. Shapes and units stand
+in the docstrings and in ``__init__.pyi``; every error is a :class:`KpamError` that names a file or field and the remedy.
+"""
+
+from ._native import (
+    Body,
+    ConfigError,
+    Joint,
+    KeypointProblem,
+    KpamError,
+    Plan,
+    ProblemError,
+    Robot,
+    Shape,
+    SolverConfig,
+    Trajectory,
+    UrdfError,
+    __version__,
+    min_clearance,
+    plan,
+    plan_batch,
+    plan_timed,
+)
+
+__all__ = [
+    "Body",
+    "ConfigError",
+    "Joint",
+    "KeypointProblem",
+    "KpamError",
+    "Plan",
+    "ProblemError",
+    "Robot",
+    "Shape",
+    "SolverConfig",
+    "Trajectory",
+    "UrdfError",
+    "__version__",
+    "min_clearance",
+    "plan",
+    "plan_batch",
+    "plan_timed",
+]
