@@ -38,8 +38,7 @@ class Affordance:
             name
             for name in first.keypoints
             if all(
-                name in other.keypoints and other.keypoints[name].link == other.joint.child_link
-                for other in instances
+                name in other.keypoints and other.keypoints[name].link == other.joint.child_link for other in instances
             )
         ]
         return Affordance(
@@ -48,8 +47,7 @@ class Affordance:
             default_openness=first.default_openness,
             keypoints={name: first.keypoints[name].description for name in shared},
             lever_arms={
-                name: sum(_lever_arm(instance, name) for instance in instances) / len(instances)
-                for name in shared
+                name: sum(_lever_arm(instance, name) for instance in instances) / len(instances) for name in shared
             },
         )
 
@@ -110,9 +108,7 @@ class Designer(Protocol):
 
     name: str
 
-    def propose(
-        self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int
-    ) -> Iterable[TaskSpec]:
+    def propose(self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int) -> Iterable[TaskSpec]:
         """Yield new tasks, best first; none repeats the class and goal of a known one."""
         ...
 
@@ -121,7 +117,12 @@ class Designer(Protocol):
         ...
 
     def refine(
-        self, task: TaskSpec, affordance: Affordance, results: Sequence[CandidateResult], seed: int, round: int
+        self,
+        task: TaskSpec,
+        affordance: Affordance,
+        results: Sequence[CandidateResult],
+        seed: int,
+        round: int,
     ) -> list[Candidate]:
         """Return new candidates given how earlier ones fared, best first; an empty list ends the search."""
         ...

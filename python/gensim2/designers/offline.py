@@ -15,7 +15,7 @@ from typing import Any
 from gensim2 import seeding
 from gensim2.designers import proposals
 from gensim2.designers.base import Affordance, Candidate, CandidateResult
-from gensim2.designers.strategy import Direction, Strategy
+from gensim2.designers.strategy import Axis, Direction, Motion, Strategy
 from gensim2.tasks.spec import TaskSpec
 
 #: First-round candidates a task; more are drawn only in refinement.
@@ -64,9 +64,7 @@ class OfflineDesigner:
 
     name = "offline"
 
-    def propose(
-        self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int
-    ) -> Iterator[TaskSpec]:
+    def propose(self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int) -> Iterator[TaskSpec]:
         """Yield tasks that ``known`` lacks, in the order in which the affordances come."""
         return proposals.propose(affordances, known)
 
@@ -81,7 +79,12 @@ class OfflineDesigner:
         return [self._candidate(task, strategy) for strategy in strategies]
 
     def refine(
-        self, task: TaskSpec, affordance: Affordance, results: Sequence[CandidateResult], seed: int, round: int
+        self,
+        task: TaskSpec,
+        affordance: Affordance,
+        results: Sequence[CandidateResult],
+        seed: int,
+        round: int,
     ) -> list[Candidate]:
         """Vary the offsets, the reach and the tolerance of the best so far."""
         if round >= REFINE_ROUNDS:
@@ -114,37 +117,51 @@ class OfflineDesigner:
         for keypoint in affordance.keypoints:
             if longest and affordance.lever_arms[keypoint] < 0.3 * longest:
                 continue  # too near the hinge to move it
-            for direction, roll, gripper in itertools.product(
-                DIRECTIONS, (None, "x", "y", "z"), ("closed", "grasp")
-            ):
-                if gripper == "closed":
-                    if _pushes_from_the_wrong_side(direction, opening):
-                        continue
-                    offsets = ((0.0, 0.0), (0.03, 0.0), (0.03, 0.03))
-                    motions = ("follow_joint_to", "trace_joint_to")
-                    if roll is not None:
-                        continue  # closed fingers are nearly round: their roll is left to the solver
-                else:
-                    if roll is None:
-                        continue  # a grasp without a finger direction misses thin parts
-                    offsets = ((0.0, 0.0), (0.0, 0.015))
-                    motions = ("follow_joint_to",)
-                if roll is not None and direction.frame == "joint" and abs(direction.vector[_NAMES.index(roll)]) > 0.9:
-                    continue  # orthogonal already
-                for (behind, inset), motion in itertools.product(offsets, motions):
-                    yield Strategy(
-                        keypoint=keypoint,
-                        gripper=gripper,  # type: ignore[arg-type]
-                        approach=direction,
-                        roll=roll,  # type: ignore[arg-type]
-                        behind=behind,
-                        inset=inset,
-                        retreat=0.1,
-                        motion=motion,  # type: ignore[arg-type]
-                        goal_openness=reach,
-                        tolerance=0.15 if gripper == "grasp" else 0.3,
-                        opening=opening,
-                    )
+            for direction in DIRECTIONS:
+                yield from self._pushes(keypoint, direction, opening, reach)
+                yield from self._grasps(keypoint, direction, opening, reach)
+
+    @staticmethod
+    def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Strategy]:
+        """Closed fingers, which are nearly round: their roll is left to the solver."""
+        if _pushes_from_the_wrong_side(direction, opening):
+            return
+        motions: tuple[Motion, ...] = ("follow_joint_to", "trace_joint_to")
+        for (behind, inset), motion in itertools.product(((0.0, 0.0), (0.03, 0.0), (0.03, 0.03)), motions):
+            yield Strategy(
+                keypoint=keypoint,
+                gripper="closed",
+                approach=direction,
+                roll=None,
+                behind=behind,
+                inset=inset,
+                retreat=0.1,
+                motion=motion,
+                goal_openness=goal,
+                tolerance=0.3,
+                opening=opening,
+            )
+
+    @staticmethod
+    def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Strategy]:
+        """Fingers that close across one axis of the joint frame: without it they would miss thin parts."""
+        axes: tuple[Axis, ...] = ("x", "y", "z")
+        for roll, inset in itertools.product(axes, (0.0, 0.015)):
+            if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
+                continue  # orthogonal already
+            yield Strategy(
+                keypoint=keypoint,
+                gripper="grasp",
+                approach=direction,
+                roll=roll,
+                behind=0.0,
+                inset=inset,
+                retreat=0.1,
+                motion="follow_joint_to",
+                goal_openness=goal,
+                tolerance=0.15,
+                opening=opening,
+            )
 
     @staticmethod
     def _candidate(task: TaskSpec, strategy: Strategy) -> Candidate:

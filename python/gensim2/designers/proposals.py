@@ -66,7 +66,7 @@ def goals(affordance: Affordance) -> list[Goal]:
 
 
 def propose(affordances: Iterable[Affordance], known: Sequence[TaskSpec]) -> Iterator[TaskSpec]:
-    """Yield tasks that ``known`` lacks: one a class first, opening and closing in turn, then the classes' other goals."""
+    """Yield tasks that ``known`` lacks: one a class first, opening and closing in turn, then the other goals."""
     taken = {(task.asset_class, goal_of(task)) for task in known}
     names = {task.name for task in known}
     second: list[TaskSpec] = []

@@ -1,7 +1,7 @@
 """A way to work an object's joint, written in the joint's own frame, and the solver config that it stands for.
 
-Everything is relative to the joint frame at the contact keypoint (docs/architecture.md): y is where the keypoint goes as
-the joint opens, z the axis, x away from the hinge. So one strategy reads the same for a lid, a door and a drawer.
+Everything is relative to the joint frame at the contact keypoint (docs/architecture.md): y is where the keypoint goes
+as the joint opens, z the axis, x away from the hinge. So one strategy reads the same for a lid, a door and a drawer.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 Frame = Literal["joint", "world"]
 Vector = tuple[float, float, float]
+Axis = Literal["x", "y", "z"]
+Motion = Literal["follow_joint_to", "trace_joint_to"]
 
 #: Position tolerance of the contact, metres.
 CONTACT_TOLERANCE = 0.001
@@ -31,7 +33,7 @@ class Strategy:
 
     Attributes:
         keypoint: contact keypoint of the object.
-        gripper: ``"closed"`` pushes with the fingertips, ``"open"`` hooks or pushes with one finger, ``"grasp"`` closes.
+        gripper: ``"closed"`` pushes with the fingertips, ``"grasp"`` closes on the part; ``"open"`` hooks.
         approach: where the fingers point.
         roll: axis of the joint frame that the line between the fingers is orthogonal to, or None for any.
         behind: metres from the keypoint to the contact, against the wanted motion.
@@ -45,11 +47,11 @@ class Strategy:
     keypoint: str
     gripper: Literal["open", "closed", "grasp"]
     approach: Direction
-    roll: Literal["x", "y", "z"] | None
+    roll: Axis | None
     behind: float
     inset: float
     retreat: float
-    motion: Literal["follow_joint_to", "trace_joint_to"]
+    motion: Motion
     goal_openness: float
     tolerance: float
     opening: bool
@@ -64,7 +66,7 @@ class Strategy:
             for value, word in ((self.behind, "behind"), (self.inset, "inset"))
             if value
         )
-        how = "turning" if self.motion == "follow_joint_to" else "keeping the hand upright"
+        how = "turning" if self.motion == "follow_joint_to" else "keeping the hand turned as it is"
         return (
             f"{verb} at {self.keypoint.removeprefix('articulated_object_')}, fingers along {self.approach.name}"
             f"{roll}{offset}, {how} to openness {self.goal_openness:.2f}"

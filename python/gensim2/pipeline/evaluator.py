@@ -24,9 +24,7 @@ class PoolEvaluator:
         instances: which instances episodes draw from, as in ``GenSim2Env``.
     """
 
-    def __init__(
-        self, assets: str, workers: int, progress: Progress = NULL_PROGRESS, instances: str = "all"
-    ) -> None:
+    def __init__(self, assets: str, workers: int, progress: Progress = NULL_PROGRESS, instances: str = "all") -> None:
         self.assets, self.instances = assets, instances
         self.pool = WorkerPool(workers)
         self._workers, self._progress = workers, progress

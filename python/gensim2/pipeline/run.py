@@ -74,9 +74,7 @@ def run_pipeline(
     """
     _check(num_tasks=num_tasks, episodes=episodes, workers=workers)
     if designer not in DESIGNERS:
-        raise InputError(
-            f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}"
-        )
+        raise InputError(f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
     target = load_task(target_task) if target_task is not None else None
     library = open_library(assets)
     folder = RunFolder(
@@ -176,9 +174,7 @@ class _Run:
             if not instances:
                 return None
             for instance in instances:
-                self.folder.add_instance(
-                    f"{asset_class}/{instance.id}", instance.content_hash, instance.license
-                )
+                self.folder.add_instance(f"{asset_class}/{instance.id}", instance.content_hash, instance.license)
             self._affordances[asset_class] = Affordance.of(instances)
         return self._affordances[asset_class]
 
@@ -225,9 +221,7 @@ class _Run:
             affordance = self.affordance(task.asset_class)
             if affordance is None:
                 return f"no instance of {task.asset_class} can be used"
-            design = Search(
-                task, affordance, self.designer, evaluator, self.seed, self.budget, self.progress
-            ).run()
+            design = Search(task, affordance, self.designer, evaluator, self.seed, self.budget, self.progress).run()
             record = design.to_dict()
             folder.write_task(task)
             if design.chosen is not None:

@@ -66,9 +66,7 @@ class RunFolder:
             raise InputError("is not a folder", file=path, remedy="choose another --out")
         if record.exists():
             if not resume:
-                raise InputError(
-                    "holds a run already", file=path, remedy="add --resume, or choose another --out"
-                )
+                raise InputError("holds a run already", file=path, remedy="add --resume, or choose another --out")
             self.record = read_json(record)
             for name in IDENTITY:
                 before, now = self.record["arguments"].get(name), arguments.get(name)
@@ -166,9 +164,7 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"cannot be read: {error}", file=path, remedy="restore or delete the file"
-        ) from error
+        raise InputError(f"cannot be read: {error}", file=path, remedy="restore or delete the file") from error
     if not isinstance(value, dict):
         raise InputError("is not a JSON object", file=path, remedy="restore or delete the file")
     return value

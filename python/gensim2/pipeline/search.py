@@ -41,7 +41,7 @@ class Budget:
         rounds: (candidates, episodes each) of successive physics rounds of the first generation.
         refine_episodes: episodes of each refined candidate.
         final: (candidates, episodes each) of the last comparison.
-        enough: a candidate that holds at this rate over all its episodes, at least ``enough_episodes``, ends the search.
+        enough: a candidate that holds at this rate over at least ``enough_episodes`` episodes ends the search.
         enough_episodes: see ``enough``.
     """
 
@@ -56,8 +56,7 @@ class Budget:
 def design_seeds(seed: int, task: TaskSpec, purpose: str, count: int, start: int = 0) -> list[int]:
     """Return environment seeds for one purpose; different purposes share no stream."""
     return [
-        int(seeding.rng(seed, f"{task.name}/{purpose}", index).integers(2**31))
-        for index in range(start, start + count)
+        int(seeding.rng(seed, f"{task.name}/{purpose}", index).integers(2**31)) for index in range(start, start + count)
     ]
 
 
@@ -135,7 +134,7 @@ class Search:
         return self._spread(results)
 
     def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
-        """Order by plan score, and among equals in a seeded order, so that neighbours in the grid do not crowd out others."""
+        """Order by plan score, equals in a seeded order, so that neighbours in the grid do not crowd out others."""
         order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
         return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
 
@@ -153,8 +152,7 @@ class Search:
         for owner, attempt in zip(owners, attempts, strict=True):
             grouped[owner].append(attempt)
         updated = [
-            replace(result, stages=(*result.stages, _stage(grouped[index])))
-            for index, result in enumerate(results)
+            replace(result, stages=(*result.stages, _stage(grouped[index]))) for index, result in enumerate(results)
         ]
         return self._sorted(updated)
 

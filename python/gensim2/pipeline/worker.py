@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from gensim2.demos.recording import Recording
     from gensim2.sim.env import GenSim2Env
 
-#: Planner options of the pipeline: the longest part of a motion that can be done is taken, physics decides whether it does.
+#: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
 
 
@@ -64,9 +64,7 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
     return causes
 
 
-def plan_episode(
-    env: GenSim2Env, config: Mapping[str, Any]
-) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
+def plan_episode(env: GenSim2Env, config: Mapping[str, Any]) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
     """Plan on the scene as it stands; the actions are None where there is no trajectory."""
     solver_config = kpam.SolverConfig(config)
     problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
@@ -86,9 +84,7 @@ def demonstrate(setting: Setting, config: Mapping[str, Any], seed: int) -> tuple
     return _episode(replace(setting, obs_mode="state"), config, seed, record=True)
 
 
-def _episode(
-    setting: Setting, config: Mapping[str, Any], seed: int, record: bool
-) -> tuple[Attempt, Recording | None]:
+def _episode(setting: Setting, config: Mapping[str, Any], seed: int, record: bool) -> tuple[Attempt, Recording | None]:
     from gensim2.demos.rollout import run_episode
 
     env = environment(setting)

@@ -60,7 +60,7 @@ def plan_actions(
 
 
 def _actuation_step(plan: kpam.Plan, steps: int) -> int:
-    time = next(frame["time"] for frame in plan.keyframes if frame["label"] == "actuation")
+    time: float = next(frame["time"] for frame in plan.keyframes if frame["label"] == "actuation")
     return min(round(time * CONTROL_HZ), steps - 1)
 
 

@@ -36,9 +36,7 @@ class SceneProblems:
         joint = scene.joint
         self._joint = kpam.Joint(joint.type, joint.origin, joint.axis, joint.value, joint.lower, joint.upper)
 
-    def problem(
-        self, config: kpam.SolverConfig, options: Mapping[str, Any] | None = None
-    ) -> kpam.KeypointProblem:
+    def problem(self, config: kpam.SolverConfig, options: Mapping[str, Any] | None = None) -> kpam.KeypointProblem:
         """Return the problem that ``config`` poses on this scene.
 
         The fingers stand as the config wants them during the approach: closed to push, open to hook or to grasp.
@@ -56,7 +54,7 @@ class SceneProblems:
             joint=self._joint,
             object_axis=self._object_axis,  # type: ignore[arg-type]
             object_yaw=self.scene.object_yaw,
-            T_base_world=np.linalg.inv(self.scene.T_world_base),
+            T_base_world=np.linalg.inv(self.scene.T_world_base).astype(np.float64),
             bodies=self._bodies,
             options=options,
         )
