@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,12 +59,31 @@ def film(trajectory: Path, video: Path, *, episode: int = 0, still: Path | None 
     info, entry = _entry(trajectory, episode)
     with h5py.File(trajectory, "r") as file:
         actions = file[f"traj_{episode}"]["actions"][:]
-    frames, opennesses, success = _replay(info, entry, actions)
-    _write(video, ".mp4", lambda path: _write_video(path, frames))
+    shown = _Shown()
+    _write(video, ".mp4", lambda path: _write_video(path, _replay(info, entry, actions, shown)))
     if still is not None:
-        farthest = int(np.argmax(np.abs(np.array(opennesses) - opennesses[0])))
-        _write(still, ".png", lambda path: imageio.imwrite(path, frames[farthest]))
-    return Film(len(frames), success)
+        _write(still, ".png", lambda path: imageio.imwrite(path, shown.farthest))
+    return Film(shown.frames, shown.success)
+
+
+class _Shown:
+    """What is kept of a replay besides the video: frames themselves are not, 200 of them are 180 MB."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.success = False
+        self.farthest: Frame | None = None
+        self._start = 0.0
+        self._distance = -1.0
+
+    def add(self, frame: Frame, openness: float, success: bool) -> None:
+        if self.frames == 0:
+            self._start = openness
+        distance = abs(openness - self._start)
+        if distance > self._distance:
+            self._distance, self.farthest = distance, frame
+        self.frames += 1
+        self.success = success
 
 
 def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -81,37 +101,27 @@ def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, An
 
 
 def _replay(
-    info: dict[str, Any], entry: dict[str, Any], actions: npt.NDArray[np.float32]
-) -> tuple[list[Frame], list[float], bool]:
+    info: dict[str, Any], entry: dict[str, Any], actions: npt.NDArray[np.float32], shown: _Shown
+) -> Iterator[Frame]:
     import gymnasium as gym
 
-    env = gym.make(
-        info["env_id"],
-        **{
-            **info["env_kwargs"],
-            "instances": [entry["instance"]],
-            "obs_mode": "none",
-            "render_mode": "rgb_array",
-        },
-    )
+    kwargs = {**info["env_kwargs"], "instances": [entry["instance"]]}
+    env = gym.make(info["env_id"], **{**kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
+
+    def see(outcome: dict[str, Any]) -> Frame:
+        frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
+        shown.add(frame, float(outcome["openness"][0]), bool(outcome["success"][0]))
+        return frame
+
     try:
-        _, outcome = env.reset(**entry["reset_kwargs"])
-        frames = [_frame(env)]
-        opennesses = [float(outcome["openness"][0])]
+        yield see(env.reset(**entry["reset_kwargs"])[1])
         for action in actions:
-            _, _, _, _, outcome = env.step(action)
-            frames.append(_frame(env))
-            opennesses.append(float(outcome["openness"][0]))
-        return frames, opennesses, bool(outcome["success"][0])
+            yield see(env.step(action)[4])
     finally:
         env.close()
 
 
-def _frame(env: Any) -> Frame:
-    return np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)
-
-
-def _write_video(path: Path, frames: list[Frame]) -> None:
+def _write_video(path: Path, frames: Iterable[Frame]) -> None:
     # ImageIO's plugin types do not say that a writer can append.
     writer: Any = imageio.get_writer(path, fps=FRAMES_PER_SECOND, codec="libx264", quality=7)
     with writer:
@@ -119,7 +129,7 @@ def _write_video(path: Path, frames: list[Frame]) -> None:
             writer.append_data(frame)
 
 
-def _write(target: Path, suffix: str, write: Any) -> None:
+def _write(target: Path, suffix: str, write: Callable[[Path], None]) -> None:
     """Let ``write`` fill a file beside the target, then put it in its place."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
