@@ -194,6 +194,14 @@ def test_bad_reset_options_are_named(
     env.reset(seed=0)  # and it still works
 
 
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: TaskSpec, seed: int) -> None:
+    env = make_env(crate_task, assets=crates())
+    with pytest.raises(InputError, match="seed: must lie in 0"):
+        env.reset(seed=seed)
+    env.reset(seed=2**32 - 1)
+
+
 @pytest.mark.parametrize(
     ("kwargs", "expected"),
     [

@@ -164,8 +164,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Build a fresh scene; see the class for ``options``."""
+        """Build a fresh scene; see the class for ``options``. Seeds are whole numbers from 0 to 2**32 - 1."""
         check_options(options)
+        _check_seed(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)
         return result
@@ -265,6 +266,12 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         if self.render_mode is not None and not self.scene.can_render():
             raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
         return super().render()
+
+
+def _check_seed(seed: int | list[int] | None) -> None:
+    for value in seed if isinstance(seed, list | tuple | np.ndarray) else [seed]:
+        if value is not None and not 0 <= int(value) < 2**32:
+            raise InputError(f"must lie in 0..2**32 - 1, is {value}", field="seed")
 
 
 def _as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
