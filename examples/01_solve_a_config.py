@@ -10,14 +10,12 @@ config = kpam.SolverConfig(
         "task_name": "PushButton",
         "constraint_list": [
             {
-                "name": "fingertips_on_button",
                 "type": "point2point_constraint",
-                "source_keypoint_name": "tool_head",
+                "keypoint_name": "tool_head",
                 "target_keypoint_name": "button",
                 "tolerance": 0.001,
             },
             {
-                "name": "hand_points_down",
                 "type": "frame_axis_parallel",
                 "axis_from_keypoint_name": "tool_head",
                 "axis_to_keypoint_name": "tool_tail",

@@ -17,7 +17,7 @@ CONFIG = {
         {
             "name": "tip_on_handle",
             "type": "point2point_constraint",
-            "source_keypoint_name": "tool_head",
+            "keypoint_name": "tool_head",
             "target_keypoint_name": "articulated_object_head",
             "tolerance": 0.001,
         }
