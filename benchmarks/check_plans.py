@@ -191,8 +191,9 @@ def check_record(
     if assets is not None and record["waypoints"] is not None:
         hand = arm.hand_pose(np.asarray(problem["q_current"]))
         obstacles, missing = scene_obstacles(problem, assets, hand)
-        if len(missing) != len(record["warnings"]):
-            finding.errors.append(f"{len(missing)} missing meshes, {len(record['warnings'])} warnings")
+        told = sum("missing mesh" in warning for warning in record["warnings"])
+        if len(missing) != told:
+            finding.errors.append(f"{len(missing)} missing meshes, {told} warnings of them")
     check_trajectory(problem, record, frames, arm, obstacles, finding)
     return finding
 

@@ -106,10 +106,10 @@ def constraint_errors(problem: dict[str, Any], T_base_hand: Array) -> list[str]:
         if entry["type"].startswith("keypoint_axis"):
             other = target[entry["target_axis_to_keypoint_name"]] - target[entry["target_axis_from_keypoint_name"]]
         else:
-            other = axes[entry["target_axis_frame"]] @ np.asarray(entry["target_axis"], dtype=float)
+            other = axes.get(entry["target_axis_frame"], axes["world"]) @ np.asarray(entry["target_axis"], dtype=float)
         wanted = np.arccos(np.clip(entry["target_inner_product"], -1.0, 1.0))
         miss = abs(angle_between(own, other) - wanted)
-        if miss > entry["tolerance"] + 1e-5:
+        if miss > entry["tolerance"] + 1e-4:
             errors.append(f"{name} misses by {miss:.4f} rad")
     return errors
 

@@ -130,7 +130,7 @@ def constraint_rows(problem: dict[str, Any], arm: Arm, q: Array) -> tuple[Array,
             to, start = entry["target_axis_to_keypoint_name"], entry["target_axis_from_keypoint_name"]
             other = target[to] - target[start]
         else:
-            other = axes[entry["target_axis_frame"]] @ np.asarray(entry["target_axis"], dtype=float)
+            other = axes.get(entry["target_axis_frame"], axes["world"]) @ np.asarray(entry["target_axis"], dtype=float)
         own, other = own / np.linalg.norm(own), other / np.linalg.norm(other)
         wanted = entry["target_inner_product"]
         turning = -pin.skew(own) @ jacobian[3:]

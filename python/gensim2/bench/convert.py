@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.bench.problems import PlanProblem
-from gensim2.bench.scene import ProblemScene, SceneObstacle
+from gensim2.bench.scene import ProblemScene, Role, SceneObstacle
 from gensim2.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -18,8 +18,12 @@ Frames = Literal["original", "object"]
 
 def _body(obstacle: SceneObstacle) -> kpam.Body:
     shapes = [kpam.Shape.convex_hull(points) for points in obstacle.hulls]
-    role = "rigid" if obstacle.role == "attached" else obstacle.role
+    role = "rigid" if obstacle.role in ("target", "attached") else obstacle.role
     return kpam.Body(obstacle.name, role, shapes, obstacle.pose)
+
+
+def _named(scene: ProblemScene, role: Role) -> list[str]:
+    return [obstacle.name for obstacle in scene.obstacles if obstacle.role == role]
 
 
 def keypoint_problem(
@@ -50,10 +54,18 @@ def keypoint_problem(
             else kpam.Joint(joint.kind, joint.origin, joint.axis, joint.value, joint.lower, joint.upper),
             object_axis=problem.object_axis or "y",
             object_yaw=problem.object_yaw,
-            T_base_world=np.linalg.inv(problem.pose("T_world_base")),
-            bodies=[_body(obstacle) for obstacle in scene.obstacles if obstacle.role != "attached"],
-            attached=[_body(obstacle) for obstacle in scene.obstacles if obstacle.role == "attached"],
-            options={"timing": "config", "frames": frames, "start_time": problem.start_time, "allow_partial": True},
+            T_base_world=np.asarray(np.linalg.inv(problem.pose("T_world_base")), dtype=np.float64),
+            bodies=[_body(obstacle) for obstacle in scene.obstacles],
+            options={
+                "timing": "config",
+                "frames": frames,
+                "start_time": problem.start_time,
+                "velocity_scale": 1.0,
+                "acceleration_scale": 1.0,
+                "allow_partial": True,
+                "targets": _named(scene, "target"),
+                "attached": _named(scene, "attached"),
+            },
         )
     except kpam.KpamError as error:
         raise InputError(

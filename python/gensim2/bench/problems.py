@@ -23,6 +23,10 @@ Array = npt.NDArray[np.float64]
 ROTATION_TOLERANCE = 1e-4
 
 
+#: Frames that an axis can be written in.
+AXIS_FRAMES = ("world", "object", "joint")
+
+
 def _is_pose(rows: list[list[float]]) -> list[list[float]]:
     if len(rows) != 4 or any(len(row) != 4 for row in rows):
         raise ValueError("a pose has 4 rows of 4 numbers")
@@ -39,6 +43,11 @@ def _is_quaternion(values: list[float]) -> list[float]:
     if abs(float(np.linalg.norm(values)) - 1.0) > ROTATION_TOLERANCE:
         raise ValueError("not a unit quaternion")
     return values
+
+
+def _is_odd(entry: Any) -> bool:
+    frame = entry.get("target_axis_frame", "world") if isinstance(entry, dict) else "world"
+    return isinstance(frame, str) and frame not in AXIS_FRAMES
 
 
 def _is_increasing(values: list[float]) -> list[float]:
@@ -111,10 +120,22 @@ class PlanProblem(_Record):
         pose[:3, :3] = left @ right
         return pose
 
+    def odd_frames(self) -> list[str]:
+        """Axis frames of the config that are no frames; the original reads each of them as the world's."""
+        return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
+
+    def _constraints(self) -> list[Any]:
+        entries = self.config.get("constraint_list")
+        return entries if isinstance(entries, list) else []
+
     def timed_config(self) -> dict[str, Any]:
-        """Return the solver config with this problem's clock written into it."""
+        """Return the solver config with this problem's clock written into it, and ``odd_frames`` as world."""
+        constraints = [
+            {**entry, "target_axis_frame": "world"} if _is_odd(entry) else entry for entry in self._constraints()
+        ]
         return {
             **self.config,
+            "constraint_list": constraints,
             "actuation_time": self.actuation_time,
             "pre_actuation_times": list(self.pre_actuation_times),
             "post_actuation_times": list(self.post_actuation_times),

@@ -34,9 +34,7 @@ def bench() -> None:
     help="Reading of motion frames: the original's, or the object's own.",
 )
 @click.option("--threads", type=click.IntRange(min=1), default=1, show_default=True, help="Solver threads.")
-@click.option(
-    "--sample-dt", type=float, default=None, metavar="S", help="Also write the joints every S seconds."
-)
+@click.option("--sample-dt", type=float, default=None, metavar="S", help="Also write the joints every S seconds.")
 @click.option(
     "--json",
     "out",
