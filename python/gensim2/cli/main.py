@@ -28,6 +28,7 @@ COMMANDS = {
     "solve": "gensim2.cli.solve:solve",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
+    "bench": "gensim2.cli.bench:bench",
     "doctor": "gensim2.cli.doctor:doctor",
 }
 
