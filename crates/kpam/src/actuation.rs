@@ -523,13 +523,14 @@ fn columns(pose: &Pose) -> impl Iterator<Item = Vector3<f64>> + '_ {
 /// A band whose cone closes at the target (parallel constraints) becomes a polygon inscribed in the cone; an open band
 /// becomes one band along the direction in which the angle changes.
 fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item = (Vector3<f64>, f64, f64)> + use<> {
+    let u = *u;
     let flipped = a.center > std::f64::consts::FRAC_PI_2;
     let target = if flipped { -a.target } else { a.target };
     let center = if flipped { std::f64::consts::PI - a.center } else { a.center };
     let t = INSIDE * a.tolerance;
     let closed = center - t <= 0.0;
     let (e1, e2) = across(&target);
-    let cross = target.cross(u);
+    let cross = target.cross(&u);
     let sin = cross.norm();
     // Unit direction across the target in which u lies.
     let outward = if sin > 1e-9 { cross.cross(&target) / sin } else { e1 };

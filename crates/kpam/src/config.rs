@@ -452,6 +452,9 @@ fn frame_of(map: &Map<String, Value>, field: &str, at: &str, default: Option<Fra
         "world" => Ok(Frame::World),
         "object" => Ok(Frame::Object),
         "joint" => Ok(Frame::Joint),
+        // A config of the original has its constraint's type here by mistake; the original reads what is not "object"
+        // as world axes.
+        "frame_axis_parallel" | "frame_axis_orthogonal" => Ok(Frame::World),
         other => Err(ConfigError::new(path, format!("must be world, object or joint, not {other:?}"))),
     }
 }

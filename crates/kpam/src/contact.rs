@@ -21,8 +21,6 @@ pub(crate) struct Hit {
     pub second: String,
     pub distance: f64,
     pub at: Point3<f64>,
-    /// Fraction of the swept edge.
-    pub along: f64,
 }
 
 /// Smallest signed distances over what was checked.
@@ -75,13 +73,10 @@ impl<'p> Judge<'p> {
             (0..links.len()).map(|l| carrier.iter().map(|c| below(l, *c)).collect()).collect();
         let on_hand: Vec<bool> = (0..links.len()).map(|l| below(l, robot.hand())).collect();
         let mut shapes = RobotShapes::new(robot, |l| moves[l].iter().any(|m| *m));
-        let attached = |name: &String| problem.options.attached.contains(name);
         let bodies: Vec<usize> =
-            (0..problem.bodies.len()).filter(|b| !attached(&problem.bodies[*b].name)).collect();
-        let hand = robot.link_pose(&model.rest, robot.hand());
-        for body in problem.bodies.iter().filter(|b| attached(&b.name)) {
-            let in_hand = hand.inverse() * body.pose;
-            let riding: Vec<_> = body.shapes.iter().map(|s| s.moved(&in_hand)).collect();
+            (0..problem.bodies.len()).filter(|b| problem.bodies[*b].role != Role::Attached).collect();
+        for body in problem.bodies.iter().filter(|b| b.role == Role::Attached) {
+            let riding: Vec<_> = body.shapes.iter().map(|s| s.moved(&body.pose)).collect();
             shapes.attach(robot.hand(), &riding);
         }
         let scene = Scene::new(bodies.iter().map(|b| (problem.bodies[*b].shapes.as_slice(), &problem.bodies[*b].pose)));
@@ -110,8 +105,8 @@ impl<'p> Judge<'p> {
         let start = self.model.pick(&self.model.rest);
         self.place(&start);
         let mut body_overlaps = Vec::new();
-        let reach = |link: usize, body: usize| if self.judged(link, body, 0) { 0.0 } else { f64::NEG_INFINITY };
         let mut scratch = std::mem::take(&mut self.scratch);
+        let reach = |link: usize, body: usize| if self.judged(link, body, 0) { 0.0 } else { f64::NEG_INFINITY };
         self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
             body_overlaps.push(p);
             true
@@ -158,8 +153,8 @@ impl<'p> Judge<'p> {
             });
         }
         match body.role {
-            Role::Table | Role::ObjectBody => true,
-            Role::Rigid => !(self.on_hand[link] && self.problem.options.targets.contains(&body.name)),
+            Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => true,
+            Role::Target => !self.on_hand[link],
             // Stage `before + 1` leads to the actuation pose: from the last pre-actuation keyframe on.
             Role::MovingLink => {
                 if stage > before + 1 {
@@ -182,16 +177,17 @@ impl<'p> Judge<'p> {
         (links[p.link].name.clone(), second)
     }
 
-    fn hit(&self, p: &Proximity, along: f64) -> Hit {
+    fn hit(&self, p: &Proximity) -> Hit {
         let (first, second) = self.names(p);
         let Contact { distance, on_first, on_second, .. } = p.contact;
-        Hit { first, second, distance, at: nalgebra::center(&on_first, &on_second), along }
+        Hit { first, second, distance, at: nalgebra::center(&on_first, &on_second) }
     }
 
     /// The first judged pair nearer than `margin` allows at `x`, if any.
     pub fn at(&mut self, x: &Row, stage: usize, margins: &Margins) -> Option<Hit> {
         self.place(x);
         let mut found = None;
+        let mut scratch = std::mem::take(&mut self.scratch);
         let threshold = |link: usize, body: usize| {
             if self.judged(link, body, stage) {
                 margins.body(&self.start_bodies, link, body)
@@ -199,7 +195,6 @@ impl<'p> Judge<'p> {
                 f64::NEG_INFINITY
             }
         };
-        let mut scratch = std::mem::take(&mut self.scratch);
         self.shapes.near_bodies(&self.scene, &mut scratch, threshold, |p| {
             found = Some(p);
             false
@@ -212,7 +207,7 @@ impl<'p> Judge<'p> {
             });
         }
         self.scratch = scratch;
-        found.map(|p| self.hit(&p, 0.0))
+        found.map(|p| self.hit(&p))
     }
 
     /// How far (fraction of `step`, at most 1) the robot can surely go from `x` along `step`, or the pair that is
@@ -253,10 +248,10 @@ impl<'p> Judge<'p> {
         };
         let mut far = f64::INFINITY;
         let mut blocked = None;
+        let mut scratch = std::mem::take(&mut self.scratch);
         let reach = |link: usize, body: usize| {
             if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY }
         };
-        let mut scratch = std::mem::take(&mut self.scratch);
         self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
             let Target::Body(b) = p.target else { return true };
             let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
@@ -289,7 +284,7 @@ impl<'p> Judge<'p> {
         }
         self.scratch = scratch;
         if let Some(p) = blocked {
-            return Err(self.hit(&p, 0.0));
+            return Err(self.hit(&p));
         }
         // Nothing else is within reach.
         let fastest = speed.iter().fold(0.0, |m: f64, s| m.max(s.0 + s.1 * REACH));
@@ -298,7 +293,7 @@ impl<'p> Judge<'p> {
         Ok(far.min(beyond).max(least).min(1.0))
     }
 
-    /// Sweeps the straight joint segment from `a` to `b`; the first hit with its place along it.
+    /// Sweeps the straight joint segment from `a` to `b`; the first hit.
     pub fn sweep(&mut self, a: &Row, b: &Row, stage: usize, margins: &Margins) -> Option<Hit> {
         let mut step = *a;
         for v in 0..self.model.n() {
@@ -311,7 +306,7 @@ impl<'p> Judge<'p> {
                 x[v] = a[v] + t * step[v];
             }
             match self.advance(&x, &step, stage, margins) {
-                Err(hit) => return Some(Hit { along: t, ..hit }),
+                Err(hit) => return Some(hit),
                 Ok(_) if t >= 1.0 => return None,
                 Ok(far) => t = (t + far).min(1.0),
             }
@@ -349,10 +344,10 @@ impl<'p> Judge<'p> {
     /// Adds the distances at `x` to the smallest so far.
     pub fn measure(&mut self, x: &Row, stage: usize, out: &mut Clearances) {
         self.place(x);
+        let mut scratch = std::mem::take(&mut self.scratch);
         let reach = |link: usize, body: usize| {
             if self.judged(link, body, stage) { 1.0 } else { f64::NEG_INFINITY }
         };
-        let mut scratch = std::mem::take(&mut self.scratch);
         self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
             if let Target::Body(b) = p.target {
                 match self.problem.bodies[self.bodies[b]].role {

@@ -86,10 +86,6 @@ pub struct Options {
     pub samples: usize,
     /// Whether collisions decide. Without, they are only reported.
     pub avoid_collisions: bool,
-    /// Rigid bodies that the hand may touch: what it grasps or reaches for.
-    pub targets: Vec<String>,
-    /// Bodies that ride on the hand from the start.
-    pub attached: Vec<String>,
     /// Contact windows in place of the default rules; null for those.
     pub contacts: Option<Vec<ContactWindow>>,
 }
@@ -115,8 +111,6 @@ impl Default for Options {
             candidates: 24,
             samples: 2000,
             avoid_collisions: true,
-            targets: Vec::new(),
-            attached: Vec::new(),
             contacts: None,
         }
     }

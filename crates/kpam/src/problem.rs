@@ -23,6 +23,10 @@ pub enum Role {
     MovingLink,
     /// Anything else.
     Rigid,
+    /// A rigid object that the hand may touch: what it reaches for.
+    Target,
+    /// Rides on the hand; its pose is in the hand frame.
+    Attached,
 }
 
 /// An obstacle.
@@ -34,7 +38,7 @@ pub struct Body {
     pub role: Role,
     /// Convex shapes in the body frame.
     pub shapes: Vec<Convex>,
-    /// Pose in the robot base frame.
+    /// Pose in the robot base frame; of an attached body, in the hand frame.
     pub pose: Pose,
 }
 
@@ -227,11 +231,6 @@ impl KeypointProblem {
             && !w.is_finite()
         {
             return fail("finger_width", format!("must be finite, not {w}"));
-        }
-        for (field, list) in [("targets", &o.targets), ("attached", &o.attached)] {
-            if let Some(name) = list.iter().find(|name| !self.bodies.iter().any(|b| b.name == **name)) {
-                return fail(field, format!("{name:?} is not a body"));
-            }
         }
         for (i, window) in o.contacts.iter().flatten().enumerate() {
             if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {

@@ -249,7 +249,8 @@ fn one(shape: Result<Convex, ShapeError>) -> PyResult<PyShape> {
     shape.map(|s| PyShape(vec![s])).map_err(|e| shape_error(&e))
 }
 
-/// An obstacle: `role` is "table", "object_body", "moving_link" or "rigid"; `pose` (4, 4) is in the robot base frame.
+/// A body: `role` is "table", "object_body", "moving_link", "rigid", "target" (the hand may touch it) or "attached" (it
+/// rides on the hand). `pose` (4, 4) is in the robot base frame, of an attached body in the hand frame.
 #[pyclass(name = "Body", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyBody(pub Body);
 
@@ -262,8 +263,11 @@ impl PyBody {
             "object_body" => Role::ObjectBody,
             "moving_link" => Role::MovingLink,
             "rigid" => Role::Rigid,
+            "target" => Role::Target,
+            "attached" => Role::Attached,
             other => {
-                let message = format!("{other:?} is unknown; use table, object_body, moving_link or rigid");
+                let message =
+                    format!("{other:?} is unknown; use table, object_body, moving_link, rigid, target or attached");
                 return Err(problem_error("role", message));
             }
         };
