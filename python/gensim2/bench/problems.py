@@ -120,6 +120,10 @@ class PlanProblem(_Record):
         pose[:3, :3] = left @ right
         return pose
 
+    def keyframe_times(self) -> list[float]:
+        """Times of all keyframes on the problem's clock, in order."""
+        return [*self.pre_actuation_times, self.actuation_time, *self.post_actuation_times]
+
     def odd_frames(self) -> list[str]:
         """Axis frames of the config that are no frames; the original reads each of them as the world's."""
         return [str(entry["target_axis_frame"]) for entry in self._constraints() if _is_odd(entry)]
@@ -147,12 +151,7 @@ class PlanProblem(_Record):
             motions = self.config.get(f"{kind}_actuation_motions", [])
             if not isinstance(motions, list) or len(motions) != len(times):
                 raise ValueError(f"{kind}_actuation_times: one time a motion of config.{kind}_actuation_motions")
-        clock = [
-            self.start_time,
-            *self.pre_actuation_times,
-            self.actuation_time,
-            *self.post_actuation_times,
-        ]
+        clock = [self.start_time, *self.keyframe_times()]
         if any(later <= earlier for earlier, later in pairwise(clock)):
             raise ValueError("actuation_time: start, pre-actuation, actuation and post-actuation times must increase")
 

@@ -79,11 +79,11 @@ def record_of(
         "q_plan": _listed(plan.q_plan),
         "keyframes": [
             {
-                "time": float(frame["time"]),
+                "time": time_of if frame["time"] is None else float(frame["time"]),
                 "T_base_hand": _listed(frame["T_base_hand"]),
                 "reached": bool(frame["reached"]),
             }
-            for frame in plan.keyframes
+            for time_of, frame in zip(problem.keyframe_times(), plan.keyframes, strict=bool(plan.keyframes))
         ],
         "waypoint_times": None if trajectory is None else _listed(trajectory.times),
         "waypoints": None if trajectory is None else _listed(trajectory.positions),
