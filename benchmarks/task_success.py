@@ -47,7 +47,7 @@ def main() -> None:
     table: dict[str, Verification] = {}
     with (
         ConsoleProgress() as progress,
-        PoolEvaluator(library.name, options.workers, progress) as evaluator,
+        PoolEvaluator(library.location, options.workers, progress) as evaluator,
     ):
         for name in options.tasks:
             task, config = load_task(name), load_config(name)

@@ -32,7 +32,12 @@ class FakeDesigner:
         return [Candidate(f"number {n}", {"n": n}, {}) for n in range(20)]
 
     def refine(
-        self, task: TaskSpec, affordance: Affordance, results: Sequence[CandidateResult], seed: int, round: int
+        self,
+        task: TaskSpec,
+        affordance: Affordance,
+        results: Sequence[CandidateResult],
+        seed: int,
+        round: int,
     ) -> list[Candidate]:
         if round > 0:
             return []
@@ -45,9 +50,7 @@ class FakeWorld:
     def __init__(self) -> None:
         self.seeds: set[int] = set()
 
-    def screen(
-        self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
-    ) -> list[list[str | None]]:
+    def screen(self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]) -> list[list[str | None]]:
         return [[None if config["n"] % 2 > 0 else "unreachable"] * len(seeds) for config in configs]
 
     def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, Any], int]]) -> list[Attempt]:

@@ -84,7 +84,7 @@ def run_pipeline(
             "num_tasks": num_tasks,
             "episodes": episodes,
             "seed": seed,
-            "assets": library.name,
+            "assets": library.location,
             "designer": designer,
             "target_task": target_task,
             "workers": workers,
@@ -92,7 +92,7 @@ def run_pipeline(
         resume,
     )
     run = _Run(library, DESIGNERS[designer](), folder, seed, episodes, video, budget or Budget(), progress)
-    with PoolEvaluator(library.name, workers, progress) as evaluator:
+    with PoolEvaluator(library.location, workers, progress) as evaluator:
         try:
             result = run.execute(evaluator, num_tasks if target is None else 1, target)
         finally:

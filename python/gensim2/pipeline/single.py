@@ -109,7 +109,7 @@ def demo(
             "target_task": spec.name,
             "episodes": episodes,
             "seed": seed,
-            "assets": library.name,
+            "assets": library.location,
             "workers": workers,
         },
         resume,
@@ -117,7 +117,7 @@ def demo(
     files = folder.task(spec.name)
     files.write_task(spec)
     files.write_config(config)
-    with PoolEvaluator(library.name, workers, progress) as evaluator:
+    with PoolEvaluator(library.location, workers, progress) as evaluator:
         demos = collect(
             spec,
             config,
