@@ -172,7 +172,18 @@ def read_instance(folder: Path) -> Instance:
             id=value["id"],
             source=value["source"],
             urdf=folder / "mobility.urdf",
-            joint=MovingJoint(**{k: np.array(v) if isinstance(v, list) else v for k, v in joint.items()}),
+            joint=MovingJoint(
+                name=joint["name"],
+                type=joint["type"],
+                child_link=joint["child_link"],
+                origin=np.array(joint["origin"]),
+                axis=np.array(joint["axis"]),
+                lower=joint["lower"],
+                upper=joint["upper"],
+                friction=joint["friction"],
+                damping=joint["damping"],
+                T_root_child=np.array(joint["T_root_child"]),
+            ),
             keypoints={
                 name: Keypoint(k["link"], np.array(k["position"]), k["description"])
                 for name, k in value["keypoints"].items()

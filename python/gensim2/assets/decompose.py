@@ -33,7 +33,7 @@ PATCH_ANGLE = np.cos(np.radians(15))
 PATCH_OFFSET = 0.002  # m from the plane of the patch's first face
 NEIGHBOURS = 5
 TRIANGLES_A_PATCH = 60
-MANY_FACES = 1500  # more than these in a piece to take apart: corners closer than a cell become one first
+MANY_PATCHES = 100  # more in one piece: corners within a cell, then two, then three become one
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,8 @@ def components(vertices: Array, faces: Faces) -> list[tuple[Array, Faces]]:
 
 def patches(vertices: Array, faces: Faces) -> list[Faces]:
     """Connected groups of faces that lie in one plane, give or take ``PATCH_ANGLE`` and ``PATCH_OFFSET``."""
+    if not len(faces):
+        return []
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
@@ -163,7 +165,13 @@ def patches(vertices: Array, faces: Faces) -> list[Faces]:
 def plates(vertices: Array, faces: Faces, space: VoidSpace) -> list[Hull]:
     """Thin hulls that cover a surface and fill nothing."""
     found = []
-    waiting = deque(patches(vertices, faces))
+    groups = patches(vertices, faces)
+    for cells in (1, 2, 3):
+        if len(groups) <= MANY_PATCHES:
+            break
+        vertices, faces = weld(vertices, faces, cells * space.cell)
+        groups = patches(vertices, faces)
+    waiting = deque(groups)
     while waiting:
         patch = waiting.popleft()
         hull = make_hull(vertices[np.unique(patch)])
@@ -304,8 +312,6 @@ def decompose(meshes: Sequence[tuple[Array, Faces]], limit: int = MAX_HULLS) -> 
         else:
             concave.append((vertices, faces))
     for vertices, faces in concave:
-        if len(faces) > MANY_FACES:
-            vertices, faces = weld(vertices, faces, space.cell)
         hulls += plates(vertices, faces, space)
     merged = _Merger(drop_contained(hulls), space).run(limit)
     return Decomposition([h.points for h in drop_contained(merged)], dropped, len(concave))

@@ -136,7 +136,7 @@ class Library(ABC):
 
 
 class GeneratedLibrary(Library):
-    """Objects that the project makes itself. Ids are numbers; any number up to 10^6 loads, ``instances`` lists a few."""
+    """Objects that the project makes itself. Ids are numbers: any up to 10^6 loads, ``instances`` lists a few."""
 
     name = location = BUILTIN
     license = GENERATED_LICENSE
@@ -235,8 +235,8 @@ def open_library(where: Path | str | None = None) -> Library:
     """Open a library.
 
     Args:
-        where: None: ``$GENSIM2_ASSETS`` where set, else the generated one; ``"builtin"``: the generated one; otherwise a
-            folder in the layout of the GenSim2 release, or its ``articulated_objs``.
+        where: None: ``$GENSIM2_ASSETS`` where set, else the generated one; ``"builtin"``: the generated one;
+            otherwise a folder in the layout of the GenSim2 release, or its ``articulated_objs``.
 
     Raises:
         InputError: the folder is missing, cannot be read, or holds no objects.

@@ -14,7 +14,7 @@ from gensim2.assets.types import Keypoint
 
 Array = npt.NDArray[np.float64]
 
-# Model frame (y up, z front) in the root frame (z up, front towards -x): the fixed joint of every PartNet-Mobility model.
+# Model frame (y up, z front) in the root frame (z up, front towards -x), as in every PartNet-Mobility model.
 R_ROOT_MODEL = rotation((0, 0, 1), -np.pi / 2) @ rotation((1, 0, 0), np.pi / 2)
 T_ROOT_MODEL = np.eye(4)
 T_ROOT_MODEL[:3, :3] = np.round(R_ROOT_MODEL)
@@ -73,7 +73,7 @@ class Model:
         keypoint = self.keypoints[name]
         if keypoint.link == self.root_link:
             return keypoint.position
-        return transform(self.T_root_link_at(q), keypoint.position[None])[0]
+        return np.asarray(transform(self.T_root_link_at(q), keypoint.position[None])[0])
 
 
 def _geometry(solids: list[Solid], T: Array) -> LinkGeometry:

@@ -79,8 +79,9 @@ def stance(model: Model, rule: ClassRule) -> Array:
 def place(model: Model, rule: ClassRule) -> Placement:
     """Default placement of a model.
 
-    Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a comfortable
-    reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front of the robot.
+    Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
+    comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
+    of the robot.
     """
     R = stance(model, rule)
     name = work_keypoint(model)

@@ -25,6 +25,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gensim2.assets.cache import cached_hulls, source_digest
+from gensim2.assets.checks import surface_samples
 from gensim2.assets.decompose import decompose
 from gensim2.assets.model import LinkGeometry, Model
 from gensim2.assets.objfile import read_obj
@@ -38,7 +39,7 @@ LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 COLOURS = ("blue", "red", "yellow", "green")
 FALLBACK_SCALE = 0.25
 HULL_MODULES = ("decompose", "voidspace")
-READER_MODULES = (*HULL_MODULES, "objfile", "real")
+READER_MODULES = (*HULL_MODULES, "checks", "objfile", "real")
 
 
 class AssetError(InputError):
@@ -384,7 +385,7 @@ def _keypoints(
     points = {name: scale * np.array(point, float) for name, point in info["keypoints"].items()}
     descriptions = info.get("keypoint_descriptions") or {}
     if all(name in COLOURS for name in points):
-        surface = cKDTree(np.concatenate([m.vertices for m in moving.meshes] or moving.hulls))
+        surface = cKDTree(np.concatenate([surface_samples(hull) for hull in moving.hulls]))
         gaps = {n: float(surface.query(transform(T_link_object, p[None])[0])[0]) for n, p in points.items()}
         nearest = min(gaps, key=lambda n: gaps[n])
         warnings.append(

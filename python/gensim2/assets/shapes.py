@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -180,7 +181,7 @@ def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
 def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> list[Solid]:
     """A round bar along a polyline: one cylinder a leg, with balls to look at in the bends."""
     p = [np.asarray(q, float) for q in points]
-    legs = [rod(a, b, radius, look, sides) for a, b in zip(p[:-1], p[1:], strict=True)]
+    legs = [rod(a, b, radius, look, sides) for a, b in pairwise(p)]
     return legs + [ball(q, radius, look).visual_only() for q in p[1:-1]]
 
 
@@ -238,7 +239,7 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """A hollow frustum from ``a`` to ``b`` made of convex staves; closed at ``a`` by a disc where ``bottom`` is given."""
+    """A hollow frustum from ``a`` to ``b`` made of convex staves; closed at ``a`` by a disc of thickness ``bottom``."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     d = b - a
     rings = [

@@ -39,8 +39,8 @@ def build(rng: np.random.Generator) -> Blueprint:
     else:
         for i in range(3):
             for j in range(4):
-                at = (panel_x + (i - 1) * 0.25 * panel, (0.14 - 0.14 * j) * height, front + 0.003)
-                body.append(box(at, (0.18 * panel, 0.08 * height, 0.002), c.STEEL, 0.0005).visual_only())
+                key = (panel_x + (i - 1) * 0.25 * panel, (0.14 - 0.14 * j) * height, front + 0.003)
+                body.append(box(key, (0.18 * panel, 0.08 * height, 0.002), c.STEEL, 0.0005).visual_only())
 
     origin = np.array([left, 0.0, front + GAP])
     span = cavity - 0.002

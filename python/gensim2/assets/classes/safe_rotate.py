@@ -6,12 +6,12 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import Solid, ball, box, rod, tray
+from gensim2.assets.shapes import Look, Solid, ball, box, rod, tray
 
 GAP = 0.0015
 
 
-def _wheel(at: np.ndarray, reach: float, radius: float, look: c.Look) -> list[Solid]:
+def _wheel(at: np.ndarray, reach: float, radius: float, look: Look) -> list[Solid]:
     """A hub with four spokes that end in balls."""
     hub = at - np.array([0, 0, reach])
     parts = [rod(hub, at, 0.3 * radius, look, 10)]

@@ -1,0 +1,116 @@
+"""Opening libraries, finding instances, preparing and caching them."""
+
+from __future__ import annotations
+
+import pickle
+import time
+import xml.etree.ElementTree as ET
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gensim2.assets import Library, listing, open_library
+from gensim2.assets.cache import cache_dir
+from gensim2.errors import InputError
+
+
+def test_default_is_the_environment_then_builtin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("GENSIM2_ASSETS", raising=False)
+    assert open_library(None).name == "builtin"
+    monkeypatch.setenv("GENSIM2_ASSETS", str(tmp_path / "absent"))
+    with pytest.raises(InputError, match=r"absent: GENSIM2_ASSETS: no such folder"):
+        open_library(None)
+    assert open_library("builtin").name == "builtin"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="no objects in it"):
+        open_library(tmp_path / "empty")
+
+
+def test_unknown_names_say_what_is_near(library: Library) -> None:
+    with pytest.raises(InputError, match="did you mean box_rotate"):
+        library.load("box_rotat", "0")
+    with pytest.raises(InputError, match="a number from 0 to 1000000"):
+        library.load("box_rotate", "-1")
+    with pytest.raises(InputError, match="a number from 0 to 1000000"):
+        library.load("box_rotate", "01")
+    assert library.load("box_rotate", "123456").id == "123456"
+
+
+def test_listing_counts_instances(library: Library) -> None:
+    rows = {row.asset_class: row for row in listing(library)}
+    assert set(rows) == set(library.classes())
+    row = rows["drawer"]
+    assert (row.joint_type, row.count, row.license) == ("prismatic", 20, "Apache-2.0")
+    assert row.ids == tuple(str(i) for i in range(20))
+
+
+def test_split_is_a_partition_and_small_classes_have_no_test(library: Library) -> None:
+    ids = library.instances("drawer")
+    train, test = library.split("drawer", "train"), library.split("drawer", "test")
+    assert len(test) == 2
+    assert sorted(train + test, key=int) == list(ids)
+    assert library.split("drawer", "test") == test
+
+
+def test_second_load_is_quick_and_the_same(library: Library) -> None:
+    first = library.load("drawer", "1")
+    fresh = open_library("builtin")
+    started = time.process_time()
+    again = fresh.load("drawer", "1")
+    assert time.process_time() - started < 0.05
+    assert again.content_hash == first.content_hash
+    assert again.mass == first.mass
+    for link, hulls in first.hulls.items():
+        for a, b in zip(hulls, again.hulls[link], strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_library_pickles_without_what_it_loaded(library: Library) -> None:
+    library.load("drawer", "1")
+    copy = pickle.loads(pickle.dumps(library))
+    assert "_loaded" not in copy.__dict__
+    assert copy.load("drawer", "1").content_hash == library.load("drawer", "1").content_hash
+
+
+def _load(number: int) -> str:
+    return open_library("builtin").load("safe_rotate", str(number)).content_hash
+
+
+def test_processes_may_race_for_one_object(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        hashes = set(pool.map(_load, [5, 5, 5, 5]))
+    assert len(hashes) == 1
+    left = [p.name for p in (cache_dir() / "objects").iterdir()]
+    assert len(left) == 1
+    assert not left[0].startswith(".")
+
+
+def test_cache_that_cannot_be_written_is_bad_input(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "file"))
+    with pytest.raises(InputError, match="GENSIM2_CACHE"):
+        open_library("builtin").load("faucet", "0")
+
+
+def test_urdf_has_what_parsers_need(library: Library) -> None:
+    instance = library.load("microwave", "2")
+    root = ET.parse(instance.urdf).getroot()
+    joint = root.find("joint")
+    assert joint is not None
+    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    assert limit is not None
+    assert dynamics is not None
+    assert {"lower", "upper", "effort", "velocity"} <= set(limit.attrib)
+    assert float(dynamics.attrib["friction"]) == pytest.approx(instance.joint.friction, rel=1e-5)
+    for link in root.findall("link"):
+        mass = link.find("inertial/mass")
+        assert mass is not None
+        assert float(mass.attrib["value"]) > 0
+        shapes = link.findall("collision/geometry")
+        assert len(shapes) == len(instance.hulls[link.attrib["name"]])
+    for mesh in root.iter("mesh"):
+        assert (instance.urdf.parent / mesh.attrib["filename"]).is_file()
