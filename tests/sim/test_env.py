@@ -38,6 +38,7 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
     assert not bool(info["success"][0])
     assert 0.3 < base.openness < 0.7
     obs, reward, terminated, truncated, info = env.step(HOLD)
+    assert reward.dtype.is_floating_point
     assert float(reward[0]) == 0.0
     assert not bool(terminated[0] | truncated[0])
     scene = base.scene_state()

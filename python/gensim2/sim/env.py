@@ -252,6 +252,11 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             }
         return extra
 
+    def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
+        """(1,) float: 1 where the task's criteria hold, else 0."""
+        reward: torch.Tensor = info["success"].to(torch.float32)
+        return reward
+
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on."""
         obs, reward, terminated, _, info = super().step(action)
