@@ -26,7 +26,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     """Safe YAML in which a key given twice is an error: YAML itself would silently keep the last."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         for index, key in enumerate(keys):
             if key in keys[:index]:
                 raise yaml.constructor.ConstructorError(
@@ -43,9 +43,7 @@ def _folder() -> Traversable:
 def task_names() -> tuple[str, ...]:
     """Names of the tasks in the library, sorted."""
     return tuple(
-        sorted(
-            entry.name for entry in _folder().iterdir() if entry.is_dir() and (entry / "task.yaml").is_file()
-        )
+        sorted(entry.name for entry in _folder().iterdir() if entry.is_dir() and (entry / "task.yaml").is_file())
     )
 
 
