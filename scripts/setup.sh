@@ -91,7 +91,7 @@ if changed extension "$extension" || [ ! -x "$venv/bin/gensim2" ] ||
     ! ls python/gensim2_kpam/_native*.so >/dev/null 2>&1; then
     find_uv "$python"
     say "building the extension in release mode (1 to 3 minutes the first time)"
-    VIRTUAL_ENV=$venv PATH=$(dirname "$uv"):$PATH "$venv/bin/maturin" develop --quiet --release --uv ||
+    CARGO_TERM_QUIET=true VIRTUAL_ENV=$venv PATH=$(dirname "$uv"):$PATH "$venv/bin/maturin" develop --quiet --release --uv ||
         fail "the extension did not build"
     stamp extension "$extension"
 fi
