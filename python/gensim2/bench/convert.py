@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.bench.problems import PlanProblem
-from gensim2.bench.scene import ProblemScene, Role, SceneObstacle
+from gensim2.bench.scene import ProblemScene, SceneObstacle
 from gensim2.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -18,12 +18,7 @@ Frames = Literal["original", "object"]
 
 def _body(obstacle: SceneObstacle) -> kpam.Body:
     shapes = [kpam.Shape.convex_hull(points) for points in obstacle.hulls]
-    role = "rigid" if obstacle.role in ("target", "attached") else obstacle.role
-    return kpam.Body(obstacle.name, role, shapes, obstacle.pose)
-
-
-def _named(scene: ProblemScene, role: Role) -> list[str]:
-    return [obstacle.name for obstacle in scene.obstacles if obstacle.role == role]
+    return kpam.Body(obstacle.name, obstacle.role, shapes, obstacle.pose)
 
 
 def keypoint_problem(
@@ -63,8 +58,6 @@ def keypoint_problem(
                 "velocity_scale": 1.0,
                 "acceleration_scale": 1.0,
                 "allow_partial": True,
-                "targets": _named(scene, "target"),
-                "attached": _named(scene, "attached"),
             },
         )
     except kpam.KpamError as error:

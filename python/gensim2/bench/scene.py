@@ -34,7 +34,7 @@ class SceneObstacle:
         name: unique in the scene.
         role: ``"target"`` is a rigid object that the constraints aim at, ``"attached"`` one that the hand holds.
         hulls: vertex sets, each (N, 3) metres in the body frame.
-        pose: (4, 4) body in the robot base frame, at the start.
+        pose: (4, 4) body in the robot base frame; in the hand frame where the role is ``"attached"``.
     """
 
     name: str
@@ -286,7 +286,7 @@ def _with_role(rigid: SceneObstacle, problem: PlanProblem, T_base_hand: Array) -
     T_hand_rigid = np.linalg.inv(T_base_hand) @ rigid.pose
     closed = max(problem.q_current[7:]) < 0.0399
     if head is not None and closed and np.linalg.norm(T_hand_rigid[:3, 3] - head) < GRASP_DISTANCE:
-        return SceneObstacle(rigid.name, "attached", rigid.hulls, rigid.pose)
+        return SceneObstacle(rigid.name, "attached", rigid.hulls, T_hand_rigid)
     if any(name.startswith("rigidbody_object") for name in _target_names(problem.config)):
         return SceneObstacle(rigid.name, "target", rigid.hulls, rigid.pose)
     return rigid
