@@ -53,7 +53,7 @@ def _show(result: dict[str, Any]) -> None:
             (
                 entry["name"],
                 f"{entry['residual']:.2e}",
-                f"{entry['tolerance']:.0e}",
+                f"{entry['tolerance']:.1e}",
                 "yes" if entry["satisfied"] else "NO",
             )
             for entry in plan["residuals"]
