@@ -225,7 +225,12 @@ def test_bad_arguments_are_named(
 
 def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
     library = crates(3)
-    for instances, expected in [("train", {"0"}), ("test", {"1", "2"}), (["0", "2"], {"0", "2"})]:
+    for instances, expected in [
+        ("train", {"0"}),
+        ("test", {"1", "2"}),
+        ("random", {"0", "1", "2"}),
+        (["0", "2"], {"0", "2"}),
+    ]:
         env = make_env(crate_task, assets=library, instances=instances)
         drawn = set()
         for seed in range(12):

@@ -58,7 +58,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
-        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several.
+        instances: ``"all"`` (or ``"random"``), ``"train"``, ``"test"``, one id, or several; a reset draws one.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -295,7 +295,7 @@ def _as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
 
 
 def _choose(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
-    if instances == "all":
+    if instances in ("all", "random"):
         chosen = library.instances(task.asset_class)
     elif instances == "train":
         chosen = library.split(task.asset_class, "train")
