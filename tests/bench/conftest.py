@@ -103,7 +103,7 @@ def make_problem() -> dict[str, Any]:
         "actuation_time": 24,
         "pre_actuation_times": [16, 20],
         "post_actuation_times": [28, 32],
-        "q_current": Q_CURRENT,
+        "q_current": list(Q_CURRENT),
         "T_world_base": [[1, 0, 0, -0.615], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
         "T_base_object": T_base_object.tolist(),
         "tool_keypoints_hand": {

@@ -1,0 +1,90 @@
+"""Forward kinematics and the hand's Jacobian: ours in a batch call against Pinocchio, in turn on one core.
+
+    python benchmarks/kinematics.py [--count 100000] [--repeats 5]
+
+Prints microseconds of CPU a configuration (medians), their ratio, and the largest disagreement. Pinocchio is called
+from Python, one configuration a call, which adds its binding's overhead of some tenths of a microsecond.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+from peers import Arm, panda_files
+
+import gensim2_kpam as kpam
+
+Array = np.ndarray
+
+
+def spent_us(work: Callable[[], object], count: int) -> float:
+    """CPU microseconds of ``work`` divided by ``count``."""
+    begin = time.process_time()
+    work()
+    return 1e6 * (time.process_time() - begin) / count
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns 1 where the two disagree by more than 1e-9."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=100_000, help="configurations a call")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--core", type=int, default=0, help="core that everything is pinned to")
+    options = parser.parse_args(arguments)
+    os.sched_setaffinity(0, {options.core})
+    arm = Arm()
+    urdf, srdf = panda_files()
+    robot = kpam.Robot.from_urdf(str(urdf), srdf=str(srdf))
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (options.count, 9))
+    rows = list(q)
+    model, data, hand = arm.model, arm.data, arm.hand
+
+    def pinocchio_poses() -> None:
+        for row in rows:
+            pin.framesForwardKinematics(model, data, row)
+
+    def pinocchio_hand_poses() -> None:
+        for row in rows:
+            pin.forwardKinematics(model, data, row)
+            pin.updateFramePlacement(model, data, hand)
+
+    def pinocchio_jacobians() -> None:
+        for row in rows:
+            pin.computeFrameJacobian(model, data, row, hand, pin.LOCAL_WORLD_ALIGNED)
+
+    work: dict[str, Callable[[], object]] = {
+        "gensim2 poses": lambda: robot.forward_kinematics(q),
+        "Pinocchio hand poses": pinocchio_hand_poses,
+        "Pinocchio poses of all frames": pinocchio_poses,
+        "gensim2 Jacobians": lambda: robot.jacobian(q),
+        "Pinocchio Jacobians": pinocchio_jacobians,
+    }
+    times: dict[str, list[float]] = {name: [] for name in work}
+    for _ in range(options.repeats):
+        for name, run in work.items():
+            times[name].append(spent_us(run, options.count))
+    median = {name: statistics.median(values) for name, values in times.items()}
+    for name, value in median.items():
+        print(f"{name:40s} {value:.3f} us")
+    print(f"{'ratio, poses':40s} {median['Pinocchio hand poses'] / median['gensim2 poses']:.2f}")
+    print(f"{'ratio, Jacobians':40s} {median['Pinocchio Jacobians'] / median['gensim2 Jacobians']:.2f}")
+    sample = q[:1000]
+    poses = np.array([arm.hand_pose(row) for row in sample])
+    jacobians = np.array([arm.jacobian(row) for row in sample])
+    off = max(
+        float(np.abs(robot.forward_kinematics(sample) - poses).max()),
+        float(np.abs(robot.jacobian(sample) - jacobians).max()),
+    )
+    print(f"{'largest disagreement, 1000 configurations':40s} {off:.2e}")
+    return int(off > 1e-9)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
