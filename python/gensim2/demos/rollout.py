@@ -24,6 +24,12 @@ SETTLE_STEPS = 10
 MAX_SETTLE_STEPS = 40
 """Control steps after which success is judged although the object still moves."""
 
+STILL_STEPS = 40
+"""Control steps (2 s) after which an object that has not moved counts as one that stays where it is."""
+
+STILL_CHANGE = 0.002
+"""Change of openness in that time below which it has not moved; at that rate an episode of 20 s ends 0.02 away."""
+
 SETTLED_CHANGE = 0.001
 """Change of openness in one control step (0.05 s) below which the object counts as settled."""
 
@@ -130,10 +136,11 @@ def run_episode(
 def still_arm(
     env: GenSim2Env, seed: int, steps: int | None = None, *, options: Mapping[str, Any] | None = None
 ) -> EpisodeResult:
-    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then
-    settles.
+    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then settles.
 
-    A success counts only if this one fails: an object that swings by itself must not pass for a solved task.
+    A success counts only if this one fails: an object that swings by itself must not pass for a solved task. An object
+    that has lain still for ``STILL_STEPS`` from the start will not start later, since nothing in the scene moves; the
+    episode then ends there.
 
     Args:
         env: an environment without wrappers.
@@ -142,8 +149,11 @@ def still_arm(
         options: of the reset.
     """
     count = env.max_episode_steps - MAX_SETTLE_STEPS if steps is None else steps
-    command = np.array([*RESET_QPOS[:7], GRIPPER_OPEN], dtype=np.float32)
-    return run_episode(env, np.repeat(command[None], max(count, 1), axis=0), seed=seed, options=options)
+    command = np.array([*RESET_QPOS[:7], GRIPPER_OPEN], dtype=np.float32)[None]
+    first = run_episode(env, np.repeat(command, max(min(count, STILL_STEPS), 1), axis=0), seed=seed, options=options)
+    if count <= STILL_STEPS or abs(first.openness_end - first.openness_start) < STILL_CHANGE:
+        return first
+    return run_episode(env, np.repeat(command, count, axis=0), seed=seed, options=options)
 
 
 def check_actions(actions: npt.NDArray[np.floating[Any]]) -> Actions:
