@@ -22,7 +22,6 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
-    plan_timed,
 )
 
 __all__ = [
@@ -42,5 +41,4 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
-    "plan_timed",
 ]

@@ -26,6 +26,7 @@ pub struct Proximity {
 
 struct Element {
     shape: Convex,
+    bounds: Aabb,
     body: usize,
 }
 
@@ -44,9 +45,12 @@ impl Scene {
         let mut scene = Self::default();
         for (index, (shapes, pose)) in bodies.into_iter().enumerate() {
             scene.bodies = index + 1;
-            scene.elements.extend(shapes.iter().map(|s| Element { shape: s.moved(pose), body: index }));
+            scene.elements.extend(shapes.iter().map(|s| {
+                let shape = s.moved(pose);
+                Element { bounds: shape.aabb_at(&Pose::identity()), shape, body: index }
+            }));
         }
-        let boxes: Vec<Aabb> = scene.elements.iter().map(|e| e.shape.aabb_at(&Pose::identity())).collect();
+        let boxes: Vec<Aabb> = scene.elements.iter().map(|e| e.bounds).collect();
         scene.tree = Bvh::new(&boxes);
         scene
     }
@@ -134,6 +138,17 @@ impl RobotShapes {
         }
     }
 
+    /// Middle of the box around a link's shapes, link frame.
+    #[must_use]
+    pub fn middle(&self, link: usize) -> Point3<f64> {
+        let (start, end) = self.ranges[link];
+        let bounds = self.pieces[start..end]
+            .iter()
+            .map(|p| p.shape.aabb_at(&Pose::identity()))
+            .fold(Aabb::EMPTY, |a, b| a.union(&b));
+        if start == end { Point3::origin() } else { nalgebra::center(&bounds.min, &bounds.max) }
+    }
+
     /// Largest distance (m) of any point of a link's shapes from a point of the link frame.
     #[must_use]
     pub fn extent(&self, link: usize, from: &Point3<f64>) -> f64 {
@@ -166,11 +181,13 @@ impl RobotShapes {
 
     /// Calls `visit` for judged links that come within `reach(link, body)` of a body of the scene: once a body and
     /// link, with the nearest shapes. A negative infinite reach means that the pair is not judged. `visit` returns
-    /// whether to go on; the result is false where it stopped.
+    /// whether to go on; the result is false where it stopped. Shapes whose boxes are more than `coarse` (m) apart are
+    /// not measured: the distance of their boxes, which is never more than theirs, stands in for it.
     pub fn near_bodies(
         &self,
         scene: &Scene,
         scratch: &mut Scratch,
+        coarse: f64,
         reach: impl Fn(usize, usize) -> f64,
         mut visit: impl FnMut(Proximity) -> bool,
     ) -> bool {
@@ -192,8 +209,16 @@ impl RobotShapes {
                         if limit == f64::NEG_INFINITY {
                             return;
                         }
-                        let apart = bounds.distance_squared(&element.shape.aabb_at(&Pose::identity()));
-                        if apart > 0.0 && apart > limit.max(0.0).powi(2) {
+                        let apart = bounds.distance_squared(&element.bounds).sqrt();
+                        if apart > 0.0 && apart >= limit {
+                            return;
+                        }
+                        if apart > coarse {
+                            best[element.body] = apart;
+                            if nearest.is_empty() {
+                                nearest.resize(scene.bodies, None);
+                            }
+                            nearest[element.body] = Some(between_boxes(&bounds, &element.bounds, apart));
                             return;
                         }
                         self.ensure(piece, scratch);
@@ -234,6 +259,7 @@ impl RobotShapes {
     pub fn near_self(
         &self,
         scratch: &mut Scratch,
+        coarse: f64,
         reach: impl Fn(usize) -> f64,
         mut visit: impl FnMut(usize, Proximity) -> bool,
     ) -> bool {
@@ -245,8 +271,13 @@ impl RobotShapes {
             let mut nearest = None;
             for i in self.ranges[a].0..self.ranges[a].1 {
                 for j in self.ranges[b].0..self.ranges[b].1 {
-                    let apart = scratch.boxes[i].distance_squared(&scratch.boxes[j]);
-                    if apart > 0.0 && apart > limit.max(0.0).powi(2) {
+                    let apart = scratch.boxes[i].distance_squared(&scratch.boxes[j]).sqrt();
+                    if apart > 0.0 && apart >= limit {
+                        continue;
+                    }
+                    if apart > coarse {
+                        limit = apart;
+                        nearest = Some(between_boxes(&scratch.boxes[i], &scratch.boxes[j], apart));
                         continue;
                     }
                     self.ensure(i, scratch);
@@ -283,6 +314,13 @@ impl RobotShapes {
     }
 }
 
+/// A lower bound of the distance of two shapes, from their boxes.
+fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
+    let (on_first, on_second) = (nalgebra::center(&a.min, &a.max), nalgebra::center(&b.min, &b.max));
+    let normal = (on_second - on_first).try_normalize(0.0).unwrap_or_else(nalgebra::Vector3::x);
+    Contact { distance: apart, on_first, on_second, normal }
+}
+
 /// Pairs of links that overlap at `q`.
 pub(crate) fn overlapping_pairs(robot: &Robot, q: &[f64]) -> Vec<(usize, usize)> {
     let shapes = RobotShapes::new(robot, |_| true);
@@ -291,6 +329,7 @@ pub(crate) fn overlapping_pairs(robot: &Robot, q: &[f64]) -> Vec<(usize, usize)>
     let mut out = Vec::new();
     shapes.near_self(
         &mut scratch,
+        f64::INFINITY,
         |_| 0.0,
         |index, _| {
             out.push(shapes.pairs[index]);

@@ -52,7 +52,8 @@ fn binary_stl(bytes: &[u8], triangles: usize) -> Vec<Point3<f64>> {
 }
 
 fn text_stl(bytes: &[u8]) -> Result<Vec<Point3<f64>>, String> {
-    let text = std::str::from_utf8(bytes).map_err(|_| "neither a binary STL of the right length nor text".to_owned())?;
+    let text =
+        std::str::from_utf8(bytes).map_err(|_| "neither a binary STL of the right length nor text".to_owned())?;
     let mut out = Vec::new();
     for (number, line) in text.lines().enumerate() {
         if let Some(rest) = line.trim_start().strip_prefix("vertex") {

@@ -96,8 +96,8 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
+        let text =
+            std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
         let mut robot = urdf::parse(&text, path, hand_link, base_link)?;
         if let Some(srdf) = srdf {
             robot.allowed = urdf::disabled_pairs(srdf, &robot.links)?;

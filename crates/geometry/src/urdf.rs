@@ -134,7 +134,10 @@ fn moving_joint(joint: &urdf_rs::Joint, file: &str) -> Result<Option<Joint>, Urd
         JointType::Continuous => (JointKind::Revolute, false),
         JointType::Prismatic => (JointKind::Prismatic, true),
         JointType::Floating | JointType::Planar | JointType::Spherical => {
-            return Err(fail("type", "floating, planar and spherical joints are not supported; fix or split it".into()));
+            return Err(fail(
+                "type",
+                "floating, planar and spherical joints are not supported; fix or split it".into(),
+            ));
         }
     };
     let axis = Vector3::from(joint.axis.xyz.0);
@@ -212,8 +215,8 @@ pub(crate) fn disabled_pairs(path: &str, links: &[Link]) -> Result<Vec<(usize, u
 }
 
 pub(crate) fn disabled_pairs_in(text: &str, file: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    let document = roxmltree::Document::parse(text)
-        .map_err(|e| UrdfError::new(file, "XML", format!("is not an SRDF: {e}")))?;
+    let document =
+        roxmltree::Document::parse(text).map_err(|e| UrdfError::new(file, "XML", format!("is not an SRDF: {e}")))?;
     let mut pairs = Vec::new();
     for node in document.descendants().filter(|n| n.has_tag_name("disable_collisions")) {
         let link = |attribute: &str| {

@@ -21,6 +21,10 @@ const PROJECTIONS: usize = 25;
 const ITERATIONS: usize = 30;
 /// Largest change of a joint in one iteration (rad or m).
 const STEP: f64 = 0.5;
+/// Projected poses that are moved to their optimum, cheapest first.
+const DESCENTS: usize = 8;
+/// Width of the starts about the present joints, as a fraction of the joint ranges.
+const NEARBY: f64 = 0.5;
 /// Poses closer than this in every joint are one (rad or m).
 const SAME: f64 = 0.02;
 
@@ -81,57 +85,85 @@ impl<'p> ActuationSearch<'p> {
         self.model.forward(&self.problem.robot, x, &mut self.q, &mut self.frames);
     }
 
-    /// Searches from the present joints and from `seeds - 1` points spread evenly over the joint ranges.
+    /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges.
+    ///
+    /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
+    /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
+    /// from which the motion may be free where the cheapest pose's is not.
     pub fn run(&mut self, seeds: usize) -> Actuation {
-        let n = self.model.n();
         let mut poses: Vec<Candidate> = Vec::new();
         let mut least = f64::INFINITY;
         let mut best_effort = None;
         for seed in 0..seeds {
-            let mut x = self.start;
-            if seed > 0 {
-                for (v, value) in x.iter_mut().enumerate().take(n) {
-                    let (low, high) = self.model.range(v);
-                    *value = low + (high - low) * halton(seed, v);
-                }
-            }
+            let mut x = self.seed(seed);
             let miss = self.project(&mut x);
-            if miss > 1e-6 {
+            if miss > 0.0 {
                 if miss < least {
                     least = miss;
                     best_effort = Some(x);
                 }
                 continue;
             }
-            // The projected pose stays a candidate: off the optimum, it is another point of the constraint set,
-            // from which the motion may be free where the cheapest pose's is not.
-            let projected = Candidate { x, cost: self.cost(&x) };
-            poses.push(projected);
-            if let Some(better) = self.descend(&x) {
-                poses.push(better);
+            poses.push(Candidate { x, cost: self.cost(&x) });
+        }
+        let mut poses = self.distinct(poses);
+        let mut optima: Vec<Candidate> = Vec::new();
+        for pose in poses.iter().take(DESCENTS) {
+            if let Some(better) = self.descend(&pose.x) {
+                optima.push(better);
             }
         }
-        poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        let mut candidates: Vec<Candidate> = Vec::new();
-        for pose in poses {
-            let near = |c: &Candidate| (0..n).all(|v| (c.x[v] - pose.x[v]).abs() < SAME);
-            if !candidates.iter().any(near) {
-                candidates.push(pose);
-            }
-        }
+        poses.extend(optima);
+        let candidates = self.distinct(poses);
         if !candidates.is_empty() {
             best_effort = None;
         }
         Actuation { candidates, best_effort }
     }
 
+    /// The pose that start value number `seed` projects to, where it meets the constraints.
+    pub fn sample(&mut self, seed: usize) -> Option<Candidate> {
+        let mut x = self.seed(seed);
+        (self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
+    }
+
+    /// Start value number `seed`: the present joints, then by turns points about them and points all over the ranges.
+    fn seed(&self, seed: usize) -> Row {
+        let mut x = self.start;
+        if seed == 0 {
+            return x;
+        }
+        for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
+            let (low, high) = self.model.range(v);
+            let draw = halton(seed, v);
+            *value = if seed % 2 == 1 {
+                low + (high - low) * draw
+            } else {
+                (*value + NEARBY * (high - low) * (draw - 0.5)).clamp(low, high)
+            };
+        }
+        x
+    }
+
+    /// Poses by cost, without those that are near a cheaper one.
+    fn distinct(&self, mut poses: Vec<Candidate>) -> Vec<Candidate> {
+        poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut out: Vec<Candidate> = Vec::new();
+        for pose in poses {
+            let near = |c: &Candidate| (0..self.model.n()).all(|v| (c.x[v] - pose.x[v]).abs() < SAME);
+            if !out.iter().any(near) {
+                out.push(pose);
+            }
+        }
+        out
+    }
+
     /// Cost of a pose: weighted squared joint steps, squared way of the hand, 1 - cos of its turn, and the config's
     /// own cost terms.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
-        let joints: f64 = (0..self.model.n())
-            .map(|v| joint_weight(self.model.indices[v]) * (x[v] - self.start[v]).powi(2))
-            .sum();
+        let joints: f64 =
+            (0..self.model.n()).map(|v| joint_weight(self.model.indices[v]) * (x[v] - self.start[v]).powi(2)).sum();
         let hand = &self.frames.tip;
         let way = (hand.translation.vector - self.start_hand.translation.vector).norm_squared();
         let turn = 0.5 * (3.0 - (self.start_hand.rotation.matrix().transpose() * hand.rotation.matrix()).trace());
@@ -198,7 +230,8 @@ impl<'p> ActuationSearch<'p> {
             // Joints at a limit that would be pushed further stay there.
             let mut free = [true; MOST_JOINTS];
             for v in 0..n {
-                free[v] = !((x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0));
+                free[v] =
+                    !((x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0));
             }
             let Some(step) = solve_damped(n, &normal, &gradient, &free, damping) else { break };
             let longest = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
@@ -442,7 +475,9 @@ impl<'p> ActuationSearch<'p> {
         let way = hand.translation.vector - self.start_hand.translation.vector;
         add(&self.model.linear_row(robot, &self.frames, &hand.translation.vector, &way), 2.0);
         // d(1 - cos) = -1/2 sum_k s_k . (w x r_k) = -1/2 w . sum_k r_k x s_k
-        let pull = columns(&hand).zip(columns(&self.start_hand)).fold(Vector3::zeros(), |sum: Vector3<f64>, (r, s)| sum + r.cross(&s));
+        let pull = columns(&hand)
+            .zip(columns(&self.start_hand))
+            .fold(Vector3::zeros(), |sum: Vector3<f64>, (r, s)| sum + r.cross(&s));
         add(&self.model.angular_row(robot, &self.frames, &pull), -0.5);
         for t in &self.resolved.costs {
             let p = hand.rotation * t.on_hand + hand.translation.vector;
@@ -547,11 +582,7 @@ fn axis_bands(a: &AxisBound, u: &Vector3<f64>) -> impl Iterator<Item = (Vector3<
             let middle = target * center.cos() + outward * center.sin();
             let m = outward * center.cos() - target * center.sin();
             let along = u.dot(&middle);
-            if along > 0.0 {
-                (m, -(t.min(1.5)).sin(), (t.min(1.5)).sin())
-            } else {
-                (m, -1.0, 1.0)
-            }
+            if along > 0.0 { (m, -(t.min(1.5)).sin(), (t.min(1.5)).sin()) } else { (m, -1.0, 1.0) }
         }
     })
 }

@@ -98,13 +98,9 @@ impl Constraint {
         match self {
             Self::Point { keypoint, target, .. } => format!("point2point_constraint({keypoint}, {target})"),
             Self::Axis { kind, from, to, target, .. } => match target {
-                TargetAxis::Fixed { axis, frame } => format!(
-                    "{kind}({from} -> {to}, {} axis [{}, {}, {}])",
-                    frame.name(),
-                    axis.x,
-                    axis.y,
-                    axis.z
-                ),
+                TargetAxis::Fixed { axis, frame } => {
+                    format!("{kind}({from} -> {to}, {} axis [{}, {}, {}])", frame.name(), axis.x, axis.y, axis.z)
+                }
                 TargetAxis::Keypoints { from: a, to: b } => format!("{kind}({from} -> {to}, {a} -> {b})"),
             },
             Self::PointCost { keypoint, target, .. } => format!("point2point_cost({keypoint}, {target})"),
@@ -353,8 +349,15 @@ fn constraint(value: &Value, at: &str) -> Result<Constraint> {
     };
     match kind {
         "point2point_constraint" => {
-            let known = ["type", "name", "keypoint_name", "target_keypoint_name", "tolerance", "target_offset",
-                "target_offset_frame"];
+            let known = [
+                "type",
+                "name",
+                "keypoint_name",
+                "target_keypoint_name",
+                "tolerance",
+                "target_offset",
+                "target_offset_frame",
+            ];
             only(map, &known, at)?;
             let offset = match present(map, "target_offset") {
                 Some(v) => vector(v, &format!("{at}.target_offset"))?,
@@ -371,8 +374,14 @@ fn constraint(value: &Value, at: &str) -> Result<Constraint> {
         }
         "frame_axis_parallel" | "frame_axis_orthogonal" | "keypoint_axis_parallel" | "keypoint_axis_orthogonal" => {
             let on_frame = kind.starts_with("frame");
-            let mut known =
-                vec!["type", "name", "axis_from_keypoint_name", "axis_to_keypoint_name", "tolerance", "target_inner_product"];
+            let mut known = vec![
+                "type",
+                "name",
+                "axis_from_keypoint_name",
+                "axis_to_keypoint_name",
+                "tolerance",
+                "target_inner_product",
+            ];
             known.extend(if on_frame {
                 ["target_axis", "target_axis_frame"]
             } else {
@@ -409,8 +418,15 @@ fn constraint(value: &Value, at: &str) -> Result<Constraint> {
             Ok(Constraint::PointCost { keypoint, target, weight: weight()? })
         }
         "point2plane_cost" => {
-            let known = ["type", "name", "keypoint_name", "target_keypoint_name", "penalty_weight", "target_axis",
-                "target_axis_frame"];
+            let known = [
+                "type",
+                "name",
+                "keypoint_name",
+                "target_keypoint_name",
+                "penalty_weight",
+                "target_axis",
+                "target_axis_frame",
+            ];
             only(map, &known, at)?;
             Ok(Constraint::PlaneCost {
                 keypoint: name("keypoint_name")?,

@@ -1,16 +1,20 @@
 //! What may touch what and when, and whether a motion keeps to it.
 
-use gensim2_geometry::{Contact, Proximity, Robot, RobotShapes, Scene, Scratch, Target};
+use gensim2_geometry::{Contact, JointKind, Proximity, Robot, RobotShapes, Scene, Scratch, Target};
 use nalgebra::Point3;
 
 use crate::KeypointProblem;
-use crate::model::{Model, Row};
+use crate::model::{MOST_JOINTS, Model, Row};
 use crate::problem::Role;
 
 /// Distances beyond this (m) are not measured: so far at most can one step of a sweep go.
 const REACH: f64 = 0.12;
 /// Finest step of a sweep: no point of the robot moves more than this between two checks (m).
-const FINEST: f64 = 0.002;
+const FINEST: f64 = 0.0015;
+/// Shapes whose boxes are further apart than this (m) count as that far apart.
+const COARSE: f64 = 0.02;
+/// No stand-ins for distances.
+const EXACT: f64 = f64::INFINITY;
 /// Overlaps up to this are rounding (m).
 const TOUCH: f64 = 1e-4;
 
@@ -44,8 +48,11 @@ pub(crate) struct Judge<'p> {
     carrier: Vec<usize>,
     /// Link is the hand or rides on it.
     on_hand: Vec<bool>,
-    /// Largest distance of a link's shapes from its origin (m).
+    /// Largest distance of a link's shapes from their middle (m).
     extents: Vec<f64>,
+    /// Middle of a link's shapes, link frame.
+    centers: Vec<Point3<f64>>,
+    spare: Bubble,
     /// Overlaps at the start, by link and scene body, and by self pair: those may persist, not deepen.
     start_bodies: Vec<Vec<f64>>,
     start_self: Vec<f64>,
@@ -69,8 +76,7 @@ impl<'p> Judge<'p> {
                 None => return false,
             }
         };
-        let moves: Vec<Vec<bool>> =
-            (0..links.len()).map(|l| carrier.iter().map(|c| below(l, *c)).collect()).collect();
+        let moves: Vec<Vec<bool>> = (0..links.len()).map(|l| carrier.iter().map(|c| below(l, *c)).collect()).collect();
         let on_hand: Vec<bool> = (0..links.len()).map(|l| below(l, robot.hand())).collect();
         let mut shapes = RobotShapes::new(robot, |l| moves[l].iter().any(|m| *m));
         let bodies: Vec<usize> =
@@ -93,10 +99,13 @@ impl<'p> Judge<'p> {
             carrier,
             on_hand,
             extents: Vec::new(),
+            centers: Vec::new(),
+            spare: Bubble::default(),
             scratch: Scratch::default(),
             q: Vec::new(),
         };
-        judge.extents = (0..links.len()).map(|l| judge.shapes.extent(l, &Point3::origin())).collect();
+        judge.centers = (0..links.len()).map(|l| judge.shapes.middle(l)).collect();
+        judge.extents = (0..links.len()).map(|l| judge.shapes.extent(l, &judge.centers[l])).collect();
         judge.measure_start();
         judge
     }
@@ -107,15 +116,18 @@ impl<'p> Judge<'p> {
         let mut body_overlaps = Vec::new();
         let mut scratch = std::mem::take(&mut self.scratch);
         let reach = |link: usize, body: usize| if self.judged(link, body, 0) { 0.0 } else { f64::NEG_INFINITY };
-        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+        self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, reach, |p| {
             body_overlaps.push(p);
             true
         });
         let mut self_overlaps = Vec::new();
-        self.shapes.near_self(&mut scratch, |_| 0.0, |i, p| {
-            self_overlaps.push((i, p.contact.distance));
-            true
-        });
+        self.shapes.near_self(&mut scratch, EXACT,
+            |_| 0.0,
+            |i, p| {
+                self_overlaps.push((i, p.contact.distance));
+                true
+            },
+        );
         self.scratch = scratch;
         for p in body_overlaps {
             if let Target::Body(b) = p.target {
@@ -195,13 +207,13 @@ impl<'p> Judge<'p> {
                 f64::NEG_INFINITY
             }
         };
-        self.shapes.near_bodies(&self.scene, &mut scratch, threshold, |p| {
+        self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, threshold, |p| {
             found = Some(p);
             false
         });
         if found.is_none() {
             let threshold = |pair: usize| margins.itself(&self.start_self, pair);
-            self.shapes.near_self(&mut scratch, threshold, |_, p| {
+            self.shapes.near_self(&mut scratch, EXACT, threshold, |_, p| {
                 found = Some(p);
                 false
             });
@@ -210,106 +222,134 @@ impl<'p> Judge<'p> {
         found.map(|p| self.hit(&p))
     }
 
-    /// How far (fraction of `step`, at most 1) the robot can surely go from `x` along `step`, or the pair that is
-    /// nearer than its margin already. The bound: a point at distance r from a joint's axis moves at most r + d per
-    /// radian while it stays within d of where it is.
-    fn advance(&mut self, x: &Row, step: &Row, stage: usize, margins: &Margins) -> Result<f64, Hit> {
+    /// Joint vectors around `x` that are surely free (Quinlan's bubble), or the pair that is nearer than its margin
+    /// already. The bound: a point at distance r from a joint's axis moves at most r + d per radian while it stays
+    /// within d of where it is.
+    fn bubble(&mut self, x: &Row, stage: usize, margins: &Margins) -> Result<Bubble, Hit> {
         self.place(x);
         let n = self.model.n();
         let links = self.problem.robot.links();
+        let mut bubble = std::mem::take(&mut self.spare);
+        bubble.center = *x;
+        bubble.n = n;
+        bubble.pairs.clear();
+        bubble.levers.clear();
+        bubble.levers.resize(links.len(), [0.0; MOST_JOINTS]);
         let poses = self.shapes.poses(&self.scratch);
-        // Lever of each link about each variable's axis: largest distance of its points from the axis.
-        let mut speed = vec![(0.0, 0.0); links.len()];
-        let mut lever = vec![[0.0; crate::model::MOST_JOINTS]; links.len()];
-        for l in 0..links.len() {
-            if links[l].shapes.is_empty() {
-                continue;
-            }
-            for v in (0..n).filter(|v| self.moves[l][*v]) {
-                let joint = &self.problem.robot.joints()[self.model.indices[v]];
-                let frame = &poses[self.carrier[v]];
-                let (rate, slack) = match joint.kind {
-                    gensim2_geometry::JointKind::Prismatic => (1.0, 0.0),
-                    gensim2_geometry::JointKind::Revolute => {
-                        let axis = frame.rotation * joint.axis;
-                        let arm = poses[l].translation.vector - frame.translation.vector;
-                        let off = (arm - axis * arm.dot(&axis)).norm();
-                        (off + self.extents[l], 1.0)
+        for v in 0..n {
+            let joint = &self.problem.robot.joints()[self.model.indices[v]];
+            let frame = &poses[self.carrier[v]];
+            let axis = frame.rotation * joint.axis;
+            for l in 0..links.len() {
+                if !self.moves[l][v] || links[l].shapes.is_empty() {
+                    continue;
+                }
+                bubble.levers[l][v] = match joint.kind {
+                    JointKind::Prismatic => 1.0,
+                    JointKind::Revolute => {
+                        let arm = poses[l] * self.centers[l] - frame.translation.vector;
+                        let off = (arm.coords - axis * arm.coords.dot(&axis)).norm();
+                        off + self.extents[l]
                     }
                 };
-                lever[l][v] = rate;
-                speed[l].0 += rate * step[v].abs();
-                speed[l].1 += slack * step[v].abs();
             }
         }
-        let safe = |distance: f64, rate: (f64, f64)| {
-            let total = rate.0 + rate.1 * distance;
-            if total <= 0.0 { f64::INFINITY } else { distance / total }
-        };
-        let mut far = f64::INFINITY;
         let mut blocked = None;
         let mut scratch = std::mem::take(&mut self.scratch);
-        let reach = |link: usize, body: usize| {
-            if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY }
-        };
-        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+        let reach =
+            |link: usize, body: usize| if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY };
+        self.shapes.near_bodies(&self.scene, &mut scratch, COARSE, reach, |p| {
             let Target::Body(b) = p.target else { return true };
             let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
             if gap < 0.0 {
                 blocked = Some(p);
                 return false;
             }
-            far = far.min(safe(gap, speed[p.link]));
+            bubble.pairs.push(Near { gap, link: p.link, other: None });
             true
         });
         let pairs = self.shapes.self_pairs();
         if blocked.is_none() {
-            self.shapes.near_self(&mut scratch, |_| REACH, |index, p| {
-                let (a, b) = pairs[index];
+            self.shapes.near_self(&mut scratch, COARSE, |_| REACH, |index, p| {
                 let gap = p.contact.distance - margins.itself(&self.start_self, index);
                 if gap < 0.0 {
                     blocked = Some(p);
                     return false;
                 }
-                let mut rate = (0.0, 0.0);
-                for v in 0..n {
-                    if self.moves[a][v] != self.moves[b][v] {
-                        rate.0 += lever[a][v].max(lever[b][v]) * step[v].abs();
-                        rate.1 += step[v].abs();
-                    }
-                }
-                far = far.min(safe(gap, rate));
+                bubble.pairs.push(Near { gap, link: pairs[index].0, other: Some(pairs[index].1) });
                 true
             });
         }
-        self.scratch = scratch;
-        if let Some(p) = blocked {
-            return Err(self.hit(&p));
+        // What is not near is at least this far.
+        for (l, link) in links.iter().enumerate() {
+            if !link.shapes.is_empty() {
+                bubble.pairs.push(Near { gap: REACH - margins.clearance, link: l, other: None });
+            }
         }
-        // Nothing else is within reach.
-        let fastest = speed.iter().fold(0.0, |m: f64, s| m.max(s.0 + s.1 * REACH));
-        let beyond = if fastest > 0.0 { (REACH - margins.clearance) / fastest } else { 1.0 };
-        let least = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
-        Ok(far.min(beyond).max(least).min(1.0))
+        self.scratch = scratch;
+        match blocked {
+            Some(p) => {
+                self.spare = bubble;
+                Err(self.hit(&p))
+            }
+            None => Ok(bubble),
+        }
     }
 
     /// Sweeps the straight joint segment from `a` to `b`; the first hit.
     pub fn sweep(&mut self, a: &Row, b: &Row, stage: usize, margins: &Margins) -> Option<Hit> {
-        let mut step = *a;
-        for v in 0..self.model.n() {
-            step[v] = b[v] - a[v];
-        }
+        self.sweep_along(&[*a, *b], stage, margins).map(|(_, hit)| hit)
+    }
+
+    /// Sweeps the straight joint segments between waypoints; the last free waypoint before the first hit, and the hit.
+    pub fn sweep_along(&mut self, waypoints: &[Row], stage: usize, margins: &Margins) -> Option<(usize, Hit)> {
+        let n = self.model.n();
+        let last = waypoints.len() - 1;
+        let at = |t: f64| {
+            let k = (t as usize).min(last.saturating_sub(1));
+            let (a, b) = (&waypoints[k], &waypoints[(k + 1).min(last)]);
+            let mut x = *a;
+            for v in 0..n {
+                x[v] = a[v] + (t - k as f64) * (b[v] - a[v]);
+            }
+            x
+        };
+        let end = last as f64;
         let mut t = 0.0;
         loop {
-            let mut x = *a;
-            for v in 0..self.model.n() {
-                x[v] = a[v] + t * step[v];
+            let bubble = match self.bubble(&at(t), stage, margins) {
+                Ok(bubble) => bubble,
+                Err(hit) => return Some((t as usize, hit)),
+            };
+            if t >= end {
+                self.spare = bubble;
+                return None;
             }
-            match self.advance(&x, &step, stage, margins) {
-                Err(hit) => return Some(hit),
-                Ok(_) if t >= 1.0 => return None,
-                Ok(far) => t = (t + far).min(1.0),
+            // Whole segments while their far ends are inside, then a part of the next: a bubble is convex, so what
+            // leads to a point inside is inside.
+            let mut k = t as usize;
+            while k < last && bubble.holds(&self.moves, &waypoints[k + 1]) {
+                k += 1;
             }
+            let mut next = t.max(k as f64);
+            if k < last {
+                let (mut low, mut high) = (next, (k + 1) as f64);
+                for _ in 0..6 {
+                    let middle = 0.5 * (low + high);
+                    if bubble.holds(&self.moves, &at(middle)) {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                next = low;
+            }
+            // Where something is close, go on by the finest step: no point moves further than that unseen.
+            let k = (next as usize).min(last.saturating_sub(1));
+            let fastest = bubble.fastest(&waypoints[k], &waypoints[k + 1]);
+            let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
+            t = next.max(t + finest).min(end);
+            self.spare = bubble;
         }
     }
 
@@ -324,16 +364,19 @@ impl<'p> Judge<'p> {
             let reach = |l: usize, body: usize| {
                 if self.judged(l, body, stage) { clearance } else { f64::NEG_INFINITY }
             };
-            self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+            self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, reach, |p| {
                 if let Target::Body(body) = p.target {
                     near.push((p.link, body, p.contact.distance));
                 }
                 true
             });
-            self.shapes.near_self(&mut scratch, |_| clearance, |i, p| {
-                near_self.push((i, p.contact.distance));
-                true
-            });
+            self.shapes.near_self(&mut scratch, EXACT,
+                |_| clearance,
+                |i, p| {
+                    near_self.push((i, p.contact.distance));
+                    true
+                },
+            );
             self.scratch = scratch;
             out.bodies.extend(near.into_iter().map(|(l, body, d)| ((l, body), (d - TOUCH).max(-TOUCH))));
             out.pairs.extend(near_self.into_iter().map(|(i, d)| (i, (d - TOUCH).max(-TOUCH))));
@@ -348,7 +391,7 @@ impl<'p> Judge<'p> {
         let reach = |link: usize, body: usize| {
             if self.judged(link, body, stage) { 1.0 } else { f64::NEG_INFINITY }
         };
-        self.shapes.near_bodies(&self.scene, &mut scratch, reach, |p| {
+        self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, reach, |p| {
             if let Target::Body(b) = p.target {
                 match self.problem.bodies[self.bodies[b]].role {
                     Role::Table => out.table = out.table.min(p.contact.distance),
@@ -357,11 +400,70 @@ impl<'p> Judge<'p> {
             }
             true
         });
-        self.shapes.near_self(&mut scratch, |_| 1.0, |_, p| {
-            out.itself = out.itself.min(p.contact.distance);
-            true
-        });
+        self.shapes.near_self(&mut scratch, EXACT,
+            |_| 1.0,
+            |_, p| {
+                out.itself = out.itself.min(p.contact.distance);
+                true
+            },
+        );
         self.scratch = scratch;
+    }
+}
+
+/// A pair that leaves a gap.
+#[derive(Debug, Clone, Copy)]
+struct Near {
+    gap: f64,
+    link: usize,
+    /// The other link, or `None` for what stands still.
+    other: Option<usize>,
+}
+
+/// Joint vectors about a free one that are free as well.
+#[derive(Debug, Clone)]
+struct Bubble {
+    center: Row,
+    n: usize,
+    /// Largest distance of each link's points from each variable's axis.
+    levers: Vec<Row>,
+    pairs: Vec<Near>,
+}
+
+impl Default for Bubble {
+    fn default() -> Self {
+        Self { center: [0.0; MOST_JOINTS], n: 0, levers: Vec::new(), pairs: Vec::new() }
+    }
+}
+
+impl Bubble {
+    fn holds(&self, moves: &[Vec<bool>], x: &Row) -> bool {
+        let mut step = [0.0; MOST_JOINTS];
+        for v in 0..self.n {
+            step[v] = (x[v] - self.center[v]).abs();
+        }
+        self.pairs.iter().all(|p| {
+            let mut way = 0.0;
+            let mut turn = 0.0;
+            for v in 0..self.n {
+                let (mine, other) = (self.levers[p.link][v], p.other.map_or(0.0, |o| self.levers[o][v]));
+                // A joint that carries both links does not move one against the other.
+                let carries_both = p.other.is_some_and(|o| moves[p.link][v] && moves[o][v]);
+                if !carries_both {
+                    way += step[v] * mine.max(other);
+                    turn += step[v];
+                }
+            }
+            way + turn * p.gap <= p.gap
+        })
+    }
+
+    /// Most that a point of the robot moves from `a` to `b`, to first order.
+    fn fastest(&self, a: &Row, b: &Row) -> f64 {
+        self.levers
+            .iter()
+            .map(|l| (0..self.n).map(|v| l[v] * (b[v] - a[v]).abs()).sum::<f64>())
+            .fold(0.0, f64::max)
     }
 }
 

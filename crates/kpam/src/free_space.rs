@@ -115,7 +115,14 @@ pub(crate) fn connect(
 }
 
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
-fn grow(judge: &mut Judge<'_>, n: usize, tree: &mut Tree, goal: &Row, stage: usize, margins: &Margins) -> Option<usize> {
+fn grow(
+    judge: &mut Judge<'_>,
+    n: usize,
+    tree: &mut Tree,
+    goal: &Row,
+    stage: usize,
+    margins: &Margins,
+) -> Option<usize> {
     let from = tree.nearest(n, goal);
     let start = tree.nodes[from].0;
     let length = squared(n, &start, goal).sqrt();

@@ -107,12 +107,12 @@ impl<'p> Follower<'p> {
                 // A start at or outside its margin may stay there, not leave further.
                 self.bounds.push(Bound { row, low: low.min(x[v]) - x[v], high: high.max(x[v]) - x[v] });
                 if round == 0 {
-                    gradient[v] = -drift[v] - self.from_limits(v, &x);
+                    gradient[v] = -drift[v] - self.limit_push(v, &x);
                 }
             }
             let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &self.bounds };
             let QpOutcome::Solved { step, .. } = self.qp.solve(&qp) else { return None };
-            if step[..n].iter().any(|s| !(s.abs() <= 2.0 * JUMP)) {
+            if step[..n].iter().any(|s| s.is_nan() || s.abs() > 2.0 * JUMP) {
                 return None;
             }
             for v in 0..n {
@@ -123,7 +123,7 @@ impl<'p> Follower<'p> {
     }
 
     /// A gentle push of a joint from its limits towards the middle, growing near them.
-    fn from_limits(&self, v: usize, x: &Row) -> f64 {
+    fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
         if !(low.is_finite() && high.is_finite()) {
             return 0.0;

@@ -82,6 +82,8 @@ pub struct Options {
     pub finger_width: Option<f64>,
     /// Most actuation poses that are tried for the whole motion.
     pub candidates: usize,
+    /// Further start values that are spent where no pose from `seeds` allows the whole motion.
+    pub harvest: usize,
     /// Most samples of the free-space planner a candidate.
     pub samples: usize,
     /// Whether collisions decide. Without, they are only reported.
@@ -103,12 +105,13 @@ impl Default for Options {
             start_velocity: None,
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
-            seeds: 24,
+            seeds: 48,
             workspace: Some([[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]]),
             margin: 0.005,
             allow_partial: false,
             finger_width: None,
-            candidates: 24,
+            candidates: 40,
+            harvest: 200,
             samples: 2000,
             avoid_collisions: true,
             contacts: None,

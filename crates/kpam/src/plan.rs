@@ -107,7 +107,7 @@ pub struct Plan {
     pub q_best_effort: Option<Vec<f64>>,
     /// The actuation pose that the trajectory takes (or that came furthest).
     pub q_plan: Option<Vec<f64>>,
-    /// Place of that pose in the ranking by cost, 0 the cheapest.
+    /// Number of that pose in the order of trial: 0 is the cheapest.
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
@@ -125,7 +125,7 @@ pub struct Plan {
     pub start_overlap: f64,
 }
 
-/// Wall-clock of the two stages (s); beside the plan, because a plan is the same on every run.
+/// CPU time of the planning thread in the two stages (s); beside the plan, because a plan is the same on every run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StageTimes {
     /// Actuation pose.
@@ -146,7 +146,7 @@ pub fn plan(problem: &KeypointProblem) -> Plan {
 #[must_use]
 pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     let mut times = StageTimes::default();
-    let clock = std::time::Instant::now();
+    let clock = cpu_time::ThreadTime::now();
     let rest = resting_joints(problem);
     let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
         (Some(model), Ok(resolved)) => (model, resolved),
@@ -161,24 +161,24 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
         None => planner.infeasible(found.best_effort),
         Some(best) => {
             let best = *best;
-            planner.whole_motion(best, &found.candidates)
+            planner.whole_motion(best, &found.candidates, &mut search)
         }
     };
     times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
     (plan, times)
 }
 
-/// Plans many problems on `threads` threads (all cores where `None`). Each result is the same as [`plan`]'s.
+/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
 ///
 /// # Errors
 /// A sentence, where the threads cannot be started.
-pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<Plan>, String> {
+pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
     use rayon::prelude::*;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads.unwrap_or(0))
         .build()
         .map_err(|e| format!("cannot start threads: {e}"))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan(p)).collect()))
+    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
 }
 
 /// Joint values while planning: the start, with fingers at the width asked for.
@@ -270,16 +270,15 @@ struct Planner<'p> {
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
+/// Clearance (m) of the free approach where the one asked for cannot be kept.
+const TIGHT: f64 = 2e-4;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
 impl<'p> Planner<'p> {
     fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
-        let timing = problem.options.timing.unwrap_or(if problem.config.has_times() {
-            Timing::Config
-        } else {
-            Timing::Limits
-        });
+        let timing =
+            problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
             Timing::Limits => None,
             // The config's own check has passed; a start time past its first keyframe ends as TooFast.
@@ -349,7 +348,12 @@ impl<'p> Planner<'p> {
         out
     }
 
-    fn whole_motion(&mut self, cheapest: Candidate, candidates: &[Candidate]) -> Plan {
+    fn whole_motion(
+        &mut self,
+        cheapest: Candidate,
+        candidates: &[Candidate],
+        search: &mut ActuationSearch<'_>,
+    ) -> Plan {
         let mut best: Option<Attempt> = None;
         let mut again: Vec<usize> = Vec::new();
         let samples = self.problem.options.samples;
@@ -368,6 +372,27 @@ impl<'p> Planner<'p> {
             }
             if done {
                 break;
+            }
+        }
+        // More poses of the same constraints, off their optima, for a motion that the cheap ones do not allow.
+        if !done {
+            let from = self.problem.options.seeds;
+            let mut extra = 0;
+            for seed in from..from + self.problem.options.harvest {
+                let Some(c) = search.sample(seed) else { continue };
+                extra += 1;
+                if extra > self.problem.options.candidates {
+                    break;
+                }
+                tried += 1;
+                let attempt = self.attempt(&c.x, tried - 1, samples.min(FIRST_SAMPLES));
+                done = attempt.failure.is_none();
+                if best.as_ref().is_none_or(|b| attempt.score() > b.score() || done) {
+                    best = Some(attempt);
+                }
+                if done {
+                    break;
+                }
             }
         }
         if !done {
@@ -432,7 +457,7 @@ impl<'p> Planner<'p> {
             }
             let mut waypoints = followed.waypoints;
             waypoints.reverse();
-            if let Some((_, hit)) = self.first_hit(&waypoints, i + 2, &plain) {
+            if let Some((_, hit)) = self.judge.sweep_along(&waypoints, i + 2, &plain) {
                 out.hits.push((i + 1, hit.clone()));
                 if avoid {
                     out.failure = Some(Failure::Blocked { keyframe: i + 1, hit });
@@ -450,7 +475,7 @@ impl<'p> Planner<'p> {
             if fraction < 1.0 {
                 out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
             }
-            if let Some((k, hit)) = self.first_hit(&waypoints, i + 2, &plain) {
+            if let Some((k, hit)) = self.judge.sweep_along(&waypoints, i + 2, &plain) {
                 out.hits.push((i + 1, hit.clone()));
                 if avoid {
                     let steps = (waypoints.len() - 1).max(1) as f64;
@@ -490,14 +515,6 @@ impl<'p> Planner<'p> {
         out
     }
 
-    /// First waypoint interval that is not free: index of the last free waypoint, and what is in the way.
-    fn first_hit(&mut self, waypoints: &[Row], stage: usize, margins: &Margins) -> Option<(usize, Hit)> {
-        waypoints
-            .windows(2)
-            .enumerate()
-            .find_map(|(k, pair)| self.judge.sweep(&pair[0], &pair[1], stage, margins).map(|hit| (k, hit)))
-    }
-
     /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not
     /// count.
     fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
@@ -514,7 +531,14 @@ impl<'p> Planner<'p> {
             let hit = self.judge.sweep(&start, goal, 1, &Margins::plain(0.0));
             return Ok((vec![vec![start, *goal]], hit));
         }
-        let corners = free_space::connect(&mut self.judge, self.model, &start, goal, 1, &margins, samples)?;
+        let mut margins = margins;
+        let mut corners = free_space::connect(&mut self.judge, self.model, &start, goal, 1, &margins, samples);
+        if corners.is_err() && self.problem.options.margin > 0.0 {
+            // The clearance is a wish; a free motion without it is still free.
+            margins = self.judge.margins_between(&start, goal, 1, TIGHT);
+            corners = free_space::connect(&mut self.judge, self.model, &start, goal, 1, &margins, samples);
+        }
+        let corners = corners?;
         if corners.len() == 2 {
             return Ok((vec![corners], None));
         }
@@ -525,7 +549,7 @@ impl<'p> Planner<'p> {
             let inside = fine.iter().all(|x| {
                 (0..n).all(|v| x[v] >= self.model.lower[v].min(start[v]) && x[v] <= self.model.upper[v].max(start[v]))
             });
-            let free = inside && self.first_hit(&fine, 1, &margins.eased(1e-3)).is_none();
+            let free = inside && self.judge.sweep_along(&fine, 1, &margins.eased(1e-3)).is_none();
             if free {
                 return Ok((vec![curve], None));
             }
@@ -561,9 +585,8 @@ impl<'p> Planner<'p> {
         for (k, piece) in attempt.approach.iter().enumerate() {
             gone += lengths[k];
             // Pieces share the time by their length.
-            let end = due(0).map(|d| {
-                if k + 1 == pieces || total == 0.0 { d } else { begin + (d - begin) * gone / total }
-            });
+            let end =
+                due(0).map(|d| if k + 1 == pieces || total == 0.0 { d } else { begin + (d - begin) * gone / total });
             builder.push(piece, end).map_err(|needed| late(0, &builder, needed))?;
         }
         times[0] = Some(builder.now());
@@ -573,9 +596,7 @@ impl<'p> Planner<'p> {
             }
             let whole = i < attempt.motions.actuation + attempt.after.0;
             // A part of a path takes its part of the time.
-            let end = due(i + 1).map(|d| {
-                if whole { d } else { builder.now() + (d - builder.now()) * attempt.after.1 }
-            });
+            let end = due(i + 1).map(|d| if whole { d } else { builder.now() + (d - builder.now()) * attempt.after.1 });
             builder.push(waypoints, end).map_err(|needed| late(i + 1, &builder, needed))?;
             if whole {
                 times[i + 1] = Some(builder.now());
@@ -593,7 +614,11 @@ impl<'p> Planner<'p> {
         let act = attempt.motions.actuation;
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let mut out = refused(String::new());
-        let timed = if attempt.starts { self.timed(&attempt) } else { Err(Failure::Unreachable { keyframe: 0, fraction: 0.0 }) };
+        let timed = if attempt.starts {
+            self.timed(&attempt)
+        } else {
+            Err(Failure::Unreachable { keyframe: 0, fraction: 0.0 })
+        };
         let (trajectory, times) = match timed {
             Ok((trajectory, times)) => (Some(trajectory), times),
             Err(_) => (None, vec![None; attempt.motions.keyframes.len()]),
@@ -602,15 +627,10 @@ impl<'p> Planner<'p> {
         out.rank = Some(attempt.rank);
         out.residuals = self.residuals(&attempt.x);
         let after = attempt.motions.paths.len() - act;
-        out.reached_fraction =
-            if after == 0 { 1.0 } else { (attempt.after.0 as f64 + attempt.after.1) / after as f64 };
+        out.reached_fraction = if after == 0 { 1.0 } else { (attempt.after.0 as f64 + attempt.after.1) / after as f64 };
         let paths = &attempt.paths;
         out.keyframes = keyframe_reports(&attempt.motions, |k| {
-            let reached = if k <= act {
-                k == act || !paths[k].is_empty()
-            } else {
-                k - act <= attempt.after.0
-            };
+            let reached = if k <= act { k == act || !paths[k].is_empty() } else { k - act <= attempt.after.0 };
             (times[k], reached)
         });
         for (k, hit) in &attempt.hits {
@@ -632,7 +652,13 @@ impl<'p> Planner<'p> {
                 Status::Collision,
                 format!(
                     "{} and {} come within {:.4} m on the way to {}, at ({:.3}, {:.3}, {:.3})",
-                    hit.first, hit.second, hit.distance, label(*keyframe), hit.at.x, hit.at.y, hit.at.z
+                    hit.first,
+                    hit.second,
+                    hit.distance,
+                    label(*keyframe),
+                    hit.at.x,
+                    hit.at.y,
+                    hit.at.z
                 ),
             ),
             Some(Failure::TooFast { keyframe, allowed, needed }) => (

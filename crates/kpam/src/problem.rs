@@ -140,8 +140,12 @@ impl KeypointProblem {
         let joints = self.robot.joints();
         if self.q_start.len() != joints.len() {
             let names: Vec<&str> = joints.iter().map(|j| j.name.as_str()).collect();
-            let message =
-                format!("has {} entries; the robot has {} joints: {}", self.q_start.len(), joints.len(), names.join(", "));
+            let message = format!(
+                "has {} entries; the robot has {} joints: {}",
+                self.q_start.len(),
+                joints.len(),
+                names.join(", ")
+            );
             return fail("q_start", message);
         }
         for (i, (q, joint)) in self.q_start.iter().zip(joints).enumerate() {
@@ -202,7 +206,7 @@ impl KeypointProblem {
         if !o.start_time.is_finite() {
             return fail("start_time", "must be finite".to_owned());
         }
-        if !(1..=1000).contains(&o.seeds) || !(1..=1000).contains(&o.candidates) || o.samples > 1_000_000 {
+        if !(1..=1000).contains(&o.seeds) || !(1..=1000).contains(&o.candidates) || o.samples > 1_000_000 || o.harvest > 100_000 {
             return fail("seeds", "seeds and candidates must be 1 to 1000, samples at most 1,000,000".to_owned());
         }
         if let Some([low, high]) = o.workspace
@@ -326,7 +330,8 @@ impl KeypointProblem {
                 let arm = self.target(name)? - joint.origin;
                 let y = joint.axis.cross(&arm);
                 if y.norm() < 1e-6 {
-                    let message = format!("lies on the joint's axis, where the joint frame of {field} has no direction");
+                    let message =
+                        format!("lies on the joint's axis, where the joint frame of {field} has no direction");
                     return Err(ProblemError::new(format!("object_keypoints[{name:?}]"), message));
                 }
                 (y.normalize(), joint.axis)

@@ -182,4 +182,3 @@ pub(crate) fn joint_rows(value: &Bound<'_, PyAny>, n: usize) -> PyResult<(Vec<f6
     }
     Ok((data, count))
 }
-

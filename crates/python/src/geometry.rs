@@ -87,12 +87,7 @@ impl PyRobot {
 
     /// (6, n): linear, then angular velocity of the link's origin, in base axes. (N, n) -> (N, 6, n).
     #[pyo3(signature = (q, link = None))]
-    fn jacobian<'py>(
-        &self,
-        py: Python<'py>,
-        q: &Bound<'py, PyAny>,
-        link: Option<&str>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
         let (data, count) = convert::joint_rows(q, n)?;
         let chain = self.0.chain_to(self.link(link)?);

@@ -8,7 +8,12 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
-create_exception!(gensim2_kpam, KpamError, PyException, "Base class. Its subclasses name the file or field and the remedy.");
+create_exception!(
+    gensim2_kpam,
+    KpamError,
+    PyException,
+    "Base class. Its subclasses name the file or field and the remedy."
+);
 create_exception!(gensim2_kpam, UrdfError, KpamError, "A robot description that cannot be used: file, field, remedy.");
 create_exception!(gensim2_kpam, ConfigError, KpamError, "A solver config that cannot be used: field, remedy.");
 create_exception!(gensim2_kpam, ProblemError, KpamError, "A problem whose parts do not fit each other: field, remedy.");
@@ -30,7 +35,6 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<planning::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
-    m.add_function(wrap_pyfunction!(planning::plan_timed, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
     Ok(())

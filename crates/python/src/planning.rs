@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_kpam::{Gripper, KeypointProblem, Options, Plan, SolverConfig, Trajectory};
+use gensim2_kpam::{Gripper, KeypointProblem, Options, Plan, SolverConfig, StageTimes, Trajectory};
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
@@ -182,7 +182,7 @@ impl PyTrajectory {
 
 /// What was solved, each residual, what failed. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyPlan(Plan);
+pub(crate) struct PyPlan(Plan, StageTimes);
 
 fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
     q.map(|q| convert::array1(py, q).into_any())
@@ -223,6 +223,16 @@ impl PyPlan {
     #[getter]
     fn cost(&self) -> Option<f64> {
         self.0.cost
+    }
+
+    /// Thread CPU time (ms) that planning took: `actuation`, `trajectory`, `total`. Not part of what pickles.
+    #[getter]
+    fn cpu_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let out = PyDict::new(py);
+        out.set_item("actuation", 1e3 * self.1.actuation)?;
+        out.set_item("trajectory", 1e3 * self.1.trajectory)?;
+        out.set_item("total", 1e3 * (self.1.actuation + self.1.trajectory))?;
+        Ok(out)
     }
 
     #[getter]
@@ -295,7 +305,7 @@ impl PyPlan {
 
     #[staticmethod]
     fn _thaw(bytes: &[u8]) -> PyResult<Self> {
-        convert::thaw(bytes).map(Self)
+        convert::thaw(bytes).map(|plan| Self(plan, StageTimes::default()))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
@@ -311,15 +321,8 @@ impl PyPlan {
 #[pyfunction]
 pub(crate) fn plan(py: Python<'_>, problem: &Bound<'_, PyKeypointProblem>) -> PyPlan {
     let problem = Arc::clone(&problem.get().0);
-    PyPlan(py.detach(|| gensim2_kpam::plan(&problem)))
-}
-
-/// As `plan`, with the seconds that the actuation pose and the trajectory took.
-#[pyfunction]
-pub(crate) fn plan_timed(py: Python<'_>, problem: &Bound<'_, PyKeypointProblem>) -> (PyPlan, f64, f64) {
-    let problem = Arc::clone(&problem.get().0);
     let (plan, times) = py.detach(|| gensim2_kpam::plan_timed(&problem));
-    (PyPlan(plan), times.actuation, times.trajectory)
+    PyPlan(plan, times)
 }
 
 /// Plans many problems on `threads` threads (default: all cores), the GIL released. Results are those of `plan`, in
@@ -340,7 +343,7 @@ pub(crate) fn plan_batch(
         let borrowed: Vec<&KeypointProblem> = shared.iter().map(AsRef::as_ref).collect();
         gensim2_kpam::plan_batch(&borrowed, threads)
     });
-    plans.map(|p| p.into_iter().map(PyPlan).collect()).map_err(KpamError::new_err)
+    plans.map(|p| p.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect()).map_err(KpamError::new_err)
 }
 
 /// Smallest signed distances (m) of the judged pairs along a plan's motion, sampled every `step` seconds: `self`,

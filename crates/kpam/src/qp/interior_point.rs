@@ -38,8 +38,7 @@ impl QpSolver for InteriorPoint {
         let a: Vec<Vec<f64>> =
             rows.iter().map(|(i, sign, _)| (0..n).map(|j| sign * qp.bounds[*i].row[j]).collect()).collect();
         let b: Vec<f64> = rows.iter().map(|(_, _, b)| *b).collect();
-        let cones: Vec<SupportedConeT<f64>> =
-            vec![ZeroConeT(equalities), NonnegativeConeT(rows.len() - equalities)];
+        let cones: Vec<SupportedConeT<f64>> = vec![ZeroConeT(equalities), NonnegativeConeT(rows.len() - equalities)];
         let settings = DefaultSettings { verbose: false, ..DefaultSettings::default() };
         let (p, a) = (dense_to_csc(&p, n), dense_to_csc(&a, n));
         let Ok(mut solver) = DefaultSolver::new(&p, &qp.gradient[..n], &a, &b, &cones, settings) else {

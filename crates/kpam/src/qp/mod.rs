@@ -86,10 +86,8 @@ mod tests {
     fn contradictions_are_infeasible() {
         let hessian = [row(&[1.0])];
         let gradient = row(&[0.0]);
-        let bounds = [
-            Bound { row: row(&[1.0]), low: 1.0, high: 2.0 },
-            Bound { row: row(&[1.0]), low: -2.0, high: -1.0 },
-        ];
+        let bounds =
+            [Bound { row: row(&[1.0]), low: 1.0, high: 2.0 }, Bound { row: row(&[1.0]), low: -2.0, high: -1.0 }];
         let qp = Qp { n: 1, hessian: &hessian, gradient: &gradient, bounds: &bounds };
         assert_eq!(ActiveSet::default().solve(&qp), QpOutcome::Infeasible);
         assert_eq!(InteriorPoint.solve(&qp), QpOutcome::Infeasible);
