@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from gensim2.assets.cache import SHARED_MODULES, prepared, source_digest
-from gensim2.assets.classes import object_classes
+from gensim2.assets.classes import class_modules, object_classes
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
 from gensim2.assets.generate import generate
 from gensim2.assets.known import DESCRIPTIONS, JOINT_TYPES
@@ -159,7 +159,7 @@ class GeneratedLibrary(Library):
             )
 
     def _load(self, asset_class: str, instance_id: str) -> Instance:
-        modules = (*SHARED_MODULES, "blueprint", "generate", "classes/_common", f"classes/{asset_class}")
+        modules = (*SHARED_MODULES, "blueprint", "generate", *class_modules())
         return prepared(
             f"generated-{asset_class}-{instance_id}-{source_digest(*modules)}",
             lambda folder: prepare(generate(asset_class, int(instance_id)), folder),

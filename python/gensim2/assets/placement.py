@@ -22,6 +22,9 @@ HAND_CLEARANCE = 0.13  # m ahead of the hand at rest that anything tall keeps: i
 HAND_HALF_WIDTH = 0.2  # m to each side of the hand at rest where that holds: its width and the randomization
 MOST_SIDEWAYS = 0.2  # m off the robot's middle line
 SAMPLES = 13
+LYING = np.array(
+    [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
+)  # on its back: the model's front looks up, its top at the robot
 
 
 def quaternion_from_matrix(R: Array) -> Array:
@@ -57,7 +60,7 @@ def work_keypoint(model: Model) -> str:
 
 def stance(model: Model, rule: ClassRule) -> Array:
     """(3, 3) root to world: upright or flat, then turned so that the robot's side faces the robot."""
-    tilt = np.round(rotation((0, 1, 0), np.pi / 2)) if rule.stance == "flat" else np.eye(3)
+    tilt = LYING if rule.stance == "flat" else np.eye(3)
     name = work_keypoint(model)
     values = model.lower + (model.upper - model.lower) * np.linspace(0, 1, SAMPLES)
     track = np.array([model.keypoint_in_root(name, q) for q in values]) @ tilt.T
@@ -67,7 +70,7 @@ def stance(model: Model, rule: ClassRule) -> Array:
     elif rule.turn == "swing":
         middle = SAMPLES // 2
         yaw = np.pi if track[middle + 1, 0] > track[middle - 1, 0] else 0.0
-    else:
+    elif rule.stance == "upright":
         points = np.concatenate(model.body.hulls or model.moving.hulls) @ tilt.T
         low, high = points[:, 0].min(), points[:, 0].max()
         start = values[0] + rule.default_openness * (values[-1] - values[0])

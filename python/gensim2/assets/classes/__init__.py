@@ -18,3 +18,9 @@ def object_classes() -> dict[str, ObjectClass]:
             value = importlib.import_module(f"{__name__}.{module.name}").OBJECT_CLASS
             found[value.name] = value
     return dict(sorted(found.items()))
+
+
+@cache
+def class_modules() -> tuple[str, ...]:
+    """Modules of this package, helpers included, relative to ``gensim2.assets``."""
+    return tuple(sorted(f"classes/{module.name}" for module in pkgutil.iter_modules(__path__)))

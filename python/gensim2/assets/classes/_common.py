@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gensim2.assets.blueprint import Blueprint
 from gensim2.assets.shapes import Array, Look, Solid, Vec3, ball, box, pose, rod, rotation
 
 Rng = np.random.Generator
@@ -121,3 +122,50 @@ def feet(width: float, depth: float, bottom: float, height: float, radius: float
         for sx in (-1, 1)
         for sz in (-1, 1)
     ]
+
+
+def at(blueprint: Blueprint, q: float) -> list[Solid]:
+    """All parts of a blueprint with its revolute joint at ``q``, as one rigid thing."""
+    moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
+    return [*blueprint.body, *moved]
+
+
+def bounds(parts: list[Solid]) -> tuple[Array, Array]:
+    """Corners (3,), (3,) of the box around the collision parts."""
+    points = np.concatenate([part.hull for part in parts if part.hull is not None])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
+    """A whole object that slides away from the robot.
+
+    ``head``: where to push; by default the middle of the front's upper half.
+    """
+    low, high = bounds(parts)
+    where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head
+    return Blueprint(
+        body=[],
+        moving=parts,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, 0, -1),
+        limits=(0.0, stroke),
+        keypoints={"articulated_object_head": (where, description)},
+        object_axis="z",
+    )
+
+
+def lifted(
+    parts: list[Solid], head: Vec3, description: str, extra: dict[str, tuple[Vec3, str]] | None = None
+) -> Blueprint:
+    """A whole object that is lifted straight up by ``head``; ``extra`` keypoints move with it."""
+    return Blueprint(
+        body=[],
+        moving=parts,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, 1, 0),
+        limits=(0.0, 0.2),
+        keypoints={"articulated_object_head": (head, description), **(extra or {})},
+        object_axis="y",
+    )
