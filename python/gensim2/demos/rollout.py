@@ -136,11 +136,12 @@ def run_episode(
 def still_arm(
     env: GenSim2Env, seed: int, steps: int | None = None, *, options: Mapping[str, Any] | None = None
 ) -> EpisodeResult:
-    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then settles.
+    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then
+    settles.
 
-    A success counts only if this one fails: an object that swings by itself must not pass for a solved task. An object
-    that has lain still for ``STILL_STEPS`` from the start will not start later, since nothing in the scene moves; the
-    episode then ends there.
+    A success counts only if this one fails: an object that swings by itself must not pass for a solved task.
+    An object that has lain still for ``STILL_STEPS`` from the start will not start later, since nothing in
+    the scene moves; the episode then ends there.
 
     Args:
         env: an environment without wrappers.

@@ -212,7 +212,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def _before_simulation_step(self) -> None:
         instance = self._require_instance()
         if instance.joint.damping > 0:
-            apply_friction(self.object, instance, float(self.object.get_qvel()[0, 0]))
+            apply_friction(self.object, instance, float(self.object._objs[0].qvel[0]))
 
     def _require_instance(self) -> Instance:
         if self.instance is None:
