@@ -1,9 +1,9 @@
-"""Design the solver configs of the task library anew: one config a task, searched on generated and real objects at once.
+"""Design the solver configs of the task library anew: searched on generated and real objects at once.
 
     python scripts/design_library.py --assets DIR --out designs [--tasks OpenBox ...] [--write]
 
-The search is the offline designer's. Episodes alternate between the built-in objects and those of DIR, so that the config
-that wins holds on both. ``--write`` puts the winners into the task library.
+The search is the offline designer's. Episodes alternate between the built-in objects and those of DIR, so that the
+config that wins holds on both. ``--write`` puts the winners into the task library.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Attempt
 from gensim2.pipeline.runfolder import dump_yaml
 from gensim2.pipeline.search import Budget, Search
+from gensim2.pipeline.worker import Screened
 from gensim2.progress import ConsoleProgress
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
@@ -35,7 +36,7 @@ class BothLibraries:
 
     def screen(
         self, task: TaskSpec, configs: Sequence[Mapping[str, Any]], seeds: Sequence[int]
-    ) -> list[list[str | None]]:
+    ) -> list[list[Screened]]:
         halves = [side.screen(task, configs, seeds[k::2]) for k, side in enumerate(self._sides)]
         return [[*a, *b] for a, b in zip(*halves, strict=True)]
 

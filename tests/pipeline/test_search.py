@@ -50,8 +50,10 @@ class FakeWorld:
     def __init__(self) -> None:
         self.seeds: set[int] = set()
 
-    def screen(self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]) -> list[list[str | None]]:
-        return [[None if config["n"] % 2 > 0 else "unreachable"] * len(seeds) for config in configs]
+    def screen(
+        self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+    ) -> list[list[tuple[float, str | None]]]:
+        return [[(1.0, None) if config["n"] % 2 > 0 else (0.0, "unreachable")] * len(seeds) for config in configs]
 
     def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, Any], int]]) -> list[Attempt]:
         self.seeds.update(seed for _, seed in jobs)
@@ -90,8 +92,8 @@ def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
             self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
-        ) -> list[list[str | None]]:
-            return [["collision"] * len(seeds) for _ in configs]
+        ) -> list[list[tuple[float, str | None]]]:
+            return [[(0.0, "collision")] * len(seeds) for _ in configs]
 
     design = Search(TASK, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
     assert design.chosen is None

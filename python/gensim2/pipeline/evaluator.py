@@ -41,14 +41,14 @@ class PoolEvaluator:
 
     def screen(
         self, task: TaskSpec, configs: Sequence[Mapping[str, Any]], seeds: Sequence[int]
-    ) -> list[list[str | None]]:
-        """Plan each config on each seed's scene; one list a config, one entry a seed, None where the plan is whole."""
+    ) -> list[list[worker.Screened]]:
+        """Plan each config on each seed's scene; one list a config, one (score, cause) a seed."""
         setting = self.setting(task)
-        by_seed: list[list[str | None]] = []
+        by_seed: list[list[worker.Screened]] = []
         for outcome in self.pool.map(worker.screen_scene, [(setting, seed, configs) for seed in seeds]):
             by_seed.append(outcome.unwrap())
             self._progress.advance()
-        return [list(causes) for causes in zip(*by_seed, strict=True)]
+        return [list(outcomes) for outcomes in zip(*by_seed, strict=True)]
 
     def attempt(self, task: TaskSpec, jobs: Sequence[tuple[Mapping[str, Any], int]]) -> list[Attempt]:
         """Run (config, seed) episodes in physics; one whose worker died counts as failed, with the reason."""

@@ -23,8 +23,8 @@ class Evaluator(Protocol):
 
     def screen(
         self, task: TaskSpec, configs: Sequence[dict[str, object]], seeds: Sequence[int]
-    ) -> list[list[str | None]]:
-        """Plan each config on each seed's scene: for each config, one entry a seed, None where the plan is whole."""
+    ) -> list[list[tuple[float, str | None]]]:
+        """Plan each config on each seed's scene: for each config, one (score, cause) a seed."""
         ...
 
     def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, object], int]]) -> list[Attempt]:
@@ -124,12 +124,12 @@ class Search:
                     StageResult(
                         "plan",
                         len(seeds),
-                        sum(cause is None for cause in causes) / len(seeds),
-                        merge_causes(causes),
+                        sum(score for score, _ in planned) / len(seeds),
+                        merge_causes([cause for _, cause in planned]),
                     ),
                 ),
             )
-            for candidate, causes in zip(candidates, outcomes, strict=True)
+            for candidate, planned in zip(candidates, outcomes, strict=True)
         ]
         return self._spread(results)
 

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
 
 
+#: What planning says of a config on one scene: a score from 0 to 1, and what stood in the way of 1.
+Screened = tuple[float, str | None]
+
+
 @dataclass(frozen=True)
 class Setting:
     """Which environment a job needs; ``task`` is the spec as JSON, ``assets`` a folder or ``"builtin"``."""
@@ -52,16 +56,30 @@ def environment(setting: Setting) -> GenSim2Env:
     )
 
 
-def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]) -> list[str | None]:
-    """Plan every config on the scene of one seed; None where the plan is whole, else its status."""
+def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]) -> list[Screened]:
+    """Plan every config on the scene of one seed.
+
+    Returns:
+        One (score, cause) a config: 1 and None where the plan is whole, 0.5 where the arm gets past the actuation pose
+        but not to the end, 0 where it does not get there.
+    """
     env = environment(setting)
     env.reset(seed=seed)
     problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
-    causes: list[str | None] = []
+    screened: list[Screened] = []
     for config in configs:
-        plan = kpam.plan(problems.problem(kpam.SolverConfig(config)))
-        causes.append(None if plan.status == "solved" else plan.status)
-    return causes
+        plan = kpam.plan(problems.problem(kpam.SolverConfig(config), PLAN_OPTIONS))
+        if plan.status == "solved":
+            screened.append((1.0, None))
+        else:
+            screened.append((0.5 if _reaches_actuation(plan) else 0.0, plan.status))
+    return screened
+
+
+def _reaches_actuation(plan: kpam.Plan) -> bool:
+    return plan.trajectory is not None and any(
+        frame["label"] == "actuation" and frame["reached"] for frame in plan.keyframes
+    )
 
 
 def plan_episode(env: GenSim2Env, config: Mapping[str, Any]) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
