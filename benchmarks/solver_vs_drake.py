@@ -43,6 +43,7 @@ class Timing:
     drake_poses: int
     drake_solved: bool
     drake_cost: float | None
+    recorded: float | None = None
     ours_actuation: float | None = None
     ours_trajectory: float | None = None
     ours_total: float | None = None
@@ -225,6 +226,9 @@ def print_summary(timings: list[Timing], jacobian: float) -> None:
         "Drake: problems with a pose, with a trajectory",
         f"{sum(t.drake_poses > 0 for t in timings)}, {sum(t.drake_solved for t in timings)}",
     )
+    recorded = [timing.recorded for timing in timings if timing.recorded is not None]
+    if recorded:
+        row("recorded by the original elsewhere, CPU ms, median", f"{median(recorded):.2f}")
     row("Pinocchio: one frame Jacobian, us", f"{jacobian:.3f}")
     ours = [timing for timing in timings if timing.ours_total is not None]
     if not ours:
@@ -239,6 +243,8 @@ def print_summary(timings: list[Timing], jacobian: float) -> None:
         f"{sum(t.ours_cost is not None for t in ours)}, {sum(t.ours_status == 'solved' for t in ours)}",
     )
     row("ratio of medians, whole plan", f"{median(drake) / median(total):.1f}")
+    if recorded:
+        row("ratio of medians to the original's record", f"{median(recorded) / median(total):.1f}")
     row("ratio of medians, actuation pose", f"{median(t.drake_actuation for t in timings) / pose:.1f}")
     row("median of ratios, whole plan", f"{median(a / b for a, b in zip(drake, total, strict=True)):.1f}")
     row("Drake's median over our 99th percentile", f"{median(drake) / float(np.percentile(total, 99)):.1f}")
@@ -274,6 +280,7 @@ def main(arguments: list[str] | None = None) -> int:
         timing = runs[0]
         for part in ("drake_actuation", "drake_trajectory", "drake_building"):
             setattr(timing, part, statistics.median(getattr(run, part) for run in runs))
+        timing.recorded = problem.get("reference", {}).get("plan_cpu_ms")
         if not options.drake_only:
             add_ours(timing, ours[problem["id"]], options.repeats)
         timings.append(timing)

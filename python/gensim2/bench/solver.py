@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import resource
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,10 @@ CLEARANCE_STEP = 0.02
 
 @dataclass(frozen=True)
 class BenchSummary:
-    """What a run found, over all problems; times are medians of CPU time in milliseconds."""
+    """What a run found, over all problems; times are medians of CPU time in milliseconds.
+
+    ``peak_memory_mb`` is that of the process, scenes and output included.
+    """
 
     problems: int
     statuses: dict[str, int]
@@ -37,6 +41,7 @@ class BenchSummary:
     cpu_ms_trajectory: float
     cpu_ms_total: float
     cpu_ms_total_p99: float
+    peak_memory_mb: float
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
@@ -170,4 +175,5 @@ def summary_of(records: list[dict[str, Any]]) -> BenchSummary:
         cpu_ms_trajectory=float(np.median(times["trajectory"])),
         cpu_ms_total=float(np.median(times["total"])),
         cpu_ms_total_p99=float(np.percentile(times["total"], 99)),
+        peak_memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     )

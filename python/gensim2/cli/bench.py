@@ -85,5 +85,6 @@ def _show(result: dict[str, Any]) -> None:
             ("trajectory, CPU ms, median", f"{result['cpu_ms_trajectory']:.3f}"),
             ("plan, CPU ms, median", f"{result['cpu_ms_total']:.3f}"),
             ("plan, CPU ms, 99th percentile", f"{result['cpu_ms_total_p99']:.3f}"),
+            ("peak memory, MB", f"{result['peak_memory_mb']:.0f}"),
         ],
     )
