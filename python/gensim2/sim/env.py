@@ -44,10 +44,8 @@ class ObjectSource(Protocol):
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
     """A Panda at a table with one articulated object.
 
-    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's: TGS solver,
-    persistent contact manifold, 15 position iterations and 1 velocity iteration. TGS is needed, not a matter
-    of taste: the joint friction of the objects is a force-limited drive, and PGS lets drives exceed their
-        limits (see ``gensim2.sim.objects``).
+    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
+    and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
 
@@ -58,7 +56,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
-        instances: ``"all"`` (or ``"random"``), ``"train"``, ``"test"``, one id, or several; a reset draws one.
+        instances: ``"all"`` (or ``"random"``), ``"train"``, ``"test"``, one id, or several; a reset draws
+            one.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.

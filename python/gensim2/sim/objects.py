@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.building.urdf_loader import URDFLoader
@@ -25,11 +26,17 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
         super()._build_link(link, link_builder)
 
 
+HULL_TOLERANCE = 0.002
+"""Metres by which the bounds of a collision shape may differ from the hull that it was made from; cooking
+takes 0.7 mm at most from the hulls seen so far, and puts a box in the place of a flat hull without a word."""
+
+
 def load_object(scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object") -> Articulation:
     """Build ``instance`` with its root fixed at ``pose`` (root to world).
 
     Raises:
-        InputError: SAPIEN dropped a collision hull, or the joint is not the one that the instance promises.
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint is not the one that the instance
+            promises.
     """
     loader = URDFLoader() if scene.can_render() else _PhysicsOnlyLoader()
     loader.set_scene(scene)
@@ -49,10 +56,12 @@ def apply_friction(articulation: Articulation, instance: Instance, speed: float 
 
     PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
     in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
-    1). A velocity drive with target zero and a force limit is Coulomb friction, regularized below
-    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.001 rad in 5 s, holds at a push of
-    0.77 N m and yields at 0.80 (0.76 is exact). This holds for the TGS solver; PGS lets a drive exceed its
-    limit (no yielding at 0.90).
+    1). SAPIEN sets it to 0.05 where nobody says otherwise, which is enough to double the resistance of a
+    moving lid; here it is 0.
+
+    Instead a velocity drive with target zero and a force limit is Coulomb friction, regularized below
+    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.0002 rad in 5 s, holds at 0.98 of the
+    torque that should move it, and at 1.1 of it is as fast after 0.1 s as the excess torque makes it, to 1 %.
 
     ``speed`` (rad/s or m/s) is the joint's present speed: the damping is added to the limit, so that it never
     reverses the motion however light the link is.
@@ -60,6 +69,7 @@ def apply_friction(articulation: Articulation, instance: Instance, speed: float 
     joint = instance.joint
     limit = joint.friction + joint.damping * abs(speed)
     for active in articulation._objs[0].active_joints:  # SAPIEN's own joints: ManiSkill's batching costs 10 us
+        active.set_friction(0.0)
         active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 
@@ -84,6 +94,32 @@ def _check(articulation: Articulation, instance: Instance) -> None:
                 field=link.name,
                 remedy="the hull may be flat or tiny: see `gensim2 assets list`",
             )
+        for index, (hull, shape) in enumerate(
+            zip(instance.hulls.get(link.name, ()), link._bodies[0].get_collision_shapes(), strict=True)
+        ):
+            miss = float(np.abs(_bounds(hull) - _bounds(_corners(shape))).max())
+            if not miss <= HULL_TOLERANCE:
+                raise InputError(
+                    f"the physics engine made something else of collision hull {index} ({1e3 * miss:.1f} mm off)",
+                    file=where,
+                    field=link.name,
+                    remedy="the hull may be flat or tiny: leave it out or thicken it",
+                )
     unknown = set(instance.hulls) - {link.name for link in articulation.links}
     if unknown:
         raise InputError(f"has no links {sorted(unknown)}", file=where)
+
+
+def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
+    """(N, 3) vertices of a collision shape in the frame of its link."""
+    if isinstance(shape, sapien.physx.PhysxCollisionShapeBox):
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
+        local = signs * shape.half_size
+    else:
+        local = np.asarray(shape.vertices, dtype=np.float64) * shape.scale
+    pose = shape.local_pose.to_transformation_matrix()
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
+
+
+def _bounds(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.stack([points.min(axis=0), points.max(axis=0)])
