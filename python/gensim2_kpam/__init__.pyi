@@ -7,13 +7,21 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Numbers = npt.ArrayLike
+
+__version__: str
 
 class KpamError(Exception):
     """Base class. Its subclasses name the file or field and the remedy."""
 
-class UrdfError(KpamError): ...
-class ConfigError(KpamError): ...
-class ProblemError(KpamError): ...
+class UrdfError(KpamError):
+    """A robot description that cannot be used: file, field, remedy."""
+
+class ConfigError(KpamError):
+    """A solver config that cannot be used: field, remedy."""
+
+class ProblemError(KpamError):
+    """A problem whose parts do not fit each other: field, remedy."""
 
 class Robot:
     """A URDF arm. Pickles."""
@@ -21,20 +29,35 @@ class Robot:
     @staticmethod
     def from_urdf(
         path: str, *, srdf: str | None = None, hand_link: str = "panda_hand", base_link: str | None = None
-    ) -> Robot: ...
+    ) -> Robot:
+        """Reads a URDF and its collision meshes (relative paths; ``package://`` is stripped).
+
+        ``srdf`` disables pairs of links; without one, neighbours and links that overlap at the middle of all joint
+        ranges are not judged. Raises UrdfError.
+        """
     @property
-    def joint_names(self) -> list[str]: ...
+    def name(self) -> str: ...
     @property
-    def lower(self) -> Array: ...
+    def joint_names(self) -> list[str]:
+        """Moving joints, in the order of joint vectors (that of the URDF); n of them."""
     @property
-    def upper(self) -> Array: ...
-    def forward_kinematics(self, q: Array, link: str | None = None) -> Array:
+    def link_names(self) -> list[str]: ...
+    @property
+    def lower(self) -> Array:
+        """(n,) rad or m; minus infinity for continuous joints."""
+    @property
+    def upper(self) -> Array:
+        """(n,) rad or m."""
+    @property
+    def velocity(self) -> Array:
+        """(n,) rad/s or m/s; infinity where the URDF gives no limit."""
+    def forward_kinematics(self, q: Numbers, link: str | None = None) -> Array:
         """Pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
-    def jacobian(self, q: Array, link: str | None = None) -> Array:
+    def jacobian(self, q: Numbers, link: str | None = None) -> Array:
         """(6, n): linear, then angular velocity of the link's origin, in base axes. (N, n) -> (N, 6, n)."""
 
 class SolverConfig:
-    """A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field."""
+    """A validated solver config. What it does not know, and numbers that are not finite, raise ConfigError by field."""
 
     def __init__(self, config: Mapping[str, Any]) -> None: ...
     def to_dict(self) -> dict[str, Any]: ...
@@ -42,32 +65,51 @@ class SolverConfig:
     def gripper(self) -> Literal["open", "closed", "grasp"]: ...
 
 class Shape:
+    """A collision shape in the body frame. Pickles."""
+
     @staticmethod
-    def box(half_extents: Array, pose: Array | None = None) -> Shape: ...
+    def box(half_extents: Numbers, pose: Numbers | None = None) -> Shape: ...
     @staticmethod
-    def sphere(radius: float, center: Array | None = None) -> Shape: ...
+    def sphere(radius: float, center: Numbers | None = None) -> Shape: ...
     @staticmethod
-    def convex_hull(points: Array) -> Shape:
-        """Hull of (N, 3) points in the body frame."""
+    def capsule(radius: float, length: float, pose: Numbers | None = None) -> Shape:
+        """Along z of ``pose``; ``length`` between the centres of its caps (m)."""
     @staticmethod
-    def mesh(vertices: Array, triangles: npt.NDArray[np.uint32]) -> Shape: ...
+    def cylinder(radius: float, length: float, pose: Numbers | None = None) -> Shape:
+        """Along z of ``pose``, as a prism of 32 sides around it."""
+    @staticmethod
+    def convex_hull(points: Numbers) -> Shape:
+        """Hull of (N, 3) points in the body frame; flat sets are fine."""
+    @staticmethod
+    def mesh(vertices: Numbers, triangles: npt.ArrayLike) -> Shape:
+        """Triangles (M, 3) over (N, 3) vertices: a surface; what lies wholly inside it does not touch it."""
+    @staticmethod
+    def point_cloud(points: Numbers, radius: float) -> Shape:
+        """(N, 3) points, each a ball of ``radius`` (m)."""
 
 class Body:
+    """A body of the scene. Pickles."""
+
     def __init__(
         self,
         name: str,
-        role: Literal["table", "object_body", "moving_link", "rigid"],
+        role: Literal["table", "object_body", "moving_link", "rigid", "target", "attached"],
         shapes: Sequence[Shape],
-        pose: Array,
+        pose: Numbers,
     ) -> None:
-        """``pose``: (4, 4) body in the robot base frame."""
+        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame.
+
+        Hand and fingers may touch a ``target``; an ``attached`` body rides on the hand and is judged like it.
+        """
+    @property
+    def name(self) -> str: ...
 
 class Joint:
     def __init__(
         self,
         kind: Literal["revolute", "prismatic"],
-        origin: Array,
-        axis: Array,
+        origin: Numbers,
+        axis: Numbers,
         value: float,
         lower: float,
         upper: float,
@@ -75,23 +117,42 @@ class Joint:
         """The object's moving joint; ``origin`` and ``axis`` are (3,) in the robot base frame."""
 
 class KeypointProblem:
+    """Everything one plan needs; checked on construction. Pickles."""
+
     def __init__(
         self,
         robot: Robot,
         config: SolverConfig,
-        q_start: Array,
+        q_start: Numbers,
         *,
-        tool_keypoints: Mapping[str, Array],
-        object_keypoints: Mapping[str, Array],
-        T_base_object: Array,
+        tool_keypoints: Mapping[str, Numbers],
+        object_keypoints: Mapping[str, Numbers],
+        T_base_object: Numbers,
         joint: Joint | None = None,
         object_axis: Literal["x", "y", "z"] = "y",
         object_yaw: float = 0.0,
-        T_base_world: Array | None = None,
+        T_base_world: Numbers | None = None,
         bodies: Sequence[Body] = (),
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """``tool_keypoints`` in the hand frame, ``object_keypoints`` in the base frame, each (3,)."""
+        """``q_start`` (n,); ``tool_keypoints`` in the hand frame, ``object_keypoints`` in the base frame, each (3,).
+
+        ``options`` (unknown keys raise ProblemError); n is the number of the robot's joints:
+            timing: "limits" (as fast as the limits allow) or "config" (the config's clock; the default where the
+                config sets a time). start_time: of the first waypoint on that clock, s.
+            velocity_scale, acceleration_scale: fractions of the limits, 0.5 each; the second scales jerk too.
+            velocity_limits, acceleration_limits, jerk_limits: (n,), default the URDF's velocities and Franka's others.
+            start_velocity: (n,), default at rest.
+            frames: "object" (list-type translations are in the hand frame) or "original" (turned by object_yaw).
+            rotate_path: "arc" or "chord".
+            workspace: [[x, y, z], [x, y, z]] that holds the hand's origin at the actuation pose, or None.
+            margin: clearance wished for on the free approach, m (0.005).
+            avoid_collisions: True; False only reports them. allow_partial: False; True takes the longest part of the
+                motion after the actuation pose, with status "partial".
+            finger_width: value of the finger joints while planning, m; default as in q_start.
+            seeds, candidates, harvest, samples: budgets (starts, poses tried, further starts, tree growths).
+            contacts: list of {links, bodies, from, to} windows in place of the default contact rules.
+        """
 
 class Trajectory:
     """Timed joint motion. Pickles."""
@@ -114,26 +175,55 @@ class Plan:
 
     @property
     def status(self) -> str:
-        """``"solved"``, ``"partial"`` (a part of the motion), or why not: ``"actuation_infeasible"``, ``"unreachable"``, ``"collision"``, ..."""
+        """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
+        "unreachable", "collision", "too_fast"."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
     @property
-    def q_actuation(self) -> Array | None: ...
+    def warnings(self) -> list[str]: ...
     @property
-    def cost(self) -> float | None: ...
+    def q_actuation(self) -> Array | None:
+        """(n,) the cheapest pose that meets all constraints, obstacles left out."""
+    @property
+    def cost(self) -> float | None:
+        """Cost of ``q_actuation``."""
+    @property
+    def q_plan(self) -> Array | None:
+        """(n,) the actuation pose that the trajectory takes, or that came furthest."""
+    @property
+    def q_best_effort(self) -> Array | None:
+        """(n,) where no pose meets the constraints: the one that misses least."""
     @property
     def residuals(self) -> list[dict[str, Any]]:
         """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
     def keyframes(self) -> list[dict[str, Any]]:
-        """One a keyframe: ``label`` ("pre_0", "actuation", "post_0"), ``time``, ``T_base_hand``, ``reached``."""
+        """One a keyframe: ``label`` ("pre_0", "actuation", "post_0"), ``time`` (s or None), ``T_base_hand`` (4, 4),
+        ``reached``."""
     @property
     def trajectory(self) -> Trajectory | None: ...
     @property
+    def reached_fraction(self) -> float:
+        """Part of the motion after the actuation pose that is reachable and free, 0..1."""
+    @property
     def collisions(self) -> list[dict[str, Any]]:
-        """``bodies`` (two names), ``time``, ``distance`` (m, negative when overlapping)."""
-    def to_dict(self) -> dict[str, Any]: ...
+        """``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe), ``distance`` (m, negative when
+        overlapping), ``point`` (3,)."""
+    @property
+    def start_overlap(self) -> float:
+        """Deepest judged overlap at the start, m."""
+    @property
+    def cpu_ms(self) -> dict[str, float]:
+        """Thread CPU time of planning: ``actuation``, ``trajectory``, ``total``. Does not pickle."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as JSON holds them."""
 
-def plan(problem: KeypointProblem) -> Plan: ...
-def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]: ...
+def plan(problem: KeypointProblem) -> Plan:
+    """Plans one problem with the GIL released."""
+
+def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
+    """Plans many on ``threads`` threads (default: all cores); the same results as ``plan``, in order."""
+
+def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
+    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object"."""

@@ -182,12 +182,9 @@ fn shape(geometry: &Geometry, pose: &Pose, folder: &Path, file: &str, field: &st
         Geometry::Mesh { filename, scale } => {
             let scale = scale.map_or([1.0; 3], |s| s.0);
             finite(file, field, &scale)?;
-            let soup = mesh::read(&resolve(filename, folder)).map_err(fail)?;
-            let points: Vec<_> = soup
-                .vertices
-                .iter()
-                .map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2]))
-                .collect();
+            let vertices = mesh::read(&resolve(filename, folder)).map_err(fail)?;
+            let points: Vec<_> =
+                vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
             Convex::hull(&points)
         }
     };

@@ -664,3 +664,121 @@ pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
     }
     r
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SolverConfig;
+    use gensim2_geometry::Robot;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    /// A six-joint arm with a spherical wrist.
+    fn arm() -> Arc<Robot> {
+        let joint = |i: usize, axis: &str, xyz: &str| {
+            format!(
+                r#"<joint name="j{i}" type="revolute"><parent link="l{}"/><child link="l{i}"/><origin xyz="{xyz}"/>
+                <axis xyz="{axis}"/><limit lower="-2.8" upper="2.8" effort="1" velocity="2"/></joint>"#,
+                i - 1
+            )
+        };
+        let links: String = (0..7).map(|i| format!(r#"<link name="l{i}"/>"#)).collect();
+        let joints = [
+            joint(1, "0 0 1", "0 0 0.3"),
+            joint(2, "0 1 0", "0 0 0"),
+            joint(3, "0 1 0", "0 0 0.4"),
+            joint(4, "0 0 1", "0 0 0.4"),
+            joint(5, "0 1 0", "0 0 0"),
+            joint(6, "0 0 1", "0 0 0.1"),
+        ]
+        .concat();
+        let text = format!(r#"<robot name="arm">{links}{joints}</robot>"#);
+        Arc::new(Robot::from_urdf_str(&text, "arm.urdf", None, "l6", None).unwrap())
+    }
+
+    fn problem(inner: f64, tolerance: f64, target: [f64; 3]) -> KeypointProblem {
+        let config = SolverConfig::from_json(&format!(
+            r#"{{"constraint_list": [
+                {{"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal",
+                  "tolerance": 0.001}},
+                {{"type": "frame_axis_parallel", "axis_from_keypoint_name": "base", "axis_to_keypoint_name": "tip",
+                  "target_axis": [0, 0, 1], "target_axis_frame": "world", "target_inner_product": {inner},
+                  "tolerance": {tolerance}}}]}}"#
+        ))
+        .unwrap();
+        let point = |z: f64| Vector3::new(0.0, 0.0, z);
+        let tool = BTreeMap::from([("base".to_owned(), point(0.0)), ("tip".to_owned(), point(0.1))]);
+        let goal = BTreeMap::from([("goal".to_owned(), Vector3::from(target))]);
+        let start = vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0];
+        KeypointProblem::new(arm(), config, start, tool, goal, Pose::identity()).unwrap()
+    }
+
+    #[test]
+    fn the_gradient_and_hessian_are_those_of_the_cost() {
+        let problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
+        let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+        let mut resolved = problem.resolve().unwrap();
+        resolved.points.clear();
+        resolved.axes.clear();
+        resolved.costs.push(crate::problem::PlaneTerm {
+            on_hand: Vector3::new(0.1, 0.0, 0.2),
+            target: Vector3::new(0.3, 0.2, 0.1),
+            normal: Vector3::new(0.6, 0.0, 0.8),
+            weight: 3.0,
+        });
+        let mut search = ActuationSearch::new(&problem, &model, &resolved);
+        let mut x = search.start;
+        for (v, d) in [0.3, -0.2, 0.4, 0.5, -0.3, 0.8].iter().enumerate() {
+            x[v] += d;
+        }
+        let (g, hessian) = (search.gradient(&x), search.hessian(&x, &Curvature::default()));
+        for v in 0..6 {
+            let h = 1e-5;
+            let (mut up, mut down) = (x, x);
+            up[v] += h;
+            down[v] -= h;
+            let slope = (search.cost(&up) - search.cost(&down)) / (2.0 * h);
+            assert!((slope - g[v]).abs() < 1e-6, "{v}: {slope} {}", g[v]);
+            let (gu, gd) = (search.gradient(&up), search.gradient(&down));
+            for w in 0..6 {
+                let curve = (gu[w] - gd[w]) / (2.0 * h);
+                assert!((curve - hessian[v][w]).abs() < 1e-5, "{v} {w}: {curve} {}", hessian[v][w]);
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(30))]
+        #[test]
+        fn poses_found_meet_the_constraints(
+            inner in -1.0..1.0f64, tolerance in 0.005..0.2f64,
+            angle in -1.5..1.5f64, out in 0.35..0.6f64, up in 0.2..0.5f64,
+        ) {
+            let problem = problem(inner, tolerance, [out * angle.cos(), out * angle.sin(), up]);
+            let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+            let resolved = problem.resolve().unwrap();
+            let mut search = ActuationSearch::new(&problem, &model, &resolved);
+            let found = search.run(24);
+            for c in &found.candidates {
+                prop_assert!(search.violation(&c.x) <= 0.0);
+                prop_assert!((search.cost(&c.x) - c.cost).abs() < 1e-9);
+            }
+            prop_assert!(found.candidates.windows(2).all(|w| w[0].cost <= w[1].cost));
+            prop_assert_eq!(found.candidates.is_empty(), found.best_effort.is_some());
+        }
+
+        #[test]
+        fn bands_hold_what_the_angle_allows(
+            inner in -1.0..1.0f64, tolerance in 0.01..0.4f64, polar in 0.0..3.14f64, around in 0.0..6.28f64,
+        ) {
+            let bound = AxisBound {
+                entry: 0, on_hand: Vector3::x(), target: Vector3::z(), center: inner.acos(), tolerance,
+            };
+            let u = Vector3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos());
+            let allowed = (polar - bound.center).abs() <= 0.97 * tolerance;
+            let inside = axis_bands(&bound, &u).all(|(m, low, high)| (low..=high).contains(&u.dot(&m)));
+            prop_assert!(!allowed || inside, "{polar} {}", bound.center);
+        }
+    }
+}

@@ -121,7 +121,9 @@ impl<'p> Judge<'p> {
             true
         });
         let mut self_overlaps = Vec::new();
-        self.shapes.near_self(&mut scratch, EXACT,
+        self.shapes.near_self(
+            &mut scratch,
+            EXACT,
             |_| 0.0,
             |i, p| {
                 self_overlaps.push((i, p.contact.distance));
@@ -256,8 +258,7 @@ impl<'p> Judge<'p> {
         }
         let mut blocked = None;
         let mut scratch = std::mem::take(&mut self.scratch);
-        let reach =
-            |link: usize, body: usize| if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY };
+        let reach = |link: usize, body: usize| if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY };
         self.shapes.near_bodies(&self.scene, &mut scratch, COARSE, reach, |p| {
             let Target::Body(b) = p.target else { return true };
             let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
@@ -270,15 +271,20 @@ impl<'p> Judge<'p> {
         });
         let pairs = self.shapes.self_pairs();
         if blocked.is_none() {
-            self.shapes.near_self(&mut scratch, COARSE, |_| REACH, |index, p| {
-                let gap = p.contact.distance - margins.itself(&self.start_self, index);
-                if gap < 0.0 {
-                    blocked = Some(p);
-                    return false;
-                }
-                bubble.pairs.push(Near { gap, link: pairs[index].0, other: Some(pairs[index].1) });
-                true
-            });
+            self.shapes.near_self(
+                &mut scratch,
+                COARSE,
+                |_| REACH,
+                |index, p| {
+                    let gap = p.contact.distance - margins.itself(&self.start_self, index);
+                    if gap < 0.0 {
+                        blocked = Some(p);
+                        return false;
+                    }
+                    bubble.pairs.push(Near { gap, link: pairs[index].0, other: Some(pairs[index].1) });
+                    true
+                },
+            );
         }
         // What is not near is at least this far.
         for (l, link) in links.iter().enumerate() {
@@ -370,7 +376,9 @@ impl<'p> Judge<'p> {
                 }
                 true
             });
-            self.shapes.near_self(&mut scratch, EXACT,
+            self.shapes.near_self(
+                &mut scratch,
+                EXACT,
                 |_| clearance,
                 |i, p| {
                     near_self.push((i, p.contact.distance));
@@ -400,7 +408,9 @@ impl<'p> Judge<'p> {
             }
             true
         });
-        self.shapes.near_self(&mut scratch, EXACT,
+        self.shapes.near_self(
+            &mut scratch,
+            EXACT,
             |_| 1.0,
             |_, p| {
                 out.itself = out.itself.min(p.contact.distance);
@@ -460,10 +470,7 @@ impl Bubble {
 
     /// Most that a point of the robot moves from `a` to `b`, to first order.
     fn fastest(&self, a: &Row, b: &Row) -> f64 {
-        self.levers
-            .iter()
-            .map(|l| (0..self.n).map(|v| l[v] * (b[v] - a[v]).abs()).sum::<f64>())
-            .fold(0.0, f64::max)
+        self.levers.iter().map(|l| (0..self.n).map(|v| l[v] * (b[v] - a[v]).abs()).sum::<f64>()).fold(0.0, f64::max)
     }
 }
 

@@ -206,7 +206,11 @@ impl KeypointProblem {
         if !o.start_time.is_finite() {
             return fail("start_time", "must be finite".to_owned());
         }
-        if !(1..=1000).contains(&o.seeds) || !(1..=1000).contains(&o.candidates) || o.samples > 1_000_000 || o.harvest > 100_000 {
+        if !(1..=1000).contains(&o.seeds)
+            || !(1..=1000).contains(&o.candidates)
+            || o.samples > 1_000_000
+            || o.harvest > 100_000
+        {
             return fail("seeds", "seeds and candidates must be 1 to 1000, samples at most 1,000,000".to_owned());
         }
         if let Some([low, high]) = o.workspace

@@ -134,6 +134,20 @@ fn quintic(t: f64) -> [f64; 4] {
     ]
 }
 
+/// The time at which the law is at `s`.
+fn time_of(s: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if quintic(middle)[0] < s {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
 /// Part of a trajectory.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Law {
@@ -217,14 +231,11 @@ impl Builder {
 
     /// Least time (s) in which the limits let a curve be driven.
     fn least_time(&self, curve: &Curve) -> f64 {
-        const GRID: usize = 8;
+        const EVEN: usize = 64;
+        const PARTS: usize = 4;
         let mut least: f64 = 0.0;
-        let intervals = curve.knots.len().saturating_sub(1);
-        // Even steps of the law's time see its peaks wherever the curve is dense or sparse.
-        let steps = (GRID * intervals).clamp(64, 512);
-        for k in 0..=steps {
-            let [s, s1, s2, s3] = quintic(k as f64 / steps as f64);
-            let i = curve.interval(s);
+        let mut look = |t: f64, i: usize| {
+            let [s, s1, s2, s3] = quintic(t);
             for v in 0..self.n {
                 let [_, q1, q2, q3] = curve.joint(v, i, s);
                 let velocity = (q1 * s1).abs();
@@ -235,9 +246,21 @@ impl Builder {
                     .max((acceleration / self.limits.acceleration[v]).sqrt())
                     .max((jerk / self.limits.jerk[v]).cbrt());
             }
+        };
+        // Even steps of time for the peaks of the time law, parts of every interval for those of the curve, whose
+        // third derivative jumps at its knots.
+        for k in 0..=EVEN {
+            let t = k as f64 / EVEN as f64;
+            look(t, curve.interval(quintic(t)[0]));
         }
-        // The grid may miss a peak by a little.
-        1.01 * least
+        for (i, ends) in curve.knots.windows(2).enumerate() {
+            for k in 0..=PARTS {
+                let s = ends[0] + (ends[1] - ends[0]) * k as f64 / PARTS as f64;
+                look(time_of(s), i);
+            }
+        }
+        // Between those a peak may be missed by a little.
+        1.02 * least
     }
 
     /// Appends a motion through waypoints; ends at `end` where that is given, as soon as the limits allow otherwise.

@@ -1,0 +1,74 @@
+//! Analytic derivatives against finite differences.
+
+use std::sync::Arc;
+
+use gensim2_geometry::{ChainFrames, Robot};
+use gensim2_kpam::model::Model;
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+/// An arm with revolute, prismatic and mimic joints about skew axes.
+const ARM: &str = r#"<robot name="arm">
+  <link name="base"/><link name="a"/><link name="b"/><link name="c"/><link name="d"/><link name="hand"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3" rpy="0.2 0 0.4"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.2 0 0" rpy="0 0.5 0"/>
+    <axis xyz="1 2 0.5"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint>
+  <joint name="j3" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0.1 0.3 0"/>
+    <axis xyz="0.3 -1 0.2"/></joint>
+  <joint name="j4" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0 0.2"/>
+    <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/><mimic joint="j1" multiplier="-0.7" offset="0.1"/></joint>
+  <joint name="j5" type="revolute"><parent link="d"/><child link="hand"/><origin xyz="0.2 0 0" rpy="1 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+</robot>"#;
+
+fn arm() -> Arc<Robot> {
+    Arc::new(Robot::from_urdf_str(ARM, "arm.urdf", None, "hand", None).unwrap())
+}
+
+#[test]
+fn a_mimic_joint_is_no_variable() {
+    let robot = arm();
+    let model = Model::new(&robot, &[0.0; 5]).unwrap();
+    assert_eq!(model.indices, [0, 1, 2, 4]);
+    let mut q = Vec::new();
+    model.fill(&robot, &model.pick(&[0.5, 0.1, 0.2, 9.0, 0.3]), &mut q);
+    assert!((q[3] - (0.1 - 0.35)).abs() < 1e-12);
+}
+
+proptest! {
+    #[test]
+    fn rows_are_gradients(
+        values in prop::collection::vec(-1.0..1.0f64, 4),
+        on_hand in prop::array::uniform3(-0.3..0.3f64),
+        direction in prop::array::uniform3(-1.0..1.0f64),
+    ) {
+        let robot = arm();
+        let model = Model::new(&robot, &[0.0; 5]).unwrap();
+        let (on_hand, direction) = (Vector3::from(on_hand), Vector3::from(direction));
+        let mut x = model.pick(&[0.0; 5]);
+        x[..4].copy_from_slice(&values);
+        let (mut q, mut frames) = (Vec::new(), ChainFrames::default());
+        let mut at = |x: &gensim2_kpam::model::Row| {
+            model.forward(&robot, x, &mut q, &mut frames);
+            frames.clone()
+        };
+        let here = at(&x);
+        let point = here.tip.rotation * on_hand + here.tip.translation.vector;
+        let linear = model.linear_row(&robot, &here, &point, &direction);
+        let carried = here.tip.rotation * on_hand;
+        let angular = model.angular_row(&robot, &here, &carried.cross(&direction));
+        for v in 0..4 {
+            let h = 1e-6;
+            let (mut up, mut down) = (x, x);
+            up[v] += h;
+            down[v] -= h;
+            let (up, down) = (at(&up), at(&down));
+            let place = |f: &ChainFrames| f.tip.rotation * on_hand + f.tip.translation.vector;
+            let slope = direction.dot(&(place(&up) - place(&down))) / (2.0 * h);
+            prop_assert!((slope - linear[v]).abs() < 1e-7, "{slope} {}", linear[v]);
+            let turn = direction.dot(&(up.tip.rotation * on_hand - down.tip.rotation * on_hand)) / (2.0 * h);
+            prop_assert!((turn - angular[v]).abs() < 1e-7, "{turn} {}", angular[v]);
+        }
+    }
+}

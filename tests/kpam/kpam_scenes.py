@@ -1,0 +1,71 @@
+"""A Panda, and a small scene: a box whose lid turns about a hinge, on a table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import gensim2_kpam as kpam
+
+Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
+TOOL = {"tool_head": [0.0, 0.0, 0.105], "tool_tail": [0.0, 0.0, 0.075], "tool_side": [0.0, 0.053, 0.105]}
+
+
+def config(**changes: Any) -> dict[str, Any]:
+    """Fingertips on the lid's edge from above, then along the lid's joint."""
+    out: dict[str, Any] = {
+        "constraint_list": [
+            {
+                "type": "point2point_constraint",
+                "keypoint_name": "tool_head",
+                "target_keypoint_name": "edge",
+                "tolerance": 0.001,
+            },
+            {
+                "type": "frame_axis_parallel",
+                "axis_from_keypoint_name": "tool_head",
+                "axis_to_keypoint_name": "tool_tail",
+                "target_axis": [0, 0, 1],
+                "target_axis_frame": "world",
+                "target_inner_product": 1,
+                "tolerance": 0.02,
+            },
+            {
+                "type": "frame_axis_parallel",
+                "axis_from_keypoint_name": "tool_head",
+                "axis_to_keypoint_name": "tool_side",
+                "target_axis": [0, 1, 0],
+                "target_axis_frame": "world",
+                "target_inner_product": 1,
+                "tolerance": 0.02,
+            },
+        ],
+        "pre_actuation_motions": [["translate_z", -0.1]],
+        "post_actuation_motions": [["translate_z", -0.05], "move-up"],
+    }
+    out.update(changes)
+    return out
+
+
+def table() -> kpam.Body:
+    pose = np.eye(4)
+    pose[:3, 3] = [0.615, 0.0, -0.025]
+    return kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], pose)
+
+
+def problem(panda: kpam.Robot, **changes: Any) -> kpam.KeypointProblem:
+    """The scene's problem; ``changes`` replace arguments."""
+    arguments: dict[str, Any] = {
+        "config": config(),
+        "q_start": Q_START,
+        "tool_keypoints": TOOL,
+        "object_keypoints": {"edge": [0.5, 0.1, 0.2], "inside": [0.5, 0.1, 0.05]},
+        "T_base_object": np.eye(4),
+        "joint": kpam.Joint("revolute", [0.5, 0.3, 0.1], [1.0, 0.0, 0.0], 0.2, 0.0, 1.5),
+        "bodies": [table()],
+        "options": {},
+    }
+    arguments.update(changes)
+    settings = kpam.SolverConfig(arguments.pop("config"))
+    return kpam.KeypointProblem(panda, settings, arguments.pop("q_start"), **arguments)
