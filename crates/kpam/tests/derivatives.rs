@@ -1,4 +1,5 @@
 //! Analytic derivatives against finite differences.
+#![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
 
