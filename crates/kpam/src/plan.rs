@@ -380,13 +380,16 @@ impl<'p> Planner<'p> {
             let mut extra = 0;
             for seed in from..from + self.problem.options.harvest {
                 let Some(c) = search.sample(seed) else { continue };
-                extra += 1;
                 if extra > self.problem.options.candidates {
                     break;
                 }
                 tried += 1;
                 let attempt = self.attempt(&c.x, tried - 1, samples.min(FIRST_SAMPLES));
                 done = attempt.failure.is_none();
+                // Poses that overlap something themselves cost next to nothing to turn down.
+                let at_once = matches!(attempt.failure, Some(Failure::Blocked { keyframe, .. })
+                    if keyframe == attempt.motions.actuation && attempt.paths.iter().all(Vec::is_empty));
+                extra += usize::from(!at_once);
                 if best.as_ref().is_none_or(|b| attempt.score() > b.score() || done) {
                     best = Some(attempt);
                 }
