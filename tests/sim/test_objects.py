@@ -97,6 +97,15 @@ def test_a_hull_that_is_not_what_was_promised_is_an_error(
         make_env(crate_task, assets=library)
 
 
+def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_task: Any) -> None:
+    library = crates()
+    mesh = trimesh.creation.box((0.18, 0.01, 0.09))  # 2 cm shorter than the wall that was promised
+    mesh.apply_translation((-0.01, 0.095, 0.055))
+    mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
+    env = make_env(crate_task, assets=library)
+    assert env.object_warnings == ("body: hull 1 lost 20.0 mm when it was cooked",)
+
+
 def test_a_missing_hull_is_an_error(crates: Callable[..., Any], crate_task: Any) -> None:
     library = crates()
     crate = library.load("crate", "0")

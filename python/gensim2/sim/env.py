@@ -191,7 +191,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             position, quaternion = placed(placement.position, placement.quaternion, x, y, yaw)
             self.object_yaw = yaw
         self.table = build_table(self.scene)
-        self.object: Articulation = load_object(self.scene, self.instance, sapien.Pose(position, quaternion))
+        self.object: Articulation
+        pose = sapien.Pose(position, quaternion)
+        self.object, self.object_warnings = load_object(self.scene, self.instance, pose)
         given = options.get("openness")
         self.initial_openness = (
             openness_at_reset(self.task, self._draw, self.instance.default_openness) if given is None else float(given)

@@ -27,12 +27,21 @@ class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
 
 
 HULL_TOLERANCE = 0.002
-"""Metres by which the bounds of a collision shape may differ from the hull that it was made from; cooking
-takes 0.7 mm at most from the hulls seen so far, and puts a box in the place of a flat hull without a word."""
+"""Metres by which a collision shape may reach beyond the hull that it was made from, and fall short of it
+without a warning. SAPIEN puts a box in the place of a flat hull without a word."""
+
+HULL_LOSS = 0.25
+"""Share of a hull's longest side that cooking may cut off, with a warning: of all hulls of the generated and
+the real objects one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256)."""
 
 
-def load_object(scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object") -> Articulation:
+def load_object(
+    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object"
+) -> tuple[Articulation, tuple[str, ...]]:
     """Build ``instance`` with its root fixed at ``pose`` (root to world).
+
+    Returns:
+        the articulation, and a warning for each hull that lost a part when it was cooked.
 
     Raises:
         InputError: SAPIEN dropped or replaced a collision hull, or the joint is not the one that the instance
@@ -45,9 +54,9 @@ def load_object(scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, na
     builder = loader.parse(str(instance.urdf))["articulation_builders"][0]
     builder.initial_pose = pose
     articulation = builder.build()
-    _check(articulation, instance)
+    warnings = _check(articulation, instance)
     apply_friction(articulation, instance)
-    return articulation
+    return articulation, warnings
 
 
 def apply_friction(articulation: Articulation, instance: Instance, speed: float = 0.0) -> None:
@@ -73,7 +82,8 @@ def apply_friction(articulation: Articulation, instance: Instance, speed: float 
         active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 
-def _check(articulation: Articulation, instance: Instance) -> None:
+def _check(articulation: Articulation, instance: Instance) -> tuple[str, ...]:
+    warnings: list[str] = []
     where = instance.urdf
     names = [joint.name for joint in articulation.active_joints]
     if names != [instance.joint.name]:
@@ -97,17 +107,21 @@ def _check(articulation: Articulation, instance: Instance) -> None:
         for index, (hull, shape) in enumerate(
             zip(instance.hulls.get(link.name, ()), link._bodies[0].get_collision_shapes(), strict=True)
         ):
-            miss = float(np.abs(_bounds(hull) - _bounds(_corners(shape))).max())
-            if not miss <= HULL_TOLERANCE:
+            lost, grown = _misfit(hull, _corners(shape))
+            if not (grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())):
+                off = 1e3 * max(grown, lost)
                 raise InputError(
-                    f"the physics engine made something else of collision hull {index} ({1e3 * miss:.1f} mm off)",
+                    f"the physics engine made something else of collision hull {index} ({off:.1f} mm off)",
                     file=where,
                     field=link.name,
                     remedy="the hull may be flat or tiny: leave it out or thicken it",
                 )
+            if lost > HULL_TOLERANCE:
+                warnings.append(f"{link.name}: hull {index} lost {1e3 * lost:.1f} mm when it was cooked")
     unknown = set(instance.hulls) - {link.name for link in articulation.links}
     if unknown:
         raise InputError(f"has no links {sorted(unknown)}", file=where)
+    return tuple(warnings)
 
 
 def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
@@ -121,5 +135,7 @@ def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]
     return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
 
 
-def _bounds(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    return np.stack([points.min(axis=0), points.max(axis=0)])
+def _misfit(hull: npt.NDArray[np.float64], cooked: npt.NDArray[np.float64]) -> tuple[float, float]:
+    """By how many metres the bounds of the cooked shape fall short of the hull's, and reach beyond them."""
+    beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
+    return float(-beyond.min()), float(beyond.max())
