@@ -396,8 +396,12 @@ impl<'p> Judge<'p> {
     pub fn measure(&mut self, x: &Row, stage: usize, out: &mut Clearances) {
         self.place(x);
         let mut scratch = std::mem::take(&mut self.scratch);
-        let reach = |link: usize, body: usize| {
-            if self.judged(link, body, stage) { 1.0 } else { f64::NEG_INFINITY }
+        // Only what is nearer than the smallest so far matters.
+        let (table, object, itself) = (out.table.min(1.0), out.object.min(1.0), out.itself.min(1.0));
+        let reach = |link: usize, body: usize| match self.problem.bodies[self.bodies[body]].role {
+            _ if !self.judged(link, body, stage) => f64::NEG_INFINITY,
+            Role::Table => table,
+            _ => object,
         };
         self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, reach, |p| {
             if let Target::Body(b) = p.target {
@@ -411,7 +415,7 @@ impl<'p> Judge<'p> {
         self.shapes.near_self(
             &mut scratch,
             EXACT,
-            |_| 1.0,
+            |_| itself,
             |_, p| {
                 out.itself = out.itself.min(p.contact.distance);
                 true
