@@ -164,9 +164,11 @@ class _Run:
             ids = self.library.instances(asset_class)
             order = seeding.rng(self.seed, f"{asset_class}/affordance").permutation(len(ids))
             instances: list[Instance] = []
+            self.progress.start(f"{asset_class}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
             for index in order:
                 try:
                     instances.append(self.library.load(asset_class, ids[index]))
+                    self.progress.advance()
                 except InputError as error:
                     self.notes.append(f"{asset_class}/{ids[index]} left out: {error}")
                 if len(instances) == AFFORDANCE_INSTANCES:
