@@ -6,7 +6,8 @@ Rules for what is odd, each noted in the instance's warnings:
 - a mesh file that is missing or unreadable is left out and counted;
 - ``joint_position_range`` replaces the limits; prismatic limits of the URDF are scaled, the range is not;
 - no ``scale``: the median of the class;
-- keypoints with colour names only: the one nearest to the moving link becomes ``articulated_object_head``;
+- keypoints with colour names only: the one nearest to the moving link becomes ``articulated_object_head``; where none
+  lies within 3 cm, that keypoint is derived from the moving link's geometry;
 - no ``axis``: the axis of the object frame that is closest to the joint's.
 """
 
@@ -22,28 +23,21 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from gensim2.assets.cache import cached_hulls, source_digest
-from gensim2.assets.checks import surface_samples
 from gensim2.assets.decompose import decompose
+from gensim2.assets.errors import AssetError
+from gensim2.assets.keypoints import object_axis, read_keypoints
 from gensim2.assets.model import LinkGeometry, Model
 from gensim2.assets.objfile import read_obj
 from gensim2.assets.shapes import Mesh, rotation, transform
-from gensim2.assets.types import Keypoint
-from gensim2.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
-COLOURS = ("blue", "red", "yellow", "green")
 FALLBACK_SCALE = 0.25
 HULL_MODULES = ("decompose", "voidspace")
-READER_MODULES = (*HULL_MODULES, "checks", "objfile", "real")
-
-
-class AssetError(InputError):
-    """An object that cannot be used."""
+READER_MODULES = (*HULL_MODULES, "checks", "keypoints", "objfile", "real")
 
 
 @dataclass(frozen=True)
@@ -283,7 +277,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     T_root_link[:3, 3] *= scale
     T_link_object = np.eye(4) if first_collision is None else first_collision.T.copy()
     T_link_object[:3, 3] *= scale
-    keypoints = _keypoints(info, scale, T_link_object, joint.child, geometry["moving"], warnings)
+    keypoints = read_keypoints(info, scale, T_link_object, joint.child, kind, axis, geometry["moving"].hulls, warnings)
     return Model(
         asset_class=asset_class,
         id=folder.name,
@@ -299,7 +293,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
         upper=upper,
         keypoints=keypoints,
         T_link_object=T_link_object,
-        object_axis=_object_axis(info, folder, axis, T_link_object),
+        object_axis=object_axis(info, folder, axis, T_link_object),
         content_hash=content_hash,
         license=LICENSE,
         warnings=tuple(warnings),
@@ -359,45 +353,3 @@ def _limits(
     if own is not None and (low > own[1] or high < own[0]):
         warnings.append(f"range {low:g}..{high:g} is disjoint from the limits {own[0]:g}..{own[1]:g}: the range holds")
     return low, high
-
-
-def _object_axis(info: dict[str, Any], folder: Path, axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    letter = info.get("axis")
-    if letter is None:
-        letter = "xyz"[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
-    if letter == "x":
-        return "x"
-    if letter == "y":
-        return "y"
-    if letter == "z":
-        return "z"
-    raise AssetError(f"{letter!r} is not x, y or z", file=folder / "info.json", field="axis")
-
-
-def _keypoints(
-    info: dict[str, Any],
-    scale: float,
-    T_link_object: Array,
-    link: str,
-    moving: LinkGeometry,
-    warnings: list[str],
-) -> dict[str, Keypoint]:
-    points = {name: scale * np.array(point, float) for name, point in info["keypoints"].items()}
-    descriptions = info.get("keypoint_descriptions") or {}
-    if all(name in COLOURS for name in points):
-        surface = cKDTree(np.concatenate([surface_samples(hull) for hull in moving.hulls]))
-        gaps = {n: float(surface.query(transform(T_link_object, p[None])[0])[0]) for n, p in points.items()}
-        nearest = min(gaps, key=lambda n: gaps[n])
-        warnings.append(
-            f"keypoints have colour names only: {nearest!r}, {1000 * gaps[nearest]:.0f} mm from the moving link,"
-            " is articulated_object_head"
-        )
-        points = {"articulated_object_head": points[nearest]}
-    found = {}
-    for name, point in points.items():
-        text = str(descriptions.get(name) or name.replace("_", " "))
-        if "base" in name:
-            found[name] = Keypoint("base", point, text)
-        else:
-            found[name] = Keypoint(link, transform(T_link_object, point[None])[0], text)
-    return found

@@ -1,0 +1,9 @@
+"""Errors of the object library."""
+
+from __future__ import annotations
+
+from gensim2.errors import InputError
+
+
+class AssetError(InputError):
+    """An object that cannot be used."""
