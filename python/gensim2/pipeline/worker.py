@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
 
+#: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
+#: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
+SCREEN_OPTIONS: Mapping[str, Any] = {**PLAN_OPTIONS, "harvest": 0, "candidates": 6, "samples": 200}
+
 
 #: What planning says of a config on one scene: a score from 0 to 1, and what stood in the way of 1.
 Screened = tuple[float, str | None]
@@ -68,7 +72,7 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
     problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
     screened: list[Screened] = []
     for config in configs:
-        plan = kpam.plan(problems.problem(kpam.SolverConfig(config), PLAN_OPTIONS))
+        plan = kpam.plan(problems.problem(kpam.SolverConfig(config), SCREEN_OPTIONS))
         if plan.status == "solved":
             screened.append((1.0, None))
         else:
