@@ -24,8 +24,8 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(payload)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(path)
         except BaseException:
             Path(temporary).unlink(missing_ok=True)
             raise
