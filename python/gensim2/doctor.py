@@ -124,7 +124,7 @@ def _extension() -> Check:
 
 
 def _simulation() -> Check:
-    packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch", "coacd": "coacd"}
+    packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch"}
     absent = [package for module, package in packages.items() if importlib.util.find_spec(module) is None]
     if absent:
         return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")

@@ -17,7 +17,7 @@ FOUND_WRONG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
-    **dict.fromkeys(("coacd", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
 }
 

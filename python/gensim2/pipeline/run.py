@@ -136,8 +136,9 @@ class _Run:
         rejected: list[dict[str, str]] = []
         tried = 0
         proposals = iter([target]) if target is not None else self.proposals(known)
-        for task in proposals:
-            if sum(outcome.kept for outcome in outcomes) >= wanted or tried >= PROPOSALS_PER_TASK * wanted:
+        while sum(outcome.kept for outcome in outcomes) < wanted and tried < PROPOSALS_PER_TASK * wanted:
+            task = next(proposals, None)
+            if task is None:
                 break
             tried += 1
             outcome = self._one(task, evaluator)
