@@ -70,7 +70,7 @@ def test_a_job_that_hangs_is_ended() -> None:
         (outcome,) = pool.map(jobs.hang, [(0,)])
     assert isinstance(outcome.error, JobError)
     assert "longer than" in str(outcome.error)
-    assert time.monotonic() - begin < 20
+    assert time.monotonic() - begin < 120
 
 
 def test_a_caller_may_stop_early_and_go_on_with_other_jobs() -> None:
@@ -128,7 +128,7 @@ def test_ctrl_c_ends_parent_and_workers(tmp_path: Path) -> None:
     workers = [int(pid) for pid in process.stdout.readline().split()]
     time.sleep(0.3)
     os.killpg(process.pid, signal.SIGINT)
-    assert process.wait(timeout=20) != 0
+    assert process.wait(timeout=120) != 0
     assert workers
     for pid in workers:
         with pytest.raises(ProcessLookupError):

@@ -69,7 +69,7 @@ def replayed(store: TrajectoryStore, tmp_path_factory: pytest.TempPathFactory) -
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=600,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
     )
     assert done.returncode == 0, done.stderr
