@@ -75,6 +75,25 @@ def test_it_finds_the_best_and_refines_it() -> None:
     assert all(len(result.stages) == 1 for result in planless)
 
 
+def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
+    class Lucky(FakeWorld):
+        """Every first candidate holds in its first eight episodes and hardly ever after."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.runs: dict[float, int] = {}
+
+        def _one(self, n: float, seed: int) -> Attempt:
+            self.runs[n] = self.runs.get(n, 0) + 1
+            held = n % 1 > 0 or self.runs[n] <= 8
+            return Attempt(seed, "0", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", "")
+
+    design = Search(TASK, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
+    assert design.chosen is not None
+    assert design.chosen["n"] % 1 == 0.5
+    assert sum(stage.trials for stage in design.results[0].stages if stage.name == "physics") >= 14
+
+
 def test_it_is_repeatable() -> None:
     first, second = (Search(TASK, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
     assert first == second

@@ -1,11 +1,13 @@
 """Search for a config that works: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. The designer then varies the best.
+the better half gets more episodes, and so on, so that effort goes where it can pay. Unless one of the best holds nearly
+always, the designer varies them and the best are compared again.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,17 +42,17 @@ class Budget:
         screen_scenes: scenes on which every candidate is planned.
         rounds: (candidates, episodes each) of successive physics rounds of the first generation.
         refine_episodes: episodes of each refined candidate.
-        final: (candidates, episodes each) of the last comparison.
+        comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
         enough: a candidate that holds at this rate over at least ``enough_episodes`` episodes ends the search.
-        enough_episodes: see ``enough``.
+        enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
     """
 
     screen_scenes: int = 4
     rounds: tuple[tuple[int, int], ...] = ((32, 2), (10, 6))
     refine_episodes: int = 4
-    final: tuple[int, int] = (4, 10)
-    enough: float = 0.95
-    enough_episodes: int = 8
+    comparison: tuple[int, int] = (4, 10)
+    enough: float = 0.9
+    enough_episodes: int = 14
 
 
 def design_seeds(seed: int, task: TaskSpec, purpose: str, count: int, start: int = 0) -> list[int]:
@@ -92,23 +94,21 @@ class Search:
         for count, episodes in self.budget.rounds:
             standing = self._physics(standing[:count], episodes, f"physics, {count} candidates")
             remember(standing)
+        for round_index in itertools.count():
+            compared = self._compare(standing, round_index)
+            remember(compared)
+            standing = compared
             if self._enough(standing[0]):
                 break
-        round_index = 0
-        while not self._enough(standing[0]):
             children = self.designer.refine(self.task, self.affordance, standing, self.seed, round_index)
-            if not children:
+            planned = [r for r in self._screen(children) if r.plan_score > 0] if children else []
+            if not planned:
                 break
-            planned = [r for r in self._screen(children) if r.plan_score > 0]
             tried = self._physics(planned, self.budget.refine_episodes, f"refinement {round_index + 1}")
             remember(tried)
             standing = self._sorted([*standing, *tried])
-            round_index += 1
-        count, episodes = self.budget.final
-        finalists = self._physics(standing[:count], episodes, "final comparison")
-        remember(finalists)
-        ranked = self._sorted(list(everything.values()))
-        best = ranked[0] if ranked[0].physics_score > 0 else None
+        ranked = [*standing, *self._sorted([r for r in everything.values() if r not in standing])]
+        best = standing[0] if standing[0].physics_score > 0 else None
         if best is None:
             notes.append("no candidate held in physics")
         return Design(tuple(ranked), best.candidate.config if best else None, tuple(notes))
@@ -156,11 +156,37 @@ class Search:
         ]
         return self._sorted(updated)
 
+    def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
+        """Give further episodes to what may yet be the best, until the best is known by enough of them."""
+        count, episodes = self.budget.comparison
+        known = {self._key(result): result for result in standing}
+        while True:
+            ranked = self._sorted(list(known.values()))
+            proven = [r for r in ranked if self._trials(r) >= self.budget.enough_episodes]
+            bar = proven[0].physics_score if proven else 0.0
+            hopeful = [r for r in ranked if r not in proven and self._held(r) > 0 and self._hope(r) > bar]
+            if not hopeful or (proven and self._enough(proven[0])):
+                # What is not known well enough stands behind what is.
+                return [*proven, *(r for r in ranked if r not in proven)]
+            hopeful.sort(key=self._hope, reverse=True)
+            for result in self._physics(hopeful[:count], episodes, f"comparison {round_index + 1}"):
+                known[self._key(result)] = result
+
     def _enough(self, result: CandidateResult) -> bool:
-        physics = [stage for stage in result.stages if stage.name == "physics"]
-        trials = sum(stage.trials for stage in physics)
-        held = sum(stage.score * stage.trials for stage in physics)
-        return trials >= self.budget.enough_episodes and held >= self.budget.enough * trials
+        trials = self._trials(result)
+        return trials >= self.budget.enough_episodes and self._held(result) >= self.budget.enough * trials
+
+    def _hope(self, result: CandidateResult) -> float:
+        """Score if one more episode were to hold."""
+        return (self._held(result) + 1) / (self._trials(result) + 1)
+
+    @staticmethod
+    def _trials(result: CandidateResult) -> int:
+        return sum(stage.trials for stage in result.stages if stage.name == "physics")
+
+    @staticmethod
+    def _held(result: CandidateResult) -> float:
+        return sum(stage.score * stage.trials for stage in result.stages if stage.name == "physics")
 
     @staticmethod
     def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:
