@@ -133,3 +133,24 @@ def test_ctrl_c_ends_parent_and_workers(tmp_path: Path) -> None:
     for pid in workers:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "unguarded.py"
+    script.write_text(
+        textwrap.dedent(
+            f"""
+            import sys
+            sys.path.insert(0, {str(Path(jobs.__file__).parent)!r})
+            import jobs
+            from gensim2.demos.pool import WorkerPool
+
+            with WorkerPool(1) as pool:
+                list(pool.map(jobs.square, [(3, 0.0)]))
+            """
+        )
+    )
+    result = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode != 0
+    assert "WorkerStartError" in result.stderr
+    assert '__name__ == "__main__"' in result.stderr

@@ -6,6 +6,7 @@ spawned, not forked, so that they begin with a clean PhysX and a clean torch.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import pickle
@@ -30,6 +31,10 @@ _SINGLE_THREADED = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 class JobError(GenSim2Error):
     """A job that did not end: its worker died, or it took too long. Other jobs are not affected."""
+
+
+class WorkerStartError(GenSim2Error):
+    """A worker process ended before it was ready for its first job: none would ever be done."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,9 @@ class WorkerPool:
         Args:
             function: of a module, so that it pickles by name.
             jobs: argument tuples that pickle.
+
+        Raises:
+            WorkerStartError: where worker processes cannot start at all.
         """
         if not self._workers:
             yield from (_run_here(index, function, job) for index, job in enumerate(jobs))
@@ -130,7 +138,10 @@ class WorkerPool:
         for worker in busy:
             unwanted = worker.unwanted
             if worker.connection in ready:
-                outcome = worker.receive()
+                received = worker.receive()
+                if received is None:
+                    continue
+                outcome = received
             elif time.monotonic() - worker.started >= self._timeout:
                 outcome = worker.give_up(f"took longer than {self._timeout:.0f} s")
             else:
@@ -147,6 +158,7 @@ class _Worker:
         self._process: BaseProcess | None = None
         self._connection: Connection | None = None
         self._job: int | None = None
+        self._ready = False
         self.started = 0.0
         self.unwanted = False
 
@@ -170,16 +182,28 @@ class _Worker:
         except OSError:
             return  # the worker died just now: its connection reads as ended, which is this job's outcome
 
-    def receive(self) -> Outcome[Any]:
+    def receive(self) -> Outcome[Any] | None:
+        """The outcome of the job; None where the worker only says that it is ready for it."""
         index = self._job
         assert index is not None
         try:
-            result, error, text = pickle.loads(self.connection.recv_bytes())
+            message = self.connection.recv_bytes()
         except (EOFError, OSError):
             process = self._process
             assert process is not None
             process.join(timeout=5)
-            return self.give_up(f"the worker process died ({_fate(process.exitcode)})")
+            fate = _fate(process.exitcode)
+            if not self._ready:
+                self.stop()
+                raise WorkerStartError(
+                    f"a worker process ended before its first job ({fate}). A script that starts workers must do so "
+                    'below `if __name__ == "__main__":`, because each worker imports it'
+                ) from None
+            return self.give_up(f"the worker process died ({fate})")
+        if not self._ready:
+            self._ready = True
+            return None
+        result, error, text = pickle.loads(message)
         self._job = None
         return Outcome(index, result, error, text)
 
@@ -204,10 +228,11 @@ class _Worker:
 
     def _start(self) -> None:
         ours, theirs = _CONTEXT.Pipe()
-        self._process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
-        self._process.start()
+        self._ready = False
+        process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
+        process.start()
         theirs.close()  # so that the worker's death ends the connection
-        self._connection = ours
+        self._process, self._connection = process, ours
 
 
 def _fate(exitcode: int | None) -> str:
@@ -233,6 +258,8 @@ def _serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     for name in _SINGLE_THREADED:
         os.environ[name] = "1"
+    with contextlib.suppress(OSError):  # a parent that is gone already shows below
+        connection.send_bytes(b"ready")
     while True:
         try:
             payload = connection.recv_bytes()
