@@ -3,13 +3,15 @@
     python scripts/design_library.py --assets DIR --out designs [--tasks OpenBox ...] [--write]
 
 The search is the offline designer's. Episodes alternate between the built-in objects and those of DIR, so that the
-config that wins holds on both. ``--write`` puts the winners into the task library.
+config that wins holds on both. ``--effort`` multiplies the episodes of every stage and lets more candidates through;
+what ships was searched with 4. ``--write`` puts the winners into the task library.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,18 @@ class BothLibraries:
         return [results[index] for index in range(len(jobs))]
 
 
+def effort(factor: int) -> Budget:
+    """The pipeline's budget with ``factor`` times the episodes a candidate and twice the candidates from 2 on."""
+    usual, wider = Budget(), 2 if factor > 1 else 1
+    return replace(
+        usual,
+        rounds=tuple((wider * count, factor * episodes) for count, episodes in usual.rounds),
+        refine_episodes=factor * usual.refine_episodes,
+        comparison=(wider * usual.comparison[0], factor * usual.comparison[1]),
+        enough_episodes=factor * usual.enough_episodes,
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", required=True, help="folder of real objects")
@@ -55,6 +69,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--tasks", nargs="*", default=list(task_names()))
+    parser.add_argument("--effort", type=int, default=1)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
 
@@ -77,7 +92,7 @@ def main() -> None:
                 OfflineDesigner(),
                 BothLibraries(builtin, real),
                 options.seed,
-                Budget(),
+                effort(options.effort),
                 progress,
             )
             design = search.run()
