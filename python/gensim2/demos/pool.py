@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -258,6 +259,7 @@ def _serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     for name in _SINGLE_THREADED:
         os.environ[name] = "1"
+    threading.Thread(target=_end_with_the_parent, daemon=True).start()
     with contextlib.suppress(OSError):  # a parent that is gone already shows below
         connection.send_bytes(b"ready")
     while True:
@@ -270,6 +272,14 @@ def _serve(connection: Connection) -> None:
             connection.send_bytes(outcome)
         except OSError:
             return
+
+
+def _end_with_the_parent() -> None:
+    """End this process when the parent is gone, be it killed: a long job would otherwise run on for nobody."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _answer(payload: bytes) -> bytes:
