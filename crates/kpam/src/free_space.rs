@@ -77,10 +77,12 @@ pub(crate) fn connect(
     margins: &Margins,
     samples: usize,
 ) -> Result<Vec<Row>, Hit> {
-    let Some(hit) = judge.sweep(a, b, stage, margins) else { return Ok(vec![*a, *b]) };
-    if judge.at(b, stage, margins).is_some() || judge.at(a, stage, margins).is_some() {
-        return Err(hit);
+    for end in [b, a] {
+        if let Some(hit) = judge.at(end, stage, margins) {
+            return Err(hit);
+        }
     }
+    let Some(hit) = judge.sweep(a, b, stage, margins) else { return Ok(vec![*a, *b]) };
     let n = model.n();
     let mut draws = Draws::new(0x6b70_616d);
     let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];

@@ -1,11 +1,11 @@
 //! Joint motion along a given path of the hand: small steps, each a QP that meets the next hand pose exactly within
 //! joint limits and spends what freedom is left on staying away from them.
 
-use gensim2_geometry::{ChainFrames, Pose, rotation_log};
+use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
 use crate::KeypointProblem;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
 
@@ -30,28 +30,20 @@ pub(crate) struct Followed {
 pub(crate) struct Follower<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
-    q: Vec<f64>,
-    frames: ChainFrames,
+    placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
 }
 
 impl<'p> Follower<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
-        Self {
-            problem,
-            model,
-            q: Vec::new(),
-            frames: ChainFrames::default(),
-            qp: ActiveSet::default(),
-            bounds: Vec::new(),
-        }
+        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
     }
 
     /// Hand pose at `x`.
     pub fn hand(&mut self, x: &Row) -> Pose {
-        self.model.forward(&self.problem.robot, x, &mut self.q, &mut self.frames);
-        self.frames.tip
+        self.placed.place(&self.problem.robot, self.model, x);
+        self.placed.hand
     }
 
     /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
@@ -89,12 +81,10 @@ impl<'p> Follower<'p> {
                 return (!jumped).then_some(x);
             }
             self.bounds.clear();
-            let robot = &self.problem.robot;
+            let rows = self.placed.point_rows(&hand.translation.vector);
             for k in 0..3 {
-                let axis = Vector3::ith(k, 1.0);
-                let row = self.model.linear_row(robot, &self.frames, &hand.translation.vector, &axis);
-                self.bounds.push(Bound { row, low: way[k], high: way[k] });
-                let row = self.model.angular_row(robot, &self.frames, &axis);
+                self.bounds.push(Bound { row: rows[k], low: way[k], high: way[k] });
+                let row = self.placed.angular_row(&Vector3::ith(k, 1.0));
                 self.bounds.push(Bound { row, low: turn[k], high: turn[k] });
             }
             let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];

@@ -1,6 +1,6 @@
 //! The joints that planning moves, and the hand as a function of them.
 
-use gensim2_geometry::{ChainFrames, JointKind, Robot};
+use gensim2_geometry::{ChainFrames, JointKind, Pose, Robot};
 use nalgebra::Vector3;
 
 /// Most joints that planning moves at once; buffers of this length live on the stack.
@@ -82,32 +82,6 @@ impl Model {
         robot.chain().forward(q, frames);
     }
 
-    /// Gradient of `direction . p` for a point `p` fixed to the hand.
-    #[must_use]
-    pub fn linear_row(
-        &self,
-        robot: &Robot,
-        frames: &ChainFrames,
-        point: &Vector3<f64>,
-        direction: &Vector3<f64>,
-    ) -> Row {
-        let mut row = [0.0; MOST_JOINTS];
-        for (i, (v, factor)) in self.columns.iter().enumerate() {
-            row[*v] += factor * direction.dot(&robot.chain().linear(frames, i, point));
-        }
-        row
-    }
-
-    /// Gradient of the angle turned about `direction` by the hand.
-    #[must_use]
-    pub fn angular_row(&self, robot: &Robot, frames: &ChainFrames, direction: &Vector3<f64>) -> Row {
-        let mut row = [0.0; MOST_JOINTS];
-        for (i, (v, factor)) in self.columns.iter().enumerate() {
-            row[*v] += factor * direction.dot(&robot.chain().angular(frames, i));
-        }
-        row
-    }
-
     /// Whether a variable turns without limits, so that it may be counted modulo one turn.
     #[must_use]
     pub fn endless(&self, robot: &Robot, v: usize) -> bool {
@@ -123,34 +97,116 @@ impl Model {
     }
 }
 
-impl Model {
+/// The hand at a joint vector, and how it moves with each joint.
+#[derive(Debug, Clone)]
+pub struct Placed {
+    /// The joint vector.
+    pub x: Row,
+    /// The hand in the base frame.
+    pub hand: Pose,
+    columns: Vec<Column>,
+    q: Vec<f64>,
+    frames: ChainFrames,
+}
+
+/// Motion of the hand as one chain joint moves: angular velocity, and velocity of the point of the hand at the base origin.
+#[derive(Debug, Clone, Copy)]
+struct Column {
+    variable: usize,
+    turn: Vector3<f64>,
+    shift: Vector3<f64>,
+}
+
+impl Default for Placed {
+    fn default() -> Self {
+        Self {
+            x: [f64::NAN; MOST_JOINTS],
+            hand: Pose::identity(),
+            columns: Vec::new(),
+            q: Vec::new(),
+            frames: ChainFrames::default(),
+        }
+    }
+}
+
+impl Placed {
+    /// Moves the hand to `x`; nothing is computed where it is there already.
+    pub fn place(&mut self, robot: &Robot, model: &Model, x: &Row) {
+        if self.x == *x {
+            return;
+        }
+        self.x = *x;
+        model.forward(robot, x, &mut self.q, &mut self.frames);
+        self.hand = self.frames.tip;
+        self.columns.clear();
+        let chain = robot.chain();
+        for (i, (variable, factor)) in model.columns.iter().enumerate() {
+            let axis = self.frames.axes[i] * *factor;
+            let (turn, shift) = match chain.kind(i) {
+                JointKind::Revolute => (axis, self.frames.origins[i].cross(&axis)),
+                JointKind::Prismatic => (Vector3::zeros(), axis),
+            };
+            self.columns.push(Column { variable: *variable, turn, shift });
+        }
+    }
+
+    /// Gradient of `direction . p` for a point `p` fixed to the hand, given in the base frame (m).
+    #[must_use]
+    pub fn linear_row(&self, point: &Vector3<f64>, direction: &Vector3<f64>) -> Row {
+        let moment = point.cross(direction);
+        let mut row = [0.0; MOST_JOINTS];
+        for c in &self.columns {
+            row[c.variable] += direction.dot(&c.shift) + moment.dot(&c.turn);
+        }
+        row
+    }
+
+    /// Gradients of the three coordinates of a point fixed to the hand, given in the base frame (m).
+    #[must_use]
+    pub fn point_rows(&self, point: &Vector3<f64>) -> [Row; 3] {
+        let mut rows = [[0.0; MOST_JOINTS]; 3];
+        for c in &self.columns {
+            let velocity = c.shift + c.turn.cross(point);
+            for k in 0..3 {
+                rows[k][c.variable] += velocity[k];
+            }
+        }
+        rows
+    }
+
+    /// Gradient of the angle turned about `direction` by the hand.
+    #[must_use]
+    pub fn angular_row(&self, direction: &Vector3<f64>) -> Row {
+        let mut row = [0.0; MOST_JOINTS];
+        for c in &self.columns {
+            row[c.variable] += direction.dot(&c.turn);
+        }
+        row
+    }
+
     /// Adds to `h` the second derivatives of `sum f . p + sum m . a` over points `p` and directions `a` fixed to the
     /// hand, given as (point, f) and (direction, m) in the base frame.
     ///
     /// For joints i before j, d²p/dq_i dq_j = z_i × (dp/dq_j), and likewise for directions.
     pub(crate) fn second_derivatives(
         &self,
-        robot: &Robot,
-        frames: &ChainFrames,
         points: &[(Vector3<f64>, Vector3<f64>)],
         axes: &[(Vector3<f64>, Vector3<f64>)],
         h: &mut [Row; MOST_JOINTS],
     ) {
-        let chain = robot.chain();
-        for (j, (vj, fj)) in self.columns.iter().enumerate() {
+        for (j, moving) in self.columns.iter().enumerate() {
             let mut w = Vector3::zeros();
             for (p, force) in points {
-                w += chain.linear(frames, j, p).cross(force);
+                w += (moving.shift + moving.turn.cross(p)).cross(force);
             }
-            let turn = chain.angular(frames, j);
             for (a, pull) in axes {
-                w += turn.cross(a).cross(pull);
+                w += moving.turn.cross(a).cross(pull);
             }
-            for (i, (vi, fi)) in self.columns.iter().enumerate().take(j + 1) {
-                let value = fi * fj * chain.angular(frames, i).dot(&w);
-                h[*vi][*vj] += value;
+            for (i, before) in self.columns.iter().enumerate().take(j + 1) {
+                let value = before.turn.dot(&w);
+                h[before.variable][moving.variable] += value;
                 if i != j {
-                    h[*vj][*vi] += value;
+                    h[moving.variable][before.variable] += value;
                 }
             }
         }

@@ -3,7 +3,7 @@
 use gensim2_geometry::{Pose, pose_to_matrix};
 use serde::{Deserialize, Serialize};
 
-use crate::actuation::{ActuationSearch, Candidate};
+use crate::actuation::{Actuation, ActuationSearch, Candidate};
 use crate::contact::{Clearances, Hit, Judge, Margins};
 use crate::free_space;
 use crate::hand_path::Follower;
@@ -159,10 +159,7 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     let mut planner = Planner::new(problem, &model, &resolved);
     let plan = match found.candidates.first() {
         None => planner.infeasible(found.best_effort),
-        Some(best) => {
-            let best = *best;
-            planner.whole_motion(best, &found.candidates, &mut search)
-        }
+        Some(_) => planner.whole_motion(&found, &mut search),
     };
     times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
     (plan, times)
@@ -258,6 +255,31 @@ impl Attempt {
     }
 }
 
+/// What has been tried, and the best of it.
+#[derive(Default)]
+struct Trial {
+    best: Option<Attempt>,
+    tried: usize,
+    /// Poses that lack nothing but the free approach, with their ranks.
+    again: Vec<(Row, usize)>,
+}
+
+impl Trial {
+    fn done(&self) -> bool {
+        self.best.as_ref().is_some_and(|b| b.failure.is_none())
+    }
+
+    fn score(&self) -> f64 {
+        self.best.as_ref().map_or(0.0, Attempt::score)
+    }
+
+    fn keep(&mut self, attempt: Attempt) {
+        if self.best.as_ref().is_none_or(|b| attempt.failure.is_none() || attempt.score() > b.score()) {
+            self.best = Some(attempt);
+        }
+    }
+}
+
 struct Planner<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
@@ -348,68 +370,37 @@ impl<'p> Planner<'p> {
         out
     }
 
-    fn whole_motion(
-        &mut self,
-        cheapest: Candidate,
-        candidates: &[Candidate],
-        search: &mut ActuationSearch<'_>,
-    ) -> Plan {
-        let mut best: Option<Attempt> = None;
-        let mut again: Vec<usize> = Vec::new();
-        let samples = self.problem.options.samples;
-        let mut tried = 0;
-        let mut done = false;
-        for (rank, c) in candidates.iter().enumerate().take(self.problem.options.candidates) {
-            tried += 1;
-            let attempt = self.attempt(&c.x, rank, samples.min(FIRST_SAMPLES));
-            let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
-            if blocked_approach && samples > FIRST_SAMPLES && again.len() < SECOND_CHANCES {
-                again.push(rank);
-            }
-            done = attempt.failure.is_none();
-            if best.as_ref().is_none_or(|b| attempt.score() > b.score() || done) {
-                best = Some(attempt);
-            }
-            if done {
+    fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
+        let cheapest = found.candidates[0];
+        let options = &self.problem.options;
+        let (samples, most) = (options.samples, options.candidates);
+        let mut trial = Trial::default();
+        self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
+        if !trial.done() && found.used < options.seeds {
+            // The poses that the cheapest one did not need, cheapest first.
+            let more = search.more(found.used, options.seeds);
+            let left = most.saturating_sub(trial.tried);
+            self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
+        }
+        // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
+        let mut extra = 0;
+        for seed in options.seeds..options.seeds + options.harvest {
+            if trial.done() || extra > most {
                 break;
             }
+            let Some(c) = search.sample(seed) else { continue };
+            let at_once = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
+            // Poses that overlap something themselves cost next to nothing to turn down.
+            extra += usize::from(!at_once);
         }
-        // More poses of the same constraints, off their optima, for a motion that the cheap ones do not allow.
-        if !done {
-            let from = self.problem.options.seeds;
-            let mut extra = 0;
-            for seed in from..from + self.problem.options.harvest {
-                let Some(c) = search.sample(seed) else { continue };
-                if extra > self.problem.options.candidates {
-                    break;
-                }
-                tried += 1;
-                let attempt = self.attempt(&c.x, tried - 1, samples.min(FIRST_SAMPLES));
-                done = attempt.failure.is_none();
-                // Poses that overlap something themselves cost next to nothing to turn down.
-                let at_once = matches!(attempt.failure, Some(Failure::Blocked { keyframe, .. })
-                    if keyframe == attempt.motions.actuation && attempt.paths.iter().all(Vec::is_empty));
-                extra += usize::from(!at_once);
-                if best.as_ref().is_none_or(|b| attempt.score() > b.score() || done) {
-                    best = Some(attempt);
-                }
-                if done {
-                    break;
-                }
+        for (x, rank) in std::mem::take(&mut trial.again) {
+            if trial.done() {
+                break;
             }
+            let attempt = self.attempt(&x, rank, samples, trial.score());
+            trial.keep(attempt);
         }
-        if !done {
-            for rank in again {
-                let attempt = self.attempt(&candidates[rank].x, rank, samples);
-                let whole = attempt.failure.is_none();
-                if best.as_ref().is_none_or(|b| attempt.score() > b.score() || whole) {
-                    best = Some(attempt);
-                }
-                if whole {
-                    break;
-                }
-            }
-        }
+        let Trial { best, tried, .. } = trial;
         let mut out = match best {
             Some(attempt) => self.report(attempt),
             None => refused("no actuation pose was tried".to_owned()),
@@ -424,8 +415,32 @@ impl<'p> Planner<'p> {
         out
     }
 
-    /// The motion through the keyframes of one actuation pose, as far as it goes.
-    fn attempt(&mut self, x: &Row, rank: usize, samples: usize) -> Attempt {
+    fn try_each(&mut self, candidates: &[Candidate], most: usize, samples: usize, trial: &mut Trial) {
+        for c in candidates.iter().take(most) {
+            if trial.done() {
+                return;
+            }
+            self.try_one(&c.x, samples, trial);
+        }
+    }
+
+    /// Tries one pose; whether it was turned down at once, because it overlaps something itself.
+    fn try_one(&mut self, x: &Row, samples: usize, trial: &mut Trial) -> bool {
+        let attempt = self.attempt(x, trial.tried, samples, trial.score());
+        trial.tried += 1;
+        let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
+        if blocked_approach && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES {
+            trial.again.push((*x, attempt.rank));
+        }
+        let at_once = matches!(attempt.failure, Some(Failure::Blocked { keyframe, .. })
+            if keyframe == attempt.motions.actuation && attempt.paths.iter().all(Vec::is_empty));
+        trial.keep(attempt);
+        at_once
+    }
+
+    /// The motion through the keyframes of one actuation pose, as far as it goes. The free approach is searched only
+    /// where the motion goes further than one of score `bar`.
+    fn attempt(&mut self, x: &Row, rank: usize, samples: usize, bar: f64) -> Attempt {
         let hand = self.follower.hand(x);
         let motions = motions(self.problem, &hand);
         let act = motions.actuation;
@@ -495,9 +510,9 @@ impl<'p> Planner<'p> {
             }
             out.after.0 += 1;
         }
-        if out.failure.is_some() && !self.problem.options.allow_partial {
+        let further = 1.0 + out.after.0 as f64 + out.after.1 > bar;
+        if out.failure.is_some() && !(self.problem.options.allow_partial && further) {
             // Still say how far it goes, but do not spend the free motion on it.
-            out.starts = false;
             return out;
         }
         match self.approach(&first, samples) {

@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
-use gensim2_geometry::{ChainFrames, Robot};
-use gensim2_kpam::model::Model;
+use gensim2_geometry::Robot;
+use gensim2_kpam::model::{Model, Placed};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -49,26 +49,29 @@ proptest! {
         let (on_hand, direction) = (Vector3::from(on_hand), Vector3::from(direction));
         let mut x = model.pick(&[0.0; 5]);
         x[..4].copy_from_slice(&values);
-        let (mut q, mut frames) = (Vec::new(), ChainFrames::default());
-        let mut at = |x: &gensim2_kpam::model::Row| {
-            model.forward(&robot, x, &mut q, &mut frames);
-            frames.clone()
+        let at = |x: &gensim2_kpam::model::Row| {
+            let mut placed = Placed::default();
+            placed.place(&robot, &model, x);
+            placed
         };
         let here = at(&x);
-        let point = here.tip.rotation * on_hand + here.tip.translation.vector;
-        let linear = model.linear_row(&robot, &here, &point, &direction);
-        let carried = here.tip.rotation * on_hand;
-        let angular = model.angular_row(&robot, &here, &carried.cross(&direction));
+        let carried = here.hand.rotation * on_hand;
+        let point = carried + here.hand.translation.vector;
+        let linear = here.linear_row(&point, &direction);
+        let rows = here.point_rows(&point);
+        let angular = here.angular_row(&carried.cross(&direction));
         for v in 0..4 {
             let h = 1e-6;
             let (mut up, mut down) = (x, x);
             up[v] += h;
             down[v] -= h;
             let (up, down) = (at(&up), at(&down));
-            let place = |f: &ChainFrames| f.tip.rotation * on_hand + f.tip.translation.vector;
+            let place = |p: &Placed| p.hand.rotation * on_hand + p.hand.translation.vector;
             let slope = direction.dot(&(place(&up) - place(&down))) / (2.0 * h);
             prop_assert!((slope - linear[v]).abs() < 1e-7, "{slope} {}", linear[v]);
-            let turn = direction.dot(&(up.tip.rotation * on_hand - down.tip.rotation * on_hand)) / (2.0 * h);
+            let by_rows: f64 = (0..3).map(|k| direction[k] * rows[k][v]).sum();
+            prop_assert!((slope - by_rows).abs() < 1e-7, "{slope} {by_rows}");
+            let turn = direction.dot(&(up.hand.rotation * on_hand - down.hand.rotation * on_hand)) / (2.0 * h);
             prop_assert!((turn - angular[v]).abs() < 1e-7, "{turn} {}", angular[v]);
         }
     }

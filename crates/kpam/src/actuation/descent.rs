@@ -1,0 +1,278 @@
+//! Along the constraints: sequential quadratic programming with the exact Hessian of the Lagrangian (kinematic second
+//! derivatives are cross products of what the Jacobian has anyway).
+
+use nalgebra::Vector3;
+
+use super::bands::{INSIDE, axis_bands};
+use super::projection::STEP;
+use super::{ActuationSearch, Candidate, joint_weight};
+use crate::model::{MOST_JOINTS, Row};
+use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
+use gensim2_geometry::Pose;
+
+/// Most iterations.
+const ITERATIONS: usize = 30;
+/// A step that gains less than this share of the cost is the last one.
+const GAIN: f64 = 1e-5;
+/// A short step this near a known optimum (rad or m) will end there too.
+const BASIN: f64 = 0.05;
+
+impl ActuationSearch<'_> {
+    /// SQP from a pose that meets the constraints; the cheapest pose on the way that still meets them. `None` where
+    /// it leads to an optimum that is `known`.
+    pub(super) fn descend(&mut self, from: &Row, known: &[Candidate]) -> Option<Candidate> {
+        let n = self.model.n();
+        let mut x = *from;
+        let mut best: Option<Candidate> = None;
+        let mut curvature = Curvature::default();
+        let mut radius = STEP;
+        let mut value = self.cost(&x);
+        let mut bad = self.violation(&x).max(0.0);
+        for _ in 0..ITERATIONS {
+            let (gradient, mut hessian) = (self.gradient(&x), self.hessian(&x, &curvature));
+            let mut bounds = std::mem::take(&mut self.bounds);
+            self.linearize(&x, &mut bounds);
+            let constraints = bounds.len();
+            for v in 0..n {
+                let mut row = [0.0; MOST_JOINTS];
+                row[v] = 1.0;
+                let low = (self.lower[v] - x[v]).max(-radius);
+                let high = (self.upper[v] - x[v]).min(radius);
+                bounds.push(Bound { row, low: low.min(high), high });
+            }
+            let mut shift = 0.0;
+            let outcome = loop {
+                let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &bounds };
+                match self.qp.solve(&qp) {
+                    QpOutcome::Failed if shift < 1e3 => {
+                        let more = if shift == 0.0 { 0.3 } else { 3.0 * shift };
+                        for (i, row) in hessian.iter_mut().enumerate().take(n) {
+                            row[i] += more - shift;
+                        }
+                        shift = more;
+                    }
+                    other => break other,
+                }
+            };
+            self.bounds = bounds;
+            let QpOutcome::Solved { step, multipliers } = outcome else {
+                // Curvature took the pose out of the linearized constraints' reach: come back first.
+                if self.project(&mut x) > 1e-6 {
+                    break;
+                }
+                value = self.cost(&x);
+                bad = 0.0;
+                radius *= 0.5;
+                if radius < 1e-4 {
+                    break;
+                }
+                continue;
+            };
+            let length = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+            let price = 1.5 * multipliers[..constraints].iter().fold(1.0, |m: f64, u| m.max(u.abs()));
+            let mut trial = x;
+            for v in 0..n {
+                trial[v] = (x[v] + step[v]).clamp(self.lower[v], self.upper[v]);
+            }
+            let trial_bad = self.project_gently(&mut trial);
+            let trial_value = self.cost(&trial);
+            if trial_bad <= 0.0 && best.is_none_or(|b| trial_value < b.cost) {
+                best = Some(Candidate { x: trial, cost: trial_value });
+            }
+            if trial_value + price * trial_bad <= value + price * bad + 1e-12 {
+                x = trial;
+                let gain = value - trial_value;
+                value = trial_value;
+                bad = trial_bad;
+                curvature = self.curvature_of(&multipliers);
+                if length < 0.3 * radius {
+                    radius = radius.max(2.0 * length).min(STEP);
+                } else {
+                    radius = (2.0 * radius).min(STEP);
+                }
+                if length < 1e-6 || (gain.abs() < GAIN * (1.0 + value) && bad <= 0.0) {
+                    break;
+                }
+                if length < BASIN && known.iter().any(|c| (0..n).all(|v| (c.x[v] - x[v]).abs() < BASIN)) {
+                    return None;
+                }
+            } else {
+                radius = 0.25 * length;
+                if radius < 1e-5 {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    /// Two Gauss-Newton corrections onto the constraints, least change of the joints; returns the violation left.
+    fn project_gently(&mut self, x: &mut Row) -> f64 {
+        let n = self.model.n();
+        for _ in 0..3 {
+            let bad = self.violation(x);
+            if bad <= 0.0 {
+                return 0.0;
+            }
+            let mut bounds = std::mem::take(&mut self.bounds);
+            self.linearize(x, &mut bounds);
+            for v in 0..n {
+                let mut row = [0.0; MOST_JOINTS];
+                row[v] = 1.0;
+                bounds.push(Bound { row, low: self.lower[v] - x[v], high: self.upper[v] - x[v] });
+            }
+            let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+            for (v, row) in hessian.iter_mut().enumerate().take(n) {
+                row[v] = 1.0;
+            }
+            let gradient = [0.0; MOST_JOINTS];
+            let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &bounds };
+            let outcome = self.qp.solve(&qp);
+            self.bounds = bounds;
+            let QpOutcome::Solved { step, .. } = outcome else { return bad };
+            for v in 0..n {
+                x[v] = (x[v] + step[v]).clamp(self.lower[v], self.upper[v]);
+            }
+        }
+        self.violation(x).max(0.0)
+    }
+
+    /// Constraints linearized at `x` (frames are placed there), as bounds on the step.
+    fn linearize(&mut self, x: &Row, out: &mut Vec<Bound>) {
+        self.place(x);
+        out.clear();
+        let placed = &self.placed;
+        let hand = placed.hand;
+        for p in &self.resolved.points {
+            let at = hand.rotation * p.on_hand + hand.translation.vector;
+            for (k, row) in placed.point_rows(&at).into_iter().enumerate() {
+                let (miss, t) = (at[k] - p.target[k], INSIDE * p.tolerance);
+                out.push(Bound { row, low: -t - miss, high: t - miss });
+            }
+        }
+        for a in &self.resolved.axes {
+            for (m, low, high) in axis_bands(a, &(hand.rotation * a.on_hand)) {
+                let u = hand.rotation * a.on_hand;
+                let row = placed.angular_row(&u.cross(&m));
+                let value = u.dot(&m);
+                out.push(Bound { row, low: low - value, high: high - value });
+            }
+        }
+        if let Some([low, high]) = self.problem.options.workspace {
+            let at = hand.translation.vector;
+            for (k, row) in placed.point_rows(&at).into_iter().enumerate() {
+                out.push(Bound { row, low: low[k] - at[k], high: high[k] - at[k] });
+            }
+        }
+    }
+
+    /// Multipliers gathered into the vectors whose second derivatives the Lagrangian needs. Frames are those of the
+    /// pose at which the bounds were linearized; the next pose is near enough.
+    fn curvature_of(&mut self, multipliers: &[f64]) -> Curvature {
+        let mut out = Curvature::default();
+        let mut next = multipliers.iter().copied();
+        let mut take = || next.next().unwrap_or(0.0);
+        for p in &self.resolved.points {
+            let force = Vector3::new(take(), take(), take());
+            out.points.push((p.on_hand, -force));
+        }
+        for a in &self.resolved.axes {
+            let u = self.placed.hand.rotation * a.on_hand;
+            let pull = axis_bands(a, &u).fold(Vector3::zeros(), |sum, (m, _, _)| sum - m * take());
+            out.axes.push((a.on_hand, pull));
+        }
+        if self.problem.options.workspace.is_some() {
+            let force = Vector3::new(take(), take(), take());
+            out.points.push((Vector3::zeros(), -force));
+        }
+        out
+    }
+
+    pub(super) fn gradient(&mut self, x: &Row) -> Row {
+        self.place(x);
+        let placed = &self.placed;
+        let hand = placed.hand;
+        let mut g = [0.0; MOST_JOINTS];
+        for v in 0..self.model.n() {
+            g[v] = 2.0 * joint_weight(self.model.indices[v]) * (x[v] - self.start[v]);
+        }
+        let mut add = |row: &Row, factor: f64| g.iter_mut().zip(row).for_each(|(a, b)| *a += factor * b);
+        let way = hand.translation.vector - self.start_hand.translation.vector;
+        add(&placed.linear_row(&hand.translation.vector, &way), 2.0);
+        // d(1 - cos) = -1/2 sum_k s_k . (w x r_k) = -1/2 w . sum_k r_k x s_k
+        let pull = columns(&hand)
+            .zip(columns(&self.start_hand))
+            .fold(Vector3::zeros(), |sum: Vector3<f64>, (r, s)| sum + r.cross(&s));
+        add(&placed.angular_row(&pull), -0.5);
+        for t in &self.resolved.costs {
+            let p = hand.rotation * t.on_hand + hand.translation.vector;
+            let row = placed.linear_row(&p, &t.normal);
+            add(&row, 2.0 * t.weight * t.normal.dot(&(p - t.target)));
+        }
+        g
+    }
+
+    /// Hessian of the Lagrangian, with a proximal term across the constraints where it would be indefinite.
+    pub(super) fn hessian(&mut self, x: &Row, curvature: &Curvature) -> [Row; MOST_JOINTS] {
+        self.place(x);
+        let n = self.model.n();
+        let placed = &self.placed;
+        let hand = placed.hand;
+        let origin = hand.translation.vector;
+        let mut h = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        for v in 0..n {
+            h[v][v] = 2.0 * joint_weight(self.model.indices[v]);
+        }
+        let mut add = |row: &Row, factor: f64| {
+            for i in 0..n {
+                for k in 0..n {
+                    h[i][k] += factor * row[i] * row[k];
+                }
+            }
+        };
+        for row in placed.point_rows(&origin) {
+            add(&row, 2.0);
+        }
+        for t in &self.resolved.costs {
+            let p = hand.rotation * t.on_hand + origin;
+            add(&placed.linear_row(&p, &t.normal), 2.0 * t.weight);
+        }
+        // Across the constraints the step is set by them, not by this Hessian: stiffness there only keeps it convex.
+        const STIFF: f64 = 20.0;
+        for p in &self.resolved.points {
+            let at = hand.rotation * p.on_hand + origin;
+            for row in placed.point_rows(&at) {
+                add(&row, STIFF);
+            }
+        }
+        for (a, (_, pull)) in self.resolved.axes.iter().zip(&curvature.axes) {
+            if pull.norm() > 1e-9 {
+                let u = hand.rotation * a.on_hand;
+                add(&placed.angular_row(&u.cross(&pull.normalize())), STIFF);
+            }
+        }
+        let mut points: Vec<(Vector3<f64>, Vector3<f64>)> =
+            curvature.points.iter().map(|(p, f)| (hand.rotation * p + origin, *f)).collect();
+        points.push((origin, 2.0 * (origin - self.start_hand.translation.vector)));
+        let mut axes: Vec<(Vector3<f64>, Vector3<f64>)> =
+            curvature.axes.iter().map(|(a, m)| (hand.rotation * a, *m)).collect();
+        axes.extend(columns(&hand).zip(columns(&self.start_hand)).map(|(r, s)| (r, -0.5 * s)));
+        for t in &self.resolved.costs {
+            let p = hand.rotation * t.on_hand + origin;
+            points.push((p, t.normal * (2.0 * t.weight * t.normal.dot(&(p - t.target)))));
+        }
+        placed.second_derivatives(&points, &axes, &mut h);
+        h
+    }
+}
+
+/// Vectors that weigh second derivatives: forces on points of the hand, and pulls on its directions.
+#[derive(Default)]
+pub(super) struct Curvature {
+    points: Vec<(Vector3<f64>, Vector3<f64>)>,
+    axes: Vec<(Vector3<f64>, Vector3<f64>)>,
+}
+
+pub(super) fn columns(pose: &Pose) -> impl Iterator<Item = Vector3<f64>> + '_ {
+    (0..3).map(|k| pose.rotation.matrix().column(k).into())
+}

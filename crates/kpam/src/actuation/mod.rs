@@ -1,0 +1,356 @@
+//! The actuation pose: multi-start sequential quadratic programming over the keypoint constraints.
+//!
+//! Each start is first projected onto the constraints by damped Gauss-Newton, then moved along them by SQP with the
+//! exact Hessian of the Lagrangian (kinematic second derivatives are cross products of what the Jacobian has anyway).
+
+mod bands;
+mod descent;
+mod projection;
+
+use gensim2_geometry::Pose;
+
+use self::projection::Residuals;
+use crate::KeypointProblem;
+use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::problem::Resolved;
+use crate::qp::{ActiveSet, Bound};
+
+/// Starts that are always projected; further ones only until there are `ENOUGH` poses.
+const FIRST: usize = 16;
+/// See [`FIRST`].
+const ENOUGH: usize = 3;
+/// Projected poses that are moved to their optimum, cheapest first.
+const DESCENTS: usize = 3;
+/// Width of the starts about the present joints, as a fraction of the joint ranges.
+const NEARBY: f64 = 0.5;
+/// Poses closer than this in every joint are one (rad or m).
+const SAME: f64 = 0.02;
+
+/// A pose that meets all constraints.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Candidate {
+    pub x: Row,
+    pub cost: f64,
+}
+
+/// What the search found.
+pub(crate) struct Actuation {
+    /// Distinct poses that meet every constraint, cheapest first.
+    pub candidates: Vec<Candidate>,
+    /// The pose that misses the constraints least, where none meets them.
+    pub best_effort: Option<Row>,
+    /// Number of start values that were spent.
+    pub used: usize,
+}
+
+/// The least-squares weights of the original: the base joint costs ten times the others.
+fn joint_weight(v: usize) -> f64 {
+    if v == 0 { 10.0 } else { 1.0 }
+}
+
+pub(crate) struct ActuationSearch<'p> {
+    problem: &'p KeypointProblem,
+    model: &'p Model,
+    resolved: &'p Resolved,
+    start: Row,
+    start_hand: Pose,
+    lower: Row,
+    upper: Row,
+    /// Residuals below which a projection has arrived.
+    near: f64,
+    placed: Placed,
+    qp: ActiveSet,
+    // Buffers that live from one iteration to the next.
+    residuals: Residuals,
+    trial_residuals: Residuals,
+    bounds: Vec<Bound>,
+}
+
+impl<'p> ActuationSearch<'p> {
+    pub fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
+        let start = model.pick(&model.rest);
+        let mut search = Self {
+            problem,
+            model,
+            resolved,
+            start,
+            start_hand: Pose::identity(),
+            lower: model.lower,
+            upper: model.upper,
+            near: 0.0,
+            placed: Placed::default(),
+            qp: ActiveSet::default(),
+            residuals: Vec::new(),
+            trial_residuals: Vec::new(),
+            bounds: Vec::new(),
+        };
+        search.near = search.nearness();
+        search.place(&start);
+        search.start_hand = search.placed.hand;
+        search
+    }
+
+    fn place(&mut self, x: &Row) {
+        self.placed.place(&self.problem.robot, self.model, x);
+    }
+
+    /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
+    /// at most `seeds` of them, fewer where some lead to the constraints.
+    ///
+    /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
+    /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
+    /// from which the motion may be free where the cheapest pose's is not.
+    pub fn run(&mut self, seeds: usize) -> Actuation {
+        let mut poses: Vec<Candidate> = Vec::new();
+        let mut least = f64::INFINITY;
+        let mut best_effort = None;
+        let mut used = 0;
+        while used < seeds && (used < FIRST || poses.len() < ENOUGH) {
+            let mut x = self.seed(used);
+            let miss = self.project(&mut x);
+            if miss <= 0.0 {
+                poses.push(Candidate { x, cost: self.cost(&x) });
+            } else if miss < least {
+                least = miss;
+                best_effort = Some(x);
+            }
+            used += 1;
+        }
+        let mut poses = self.distinct(poses);
+        let mut optima: Vec<Candidate> = Vec::new();
+        for pose in poses.iter().take(DESCENTS) {
+            if let Some(better) = self.descend(&pose.x, &optima) {
+                optima.push(better);
+            }
+        }
+        poses.extend(optima);
+        let candidates = self.distinct(poses);
+        if !candidates.is_empty() {
+            best_effort = None;
+        }
+        Actuation { candidates, best_effort, used }
+    }
+
+    /// The pose that start value number `seed` projects to, where it meets the constraints.
+    pub fn sample(&mut self, seed: usize) -> Option<Candidate> {
+        let mut x = self.seed(seed);
+        (self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
+    }
+
+    /// The distinct poses that start values number `from..to` project to, cheapest first.
+    pub fn more(&mut self, from: usize, to: usize) -> Vec<Candidate> {
+        let poses = (from..to).filter_map(|seed| self.sample(seed)).collect();
+        self.distinct(poses)
+    }
+
+    /// Start value number `seed`: the present joints, then by turns points about them and points all over the ranges.
+    fn seed(&self, seed: usize) -> Row {
+        let mut x = self.start;
+        if seed == 0 {
+            return x;
+        }
+        for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
+            let (low, high) = self.model.range(v);
+            let draw = halton(seed, v);
+            *value = if seed % 2 == 1 {
+                low + (high - low) * draw
+            } else {
+                (*value + NEARBY * (high - low) * (draw - 0.5)).clamp(low, high)
+            };
+        }
+        x
+    }
+
+    /// Poses by cost, without those that are near a cheaper one.
+    fn distinct(&self, mut poses: Vec<Candidate>) -> Vec<Candidate> {
+        poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut out: Vec<Candidate> = Vec::new();
+        for pose in poses {
+            let near = |c: &Candidate| (0..self.model.n()).all(|v| (c.x[v] - pose.x[v]).abs() < SAME);
+            if !out.iter().any(near) {
+                out.push(pose);
+            }
+        }
+        out
+    }
+
+    /// Cost of a pose: weighted squared joint steps, squared way of the hand, 1 - cos of its turn, and the config's
+    /// own cost terms.
+    pub fn cost(&mut self, x: &Row) -> f64 {
+        self.place(x);
+        let joints: f64 =
+            (0..self.model.n()).map(|v| joint_weight(self.model.indices[v]) * (x[v] - self.start[v]).powi(2)).sum();
+        let hand = &self.placed.hand;
+        let way = (hand.translation.vector - self.start_hand.translation.vector).norm_squared();
+        let turn = 0.5 * (3.0 - (self.start_hand.rotation.matrix().transpose() * hand.rotation.matrix()).trace());
+        let terms: f64 = self
+            .resolved
+            .costs
+            .iter()
+            .map(|t| {
+                let p = hand.rotation * t.on_hand + hand.translation.vector;
+                t.weight * t.normal.dot(&(p - t.target)).powi(2)
+            })
+            .sum();
+        joints + way + turn + terms
+    }
+
+    /// Largest violation over all constraints beyond their tolerance (m or rad), limits and workspace included.
+    pub fn violation(&mut self, x: &Row) -> f64 {
+        self.place(x);
+        let hand = self.placed.hand;
+        let mut worst: f64 = 0.0;
+        for p in &self.resolved.points {
+            let miss = hand.rotation * p.on_hand + hand.translation.vector - p.target;
+            worst = worst.max(miss.amax() - p.tolerance);
+        }
+        for a in &self.resolved.axes {
+            worst = worst.max(a.residual(&hand) - a.tolerance);
+        }
+        for v in 0..self.model.n() {
+            worst = worst.max(self.lower[v] - x[v]).max(x[v] - self.upper[v]);
+        }
+        if let Some([low, high]) = self.problem.options.workspace {
+            for i in 0..3 {
+                let c = hand.translation.vector[i];
+                worst = worst.max(low[i] - c).max(c - high[i]);
+            }
+        }
+        worst
+    }
+}
+
+/// Element `index` of the Halton sequence in dimension `dimension`: evenly spread, the same on every machine.
+pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
+    const PRIMES: [usize; MOST_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
+    let base = PRIMES[dimension % MOST_JOINTS];
+    let (mut i, mut f, mut r) = (index, 1.0, 0.0);
+    while i > 0 {
+        f /= base as f64;
+        r += f * (i % base) as f64;
+        i /= base;
+    }
+    r
+}
+
+#[cfg(test)]
+mod tests {
+    use super::bands::axis_bands;
+    use super::descent::Curvature;
+    use super::*;
+    use crate::SolverConfig;
+    use crate::problem::AxisBound;
+    use gensim2_geometry::Robot;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    /// A six-joint arm with a spherical wrist.
+    fn arm() -> Arc<Robot> {
+        let joint = |i: usize, axis: &str, xyz: &str| {
+            format!(
+                r#"<joint name="j{i}" type="revolute"><parent link="l{}"/><child link="l{i}"/><origin xyz="{xyz}"/>
+                <axis xyz="{axis}"/><limit lower="-2.8" upper="2.8" effort="1" velocity="2"/></joint>"#,
+                i - 1
+            )
+        };
+        let links: String = (0..7).map(|i| format!(r#"<link name="l{i}"/>"#)).collect();
+        let joints = [
+            joint(1, "0 0 1", "0 0 0.3"),
+            joint(2, "0 1 0", "0 0 0"),
+            joint(3, "0 1 0", "0 0 0.4"),
+            joint(4, "0 0 1", "0 0 0.4"),
+            joint(5, "0 1 0", "0 0 0"),
+            joint(6, "0 0 1", "0 0 0.1"),
+        ]
+        .concat();
+        let text = format!(r#"<robot name="arm">{links}{joints}</robot>"#);
+        Arc::new(Robot::from_urdf_str(&text, "arm.urdf", None, "l6", None).unwrap())
+    }
+
+    fn problem(inner: f64, tolerance: f64, target: [f64; 3]) -> KeypointProblem {
+        let config = SolverConfig::from_json(&format!(
+            r#"{{"constraint_list": [
+                {{"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal",
+                  "tolerance": 0.001}},
+                {{"type": "frame_axis_parallel", "axis_from_keypoint_name": "base", "axis_to_keypoint_name": "tip",
+                  "target_axis": [0, 0, 1], "target_axis_frame": "world", "target_inner_product": {inner},
+                  "tolerance": {tolerance}}}]}}"#
+        ))
+        .unwrap();
+        let point = |z: f64| Vector3::new(0.0, 0.0, z);
+        let tool = BTreeMap::from([("base".to_owned(), point(0.0)), ("tip".to_owned(), point(0.1))]);
+        let goal = BTreeMap::from([("goal".to_owned(), Vector3::from(target))]);
+        let start = vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0];
+        KeypointProblem::new(arm(), config, start, tool, goal, Pose::identity()).unwrap()
+    }
+
+    #[test]
+    fn the_gradient_and_hessian_are_those_of_the_cost() {
+        let problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
+        let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+        let mut resolved = problem.resolve().unwrap();
+        resolved.points.clear();
+        resolved.axes.clear();
+        resolved.costs.push(crate::problem::PlaneTerm {
+            on_hand: Vector3::new(0.1, 0.0, 0.2),
+            target: Vector3::new(0.3, 0.2, 0.1),
+            normal: Vector3::new(0.6, 0.0, 0.8),
+            weight: 3.0,
+        });
+        let mut search = ActuationSearch::new(&problem, &model, &resolved);
+        let mut x = search.start;
+        for (v, d) in [0.3, -0.2, 0.4, 0.5, -0.3, 0.8].iter().enumerate() {
+            x[v] += d;
+        }
+        let (g, hessian) = (search.gradient(&x), search.hessian(&x, &Curvature::default()));
+        for v in 0..6 {
+            let h = 1e-5;
+            let (mut up, mut down) = (x, x);
+            up[v] += h;
+            down[v] -= h;
+            let slope = (search.cost(&up) - search.cost(&down)) / (2.0 * h);
+            assert!((slope - g[v]).abs() < 1e-6, "{v}: {slope} {}", g[v]);
+            let (gu, gd) = (search.gradient(&up), search.gradient(&down));
+            for w in 0..6 {
+                let curve = (gu[w] - gd[w]) / (2.0 * h);
+                assert!((curve - hessian[v][w]).abs() < 1e-5, "{v} {w}: {curve} {}", hessian[v][w]);
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(30))]
+        #[test]
+        fn poses_found_meet_the_constraints(
+            inner in -1.0..1.0f64, tolerance in 0.005..0.2f64,
+            angle in -1.5..1.5f64, out in 0.35..0.6f64, up in 0.2..0.5f64,
+        ) {
+            let problem = problem(inner, tolerance, [out * angle.cos(), out * angle.sin(), up]);
+            let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+            let resolved = problem.resolve().unwrap();
+            let mut search = ActuationSearch::new(&problem, &model, &resolved);
+            let found = search.run(24);
+            for c in &found.candidates {
+                prop_assert!(search.violation(&c.x) <= 0.0);
+                prop_assert!((search.cost(&c.x) - c.cost).abs() < 1e-9);
+            }
+            prop_assert!(found.candidates.windows(2).all(|w| w[0].cost <= w[1].cost));
+            prop_assert_eq!(found.candidates.is_empty(), found.best_effort.is_some());
+        }
+
+        #[test]
+        fn bands_hold_what_the_angle_allows(
+            inner in -1.0..1.0f64, tolerance in 0.01..0.4f64, polar in 0.0..3.1f64, around in 0.0..6.2f64,
+        ) {
+            let bound = AxisBound {
+                entry: 0, on_hand: Vector3::x(), target: Vector3::z(), center: inner.acos(), tolerance,
+            };
+            let u = Vector3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos());
+            let allowed = (polar - bound.center).abs() <= 0.97 * tolerance;
+            let inside = axis_bands(&bound, &u).all(|(m, low, high)| (low..=high).contains(&u.dot(&m)));
+            prop_assert!(!allowed || inside, "{polar} {}", bound.center);
+        }
+    }
+}

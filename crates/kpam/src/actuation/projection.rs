@@ -1,0 +1,188 @@
+//! Onto the constraints: damped Gauss-Newton within joint limits.
+
+use nalgebra::Vector3;
+
+use super::ActuationSearch;
+use super::bands::any_across;
+use crate::model::{MOST_JOINTS, Row};
+
+/// Most iterations of the projection.
+const PROJECTIONS: usize = 25;
+/// A projection that has not halved its squared miss within this many iterations is given up.
+const PATIENCE: usize = 8;
+/// Largest change of a joint in one iteration (rad or m).
+pub(super) const STEP: f64 = 0.5;
+/// Share of an angle's tolerance within which it is not pulled further.
+const SLACK: f64 = 0.3;
+/// Distance to the workspace's faces that is aimed at (m).
+const INNER: f64 = 1e-3;
+
+/// Residuals with their gradients.
+pub(super) type Residuals = Vec<(Row, f64)>;
+
+impl ActuationSearch<'_> {
+    /// Moves `x` onto the constraints; returns the violation that is left, at most zero where they are met.
+    pub(super) fn project(&mut self, x: &mut Row) -> f64 {
+        let n = self.model.n().min(MOST_JOINTS);
+        for v in 0..n {
+            x[v] = x[v].clamp(self.lower[v], self.upper[v]);
+        }
+        let mut damping = 1e-3;
+        let mut rows = std::mem::take(&mut self.residuals);
+        let mut trial_rows = std::mem::take(&mut self.trial_residuals);
+        self.residual_rows(x, &mut rows);
+        let mut norm = square_sum(&rows);
+        let near = self.near * self.near;
+        let mut milestone = norm;
+        for iteration in 1..=PROJECTIONS {
+            if norm < near {
+                break;
+            }
+            if iteration % PATIENCE == 0 {
+                if norm > 0.5 * milestone {
+                    break;
+                }
+                milestone = norm;
+            }
+            let mut gradient = [0.0; MOST_JOINTS];
+            let mut normal = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+            for (row, r) in &rows {
+                for i in 0..n {
+                    gradient[i] += row[i] * r;
+                    for k in 0..=i {
+                        normal[i][k] += row[i] * row[k];
+                    }
+                }
+            }
+            // Joints at a limit that would be pushed further stay there.
+            let mut free = [true; MOST_JOINTS];
+            for v in 0..n {
+                free[v] =
+                    !((x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0));
+            }
+            let Some(step) = solve_damped(n, &normal, &gradient, &free, damping) else { break };
+            let longest = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
+            let shrink = if longest > STEP { STEP / longest } else { 1.0 };
+            let mut trial = *x;
+            for v in 0..n {
+                trial[v] = (x[v] + shrink * step[v]).clamp(self.lower[v], self.upper[v]);
+            }
+            self.residual_rows(&trial, &mut trial_rows);
+            let next = square_sum(&trial_rows);
+            if next < norm {
+                *x = trial;
+                norm = next;
+                std::mem::swap(&mut rows, &mut trial_rows);
+                damping = (damping * 0.2).max(1e-9);
+            } else {
+                damping *= 10.0;
+                if damping > 1e3 {
+                    break;
+                }
+            }
+        }
+        self.residuals = rows;
+        self.trial_residuals = trial_rows;
+        self.violation(x)
+    }
+
+    /// Residuals that vanish well inside the constraints, with their gradients.
+    fn residual_rows(&mut self, x: &Row, out: &mut Residuals) {
+        self.place(x);
+        out.clear();
+        let placed = &self.placed;
+        let hand = placed.hand;
+        for p in &self.resolved.points {
+            let at = hand.rotation * p.on_hand + hand.translation.vector;
+            for (k, row) in placed.point_rows(&at).into_iter().enumerate() {
+                out.push((row, at[k] - p.target[k]));
+            }
+        }
+        for a in &self.resolved.axes {
+            let u = hand.rotation * a.on_hand;
+            let cross = u.cross(&a.target);
+            let sin = cross.norm();
+            let angle = sin.atan2(u.dot(&a.target));
+            let slack = SLACK * a.tolerance;
+            let miss = angle - angle.clamp(a.center - slack, a.center + slack);
+            // Where the directions are (anti)parallel, any axis across them turns one away from the other.
+            let normal = if sin > 1e-9 { cross / sin } else { any_across(&u) };
+            out.push((placed.angular_row(&-normal), miss));
+        }
+        if let Some([low, high]) = self.problem.options.workspace {
+            for k in 0..3 {
+                let c = hand.translation.vector[k];
+                let inner = INNER.min(0.5 * (high[k] - low[k]));
+                let miss = c - c.clamp(low[k] + inner, high[k] - inner);
+                if miss != 0.0 {
+                    out.push((placed.linear_row(&hand.translation.vector, &Vector3::ith(k, 1.0)), miss));
+                }
+            }
+        }
+    }
+
+    /// How small the residuals must be together for every constraint to hold: well inside the tightest tolerance.
+    pub(super) fn nearness(&self) -> f64 {
+        let points = self.resolved.points.iter().map(|p| p.tolerance);
+        let angles = self.resolved.axes.iter().map(|a| a.tolerance);
+        (0.2 * points.chain(angles).fold(INNER, f64::min)).max(1e-12)
+    }
+}
+
+fn square_sum(rows: &[(Row, f64)]) -> f64 {
+    rows.iter().map(|(_, r)| r * r).sum()
+}
+
+/// Solves `(N + damping I) d = -g` over the free variables; `N` is given by its lower triangle.
+fn solve_damped(
+    n: usize,
+    normal: &[Row; MOST_JOINTS],
+    gradient: &Row,
+    free: &[bool; MOST_JOINTS],
+    damping: f64,
+) -> Option<Row> {
+    let n = n.min(MOST_JOINTS); // so that the compiler need not check each index
+    let mut l = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+    let mut inverse = [1.0; MOST_JOINTS];
+    let mut y = [0.0; MOST_JOINTS];
+    for i in 0..n {
+        if !free[i] {
+            l[i][i] = 1.0;
+            continue;
+        }
+        for k in 0..=i {
+            if !free[k] {
+                continue;
+            }
+            let mut sum = normal[i][k] + if i == k { damping } else { 0.0 };
+            for m in 0..k {
+                sum -= l[i][m] * l[k][m];
+            }
+            if i == k {
+                if sum.is_nan() || sum <= 0.0 {
+                    return None;
+                }
+                l[i][i] = sum.sqrt();
+                inverse[i] = 1.0 / l[i][i];
+            } else {
+                l[i][k] = sum * inverse[k];
+            }
+        }
+        let mut sum = -gradient[i];
+        for k in 0..i {
+            sum -= l[i][k] * y[k];
+        }
+        y[i] = sum * inverse[i];
+    }
+    for i in (0..n).rev() {
+        let mut sum = y[i];
+        for k in i + 1..n {
+            sum -= l[k][i] * y[k];
+        }
+        y[i] = sum * inverse[i];
+        if !free[i] {
+            y[i] = 0.0;
+        }
+    }
+    Some(y)
+}
