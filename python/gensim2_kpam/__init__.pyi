@@ -225,5 +225,9 @@ def plan(problem: KeypointProblem) -> Plan:
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
     """Plans many on ``threads`` threads (default: all cores); the same results as ``plan``, in order."""
 
+def in_collision(problem: KeypointProblem, q: Numbers) -> bool | npt.NDArray[np.bool_]:
+    """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; attached bodies
+    ride on the hand; links that no joint moves and pairs that the SRDF disables are left out."""
+
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
     """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object"."""

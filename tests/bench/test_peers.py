@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,18 @@ def test_kinematics_agree(capsys: pytest.CaptureFixture[str]) -> None:
 
     assert kinematics.main(["--count", "200", "--repeats", "1"]) == 0
     assert "largest disagreement" in capsys.readouterr().out
+
+
+def test_collisions_agree_with_coal(capsys: pytest.CaptureFixture[str]) -> None:
+    import collision
+
+    affinity = os.sched_getaffinity(0)
+    try:
+        assert collision.main(["--hulls", "40", "--configurations", "300", "--repeats", "1"]) == 0
+    finally:
+        os.sched_setaffinity(0, affinity)
+    found = {line.rsplit(maxsplit=1)[0].strip(): line.split()[-1] for line in capsys.readouterr().out.splitlines()}
+    assert found["configurations on which the two disagree"] == "0"
 
 
 def test_sampling_finds_the_motion_and_goes_on(problem: dict[str, Any], assets: Path, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::{Aabb, Bvh, Contact, Convex, Pose, Robot, signed_distance};
+use crate::{Aabb, Bvh, Contact, Convex, Corners, Pose, Robot, signed_distance};
 
 /// What a link is near to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,7 +25,9 @@ pub struct Proximity {
 }
 
 struct Element {
-    shape: Convex,
+    corners: Corners,
+    radius: f64,
+    center: Point3<f64>,
     bounds: Aabb,
     body: usize,
 }
@@ -47,7 +49,13 @@ impl Scene {
             scene.bodies = index + 1;
             scene.elements.extend(shapes.iter().map(|s| {
                 let shape = s.moved(pose);
-                Element { bounds: shape.aabb_at(&Pose::identity()), shape, body: index }
+                Element {
+                    bounds: shape.aabb_at(&Pose::identity()),
+                    corners: Corners::of(shape.points()),
+                    radius: shape.radius(),
+                    center: *shape.center(),
+                    body: index,
+                }
             }));
         }
         let boxes: Vec<Aabb> = scene.elements.iter().map(|e| e.bounds).collect();
@@ -86,7 +94,7 @@ pub struct RobotShapes {
 pub struct Scratch {
     poses: Vec<Pose>,
     boxes: Vec<Aabb>,
-    corners: Vec<Vec<Point3<f64>>>,
+    corners: Vec<Corners>,
     placed: Vec<bool>,
     best: Vec<f64>,
 }
@@ -168,7 +176,7 @@ impl RobotShapes {
         }
         scratch.placed.clear();
         scratch.placed.resize(self.pieces.len(), false);
-        scratch.corners.resize_with(self.pieces.len(), Vec::new);
+        scratch.corners.resize_with(self.pieces.len(), Corners::default);
     }
 
     fn ensure(&self, piece: usize, scratch: &mut Scratch) {
@@ -223,10 +231,10 @@ impl RobotShapes {
                         }
                         self.ensure(piece, scratch);
                         let mine = &self.pieces[piece].shape;
-                        let toward = element.shape.center() - nalgebra::center(&bounds.min, &bounds.max);
+                        let toward = element.center - nalgebra::center(&bounds.min, &bounds.max);
                         let found = signed_distance(
                             (&scratch.corners[piece], mine.radius()),
-                            (element.shape.points(), element.shape.radius()),
+                            (&element.corners, element.radius),
                             &toward,
                             limit.max(0.0),
                         );

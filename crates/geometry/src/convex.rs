@@ -142,9 +142,8 @@ impl Convex {
     }
 
     /// The corners moved by a pose, written into `out`.
-    pub fn corners_at(&self, pose: &Pose, out: &mut Vec<Point3<f64>>) {
-        out.clear();
-        out.extend(self.points.iter().map(|p| pose * p));
+    pub fn corners_at(&self, pose: &Pose, out: &mut Corners) {
+        out.place(&self.points, pose);
     }
 
     /// The shape moved by a pose.
@@ -204,20 +203,69 @@ pub struct Contact {
     pub normal: Vector3<f64>,
 }
 
-struct Points<'a>(&'a [Point3<f64>]);
+/// Corners that are looked at in one go.
+const LANES: usize = 4;
 
-impl SupportMap for Points<'_> {
-    fn local_support_point(&self, dir: &Vector3<f64>) -> Point3<f64> {
-        let mut best = 0;
-        let mut value = f64::NEG_INFINITY;
-        for (i, p) in self.0.iter().enumerate() {
-            let v = p.coords.dot(dir);
-            if v > value {
-                value = v;
-                best = i;
+/// Corners of a hull, coordinate by coordinate: looking for the furthest one is what most time goes into, and this way
+/// the compiler can look at several at once.
+#[derive(Debug, Clone, Default)]
+pub struct Corners {
+    /// Blocks of x, y and z; the last one is filled up with copies of its first corner.
+    blocks: Vec<[[f64; LANES]; 3]>,
+}
+
+impl Corners {
+    /// The corners of points.
+    #[must_use]
+    pub fn of(points: &[Point3<f64>]) -> Self {
+        let mut corners = Self::default();
+        corners.place(points, &Pose::identity());
+        corners
+    }
+
+    /// Replaces the corners by points moved by a pose.
+    pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
+        self.blocks.clear();
+        let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
+        for chunk in points.chunks(LANES) {
+            let mut block = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let p = chunk.get(lane).unwrap_or(&chunk[0]);
+                let moved = r * p.coords + t;
+                for k in 0..3 {
+                    block[k][lane] = moved[k];
+                }
+            }
+            self.blocks.push(block);
+        }
+    }
+
+    /// The corner furthest along `direction`; the first of several.
+    fn furthest(&self, direction: &Vector3<f64>) -> Point3<f64> {
+        let mut best = [f64::NEG_INFINITY; LANES];
+        let mut at = [0usize; LANES];
+        for (index, [x, y, z]) in self.blocks.iter().enumerate() {
+            for lane in 0..LANES {
+                let value = x[lane] * direction.x + y[lane] * direction.y + z[lane] * direction.z;
+                let further = value > best[lane];
+                best[lane] = if further { value } else { best[lane] };
+                at[lane] = if further { index } else { at[lane] };
             }
         }
-        self.0[best]
+        let mut lane = 0;
+        for other in 1..LANES {
+            if best[other] > best[lane] || (best[other] == best[lane] && at[other] < at[lane]) {
+                lane = other;
+            }
+        }
+        let [x, y, z] = &self.blocks[at[lane]];
+        Point3::new(x[lane], y[lane], z[lane])
+    }
+}
+
+impl SupportMap for Corners {
+    fn local_support_point(&self, dir: &Vector3<f64>) -> Point3<f64> {
+        self.furthest(dir)
     }
 }
 
@@ -226,22 +274,22 @@ impl SupportMap for Points<'_> {
 /// `toward` is a guess of the direction from the first to the second; any vector will do.
 #[must_use]
 pub fn signed_distance(
-    first: (&[Point3<f64>], f64),
-    second: (&[Point3<f64>], f64),
+    first: (&Corners, f64),
+    second: (&Corners, f64),
     toward: &Vector3<f64>,
     reach: f64,
 ) -> Option<Contact> {
-    let (a, b) = (Points(first.0), Points(second.0));
+    let (a, b) = (first.0, second.0);
     let rounding = first.1 + second.1;
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
     let mut simplex = VoronoiSimplex::new();
-    simplex.reset(CSOPoint::from_shapes(&same, &a, &b, &direction));
-    let found = match gjk::closest_points(&same, &a, &b, reach + rounding, true, &mut simplex) {
+    simplex.reset(CSOPoint::from_shapes(&same, a, b, &direction));
+    let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
         GJKResult::NoIntersection(_) => None,
         GJKResult::Proximity(_) | GJKResult::Intersection => {
-            let (p, q, n) = EPA::new().closest_points(&same, &a, &b, &simplex).unwrap_or((
+            let (p, q, n) = EPA::new().closest_points(&same, a, b, &simplex).unwrap_or((
                 a.local_support_point(&direction),
                 b.local_support_point(&-direction.into_inner()),
                 direction,
@@ -264,7 +312,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn between(a: &Convex, b: &Convex) -> Contact {
-        signed_distance((a.points(), a.radius()), (b.points(), b.radius()), &(b.center() - a.center()), 10.0).unwrap()
+        let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+        signed_distance((&p, a.radius()), (&q, b.radius()), &(b.center() - a.center()), 10.0).unwrap()
     }
 
     fn cube(half: f64, at: [f64; 3]) -> Convex {

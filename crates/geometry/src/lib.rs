@@ -29,7 +29,7 @@ mod urdf;
 
 pub use bvh::{Aabb, Bvh};
 pub use collision::{Proximity, RobotShapes, Scene, Scratch, Target};
-pub use convex::{Contact, Convex, signed_distance};
+pub use convex::{Contact, Convex, Corners, signed_distance};
 pub use error::{ShapeError, UrdfError};
 pub use pose::{Pose, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about};
 pub use robot::{Chain, ChainFrames, Joint, JointKind, Link, Mimic, Robot};

@@ -16,7 +16,7 @@ const COARSE: f64 = 0.02;
 /// No stand-ins for distances.
 const EXACT: f64 = f64::INFINITY;
 /// Overlaps up to this are rounding (m).
-const TOUCH: f64 = 1e-4;
+pub(crate) const TOUCH: f64 = 1e-4;
 
 /// An overlap that breaks the rules, or a distance for a report.
 #[derive(Debug, Clone)]
@@ -141,6 +141,29 @@ impl<'p> Judge<'p> {
             self.start_self[i] = d.min(0.0);
             self.start_overlap = self.start_overlap.max(-d);
         }
+    }
+
+    /// Depth (m) of the deepest judged overlap at `x`, zero where there is none.
+    pub fn overlap(&mut self, x: &Row, stage: usize) -> f64 {
+        self.place(x);
+        let mut deepest: f64 = 0.0;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let reach = |link: usize, body: usize| if self.judged(link, body, stage) { 0.0 } else { f64::NEG_INFINITY };
+        self.shapes.near_bodies(&self.scene, &mut scratch, EXACT, reach, |p| {
+            deepest = deepest.max(-p.contact.distance);
+            true
+        });
+        self.shapes.near_self(
+            &mut scratch,
+            EXACT,
+            |_| 0.0,
+            |_, p| {
+                deepest = deepest.max(-p.contact.distance);
+                true
+            },
+        );
+        self.scratch = scratch;
+        deepest
     }
 
     fn place(&mut self, x: &Row) {
@@ -481,6 +504,8 @@ impl Bubble {
 /// Clearance asked of judged pairs, and less where a pair cannot keep it.
 #[derive(Debug, Clone)]
 pub(crate) struct Margins {
+    /// Whether overlaps of the start may persist.
+    forgiving: bool,
     clearance: f64,
     bodies: Vec<((usize, usize), f64)>,
     pairs: Vec<(usize, f64)>,
@@ -488,7 +513,12 @@ pub(crate) struct Margins {
 
 impl Margins {
     pub fn plain(clearance: f64) -> Self {
-        Self { clearance, bodies: Vec::new(), pairs: Vec::new() }
+        Self { forgiving: true, clearance, bodies: Vec::new(), pairs: Vec::new() }
+    }
+
+    /// The same margins after the overlaps of the start have come apart: they may not come back.
+    pub fn parted(self) -> Self {
+        Self { forgiving: false, ..self }
     }
 
     /// The same margins, all `by` smaller.
@@ -508,7 +538,7 @@ impl Margins {
             .filter(|(key, _)| *key == (link, body))
             .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
         let start = start[link][body];
-        if start < 0.0 { asked.min(start - TOUCH) } else { asked }
+        if start < 0.0 && self.forgiving { asked.min(start - TOUCH) } else { asked }
     }
 
     fn itself(&self, start: &[f64], pair: usize) -> f64 {
@@ -518,6 +548,6 @@ impl Margins {
             .filter(|(key, _)| *key == pair)
             .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
         let start = start[pair];
-        if start < 0.0 { asked.min(start - TOUCH) } else { asked }
+        if start < 0.0 && self.forgiving { asked.min(start - TOUCH) } else { asked }
     }
 }

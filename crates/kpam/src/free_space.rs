@@ -1,11 +1,15 @@
 //! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
 //! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
 
-use crate::contact::{Hit, Judge, Margins};
+use crate::contact::{Hit, Judge, Margins, TOUCH};
 use crate::model::{MOST_JOINTS, Model, Row};
 
 /// Longest edge that a tree grows by (weighted rad).
 const EDGE: f64 = 0.6;
+/// Directions that are tried to leave an overlap, ever longer ones, at most an edge long.
+const EXITS: usize = 96;
+/// Step at which that is watched (rad).
+const EXIT_STEP: f64 = 0.02;
 /// Rounds of shortcuts.
 const SHORTCUTS: usize = 60;
 
@@ -114,6 +118,43 @@ pub(crate) fn connect(
         active = 1 - active;
     }
     Err(hit)
+}
+
+/// Where the start overlaps something: a pose near it that is free, straight to which the overlap only lessens.
+pub(crate) fn way_out(judge: &mut Judge<'_>, model: &Model, start: &Row, stage: usize) -> Option<Row> {
+    let n = model.n();
+    let mut draws = Draws::new(0x6578_6974);
+    let free = Margins::plain(2.0 * TOUCH).parted();
+    for k in 0..EXITS {
+        let length = EDGE * (k + 1) as f64 / EXITS as f64;
+        let mut way = [0.0; MOST_JOINTS];
+        for value in way.iter_mut().take(n) {
+            *value = 2.0 * draws.unit() - 1.0;
+        }
+        let norm = way.iter().map(|w| w * w).sum::<f64>().sqrt();
+        if norm < 1e-6 {
+            continue;
+        }
+        let mut end = *start;
+        for v in 0..n {
+            end[v] = (start[v] + way[v] * length / norm).clamp(model.lower[v], model.upper[v]);
+        }
+        if judge.at(&end, stage, &free).is_some() {
+            continue;
+        }
+        let steps = (length / EXIT_STEP).ceil() as usize;
+        let mut depth = f64::INFINITY;
+        let lessens = (0..=steps).all(|i| {
+            let next = judge.overlap(&between(n, start, &end, i as f64 / steps as f64), stage);
+            let less = next <= depth + 0.1 * TOUCH;
+            depth = next;
+            less
+        });
+        if lessens {
+            return Some(end);
+        }
+    }
+    None
 }
 
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.

@@ -8,6 +8,7 @@ use crate::KeypointProblem;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+use crate::trajectory::Curve;
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;
@@ -16,6 +17,10 @@ const TURN: f64 = 0.05;
 const JUMP: f64 = 0.25;
 /// Hand pose is met within this (m and rad) at waypoints.
 const EXACT: f64 = 1e-6;
+/// The curve through the waypoints leaves the path by at most this (m).
+const OFF_PATH: f64 = 2e-3;
+/// Where it would leave the path or the joint limits, waypoints come this many times closer, and once more.
+const FINER: [usize; 3] = [1, 4, 16];
 /// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
@@ -47,9 +52,23 @@ impl<'p> Follower<'p> {
     }
 
     /// Follows `path` from `x`, which is at its start (or, with `backwards`, at its end).
+    ///
+    /// The motion runs on the curve through the waypoints, so that has to keep to the path and to the joint limits
+    /// between them as well: where a joint turns sharply, waypoints come closer together, or the path ends there.
     pub fn follow(&mut self, path: &HandPath, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
+        let mut out = Followed { waypoints: vec![*x], fraction: 0.0 };
+        for finer in FINER {
+            out = self.follow_in(path, x, backwards, steps * finer);
+            let Some(stray) = self.strays(path, &out, backwards, steps * finer) else { return out };
+            out.waypoints.truncate(stray + 1);
+            out.fraction = stray as f64 / (steps * finer) as f64;
+        }
+        out
+    }
+
+    fn follow_in(&mut self, path: &HandPath, x: &Row, backwards: bool, steps: usize) -> Followed {
         let mut waypoints = vec![*x];
         let mut last = *x;
         let mut velocity = [0.0; MOST_JOINTS];
@@ -66,6 +85,30 @@ impl<'p> Follower<'p> {
             waypoints.push(next);
         }
         Followed { waypoints, fraction: 1.0 }
+    }
+
+    /// The first waypoint after which the curve through them leaves the path or the joint limits.
+    fn strays(&mut self, path: &HandPath, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
+        let n = self.model.n();
+        let waypoints = &followed.waypoints;
+        let curve = Curve::new(n, waypoints);
+        if curve.knots() != waypoints.len() {
+            return None; // the path is shorter than what counts as a step
+        }
+        (0..waypoints.len() - 1).find(|&i| {
+            let limited = (0..n).all(|v| {
+                let (low, high) = curve.range(v, i);
+                // Waypoints may lie outside where the start does.
+                let (from, to) = (waypoints[i][v], waypoints[i + 1][v]);
+                low >= self.model.lower[v].min(from).min(to) && high <= self.model.upper[v].max(from).max(to)
+            });
+            let mut on_path = || {
+                let s = (i as f64 + 0.5) / steps as f64;
+                let wanted = path.at(if backwards { 1.0 - s } else { s }).translation.vector;
+                (self.hand(&curve.at(i, 0.5)).translation.vector - wanted).norm() < OFF_PATH
+            };
+            !(limited && on_path())
+        })
     }
 
     /// Joints near `from` at which the hand is at `goal`; `drift` is the previous step, which is likely to go on.

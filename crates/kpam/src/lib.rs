@@ -5,6 +5,7 @@
 //! solved and what was not. Metres, radians, seconds; poses are in the robot base frame.
 
 mod actuation;
+mod collision_check;
 pub mod config;
 mod contact;
 mod error;
@@ -18,6 +19,7 @@ mod problem;
 pub mod qp;
 mod trajectory;
 
+pub use collision_check::CollisionCheck;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;

@@ -4,14 +4,14 @@ use gensim2_geometry::{Pose, pose_to_matrix};
 use serde::{Deserialize, Serialize};
 
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::contact::{Clearances, Hit, Judge, Margins};
+use crate::contact::{Clearances, Hit, Judge, Margins, TOUCH};
 use crate::free_space;
 use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::motion::{Motions, motions};
 use crate::options::Timing;
 use crate::problem::Resolved;
-use crate::trajectory::{Builder, Limits};
+use crate::trajectory::{Builder, Curve, Limits};
 use crate::{KeypointProblem, Trajectory};
 
 /// How planning ended.
@@ -288,6 +288,8 @@ struct Planner<'p> {
     judge: Judge<'p>,
     limits: Limits,
     clock: Option<Vec<f64>>,
+    /// Where the start leaves what it overlaps, once that was looked for.
+    exit: Option<Option<Row>>,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
@@ -314,6 +316,7 @@ impl<'p> Planner<'p> {
             judge: Judge::new(problem, model),
             limits: limits(problem, model),
             clock,
+            exit: None,
         }
     }
 
@@ -457,7 +460,8 @@ impl<'p> Planner<'p> {
             starts: false,
         };
         let avoid = self.problem.options.avoid_collisions;
-        let plain = Margins::plain(0.0);
+        // What overlapped at the start has come apart on the approach.
+        let plain = Margins::plain(0.0).parted();
         if let Some(hit) = self.judge.at(x, act + 1, &plain) {
             out.hits.push((act, hit.clone()));
             if avoid {
@@ -539,7 +543,6 @@ impl<'p> Planner<'p> {
         let n = self.model.n();
         let start = self.start_after_brake();
         let near = self.model.pick(&self.model.rest);
-        let margins = self.judge.margins_between(&start, goal, 1, self.problem.options.margin);
         let braking = self.judge.sweep(&near, &start, 1, &Margins::plain(0.0));
         let straight = |hit| Ok((vec![vec![start, *goal]], Some(hit)));
         if let Some(hit) = braking {
@@ -549,30 +552,63 @@ impl<'p> Planner<'p> {
             let hit = self.judge.sweep(&start, goal, 1, &Margins::plain(0.0));
             return Ok((vec![vec![start, *goal]], hit));
         }
-        let mut margins = margins;
-        let mut corners = free_space::connect(&mut self.judge, self.model, &start, goal, 1, &margins, samples);
-        if corners.is_err() && self.problem.options.margin > 0.0 {
+        // What overlaps at the start comes apart first, and then stays apart.
+        let out = self.way_out(&start);
+        let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        let wish = self.problem.options.margin;
+        let (corners, margins) = match self.connect(&begin, goal, wish, out.is_some(), samples) {
             // The clearance is a wish; a free motion without it is still free.
-            margins = self.judge.margins_between(&start, goal, 1, TIGHT);
-            corners = free_space::connect(&mut self.judge, self.model, &start, goal, 1, &margins, samples);
-        }
-        let corners = corners?;
+            Err(_) if wish > TIGHT => self.connect(&begin, goal, TIGHT, out.is_some(), samples)?,
+            other => other?,
+        };
         if corners.len() == 2 {
-            return Ok((vec![corners], None));
+            pieces.push(corners);
+            return Ok((pieces, None));
         }
         // One smooth curve where it stays free, with knots ever closer to the corners; else stop at each corner.
+        let (mut lower, mut upper) = (self.model.lower, self.model.upper);
+        for v in 0..n {
+            lower[v] = lower[v].min(begin[v]).min(goal[v]);
+            upper[v] = upper[v].max(begin[v]).max(goal[v]);
+        }
         for spacing in [0.5, 0.2, 0.08] {
             let curve = crate::trajectory::rounded(n, &corners, spacing);
             let fine = crate::trajectory::along(n, &curve, 0.05);
-            let inside = fine.iter().all(|x| {
-                (0..n).all(|v| x[v] >= self.model.lower[v].min(start[v]) && x[v] <= self.model.upper[v].max(start[v]))
-            });
-            let free = inside && self.judge.sweep_along(&fine, 1, &margins.eased(1e-3)).is_none();
-            if free {
-                return Ok((vec![curve], None));
+            if Curve::new(n, &curve).keeps_within(&lower, &upper)
+                && self.judge.sweep_along(&fine, 1, &margins.eased(1e-3)).is_none()
+            {
+                pieces.push(curve);
+                return Ok((pieces, None));
             }
         }
-        Ok((corners.windows(2).map(<[Row]>::to_vec).collect(), None))
+        pieces.extend(corners.windows(2).map(<[Row]>::to_vec));
+        Ok((pieces, None))
+    }
+
+    /// Corners of a free motion that keeps a clearance, and the margins that they keep to.
+    fn connect(
+        &mut self,
+        from: &Row,
+        to: &Row,
+        clearance: f64,
+        parted: bool,
+        samples: usize,
+    ) -> Result<(Vec<Row>, Margins), Hit> {
+        let margins = self.judge.margins_between(from, to, 1, clearance);
+        let margins = if parted { margins.parted() } else { margins };
+        let corners = free_space::connect(&mut self.judge, self.model, from, to, 1, &margins, samples)?;
+        Ok((corners, margins))
+    }
+
+    /// A free pose near the start, where that overlaps something and can get out of it.
+    fn way_out(&mut self, start: &Row) -> Option<Row> {
+        if self.judge.start_overlap <= TOUCH {
+            return None;
+        }
+        if self.exit.is_none() {
+            self.exit = Some(free_space::way_out(&mut self.judge, self.model, start, 1));
+        }
+        self.exit.flatten()
     }
 
     fn start_velocity(&self) -> Row {

@@ -15,7 +15,7 @@ pub(crate) struct Limits {
 
 /// A curve through waypoints over 0..1, its joints' cubics joined with continuous second derivatives.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Curve {
+pub(crate) struct Curve {
     knots: Vec<f64>,
     values: Vec<Vec<f64>>,
     second: Vec<Vec<f64>>,
@@ -23,7 +23,7 @@ struct Curve {
 
 impl Curve {
     /// Natural cubic spline by the length of the polygon; `n` joints.
-    fn new(n: usize, waypoints: &[Row]) -> Self {
+    pub fn new(n: usize, waypoints: &[Row]) -> Self {
         let mut knots = vec![0.0];
         let mut points: Vec<Row> = waypoints.first().copied().into_iter().collect();
         for w in waypoints.iter().skip(1) {
@@ -54,6 +54,50 @@ impl Curve {
         let value = a * y[i] + b * y[i + 1] + ((a.powi(3) - a) * m[i] + (b.powi(3) - b) * m[i + 1]) * h * h / 6.0;
         let first = (y[i + 1] - y[i]) / h + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * h / 6.0;
         [value, first, a * m[i] + b * m[i + 1], (m[i + 1] - m[i]) / h]
+    }
+
+    /// Number of knots: that of the waypoints, less those that repeat the one before.
+    pub fn knots(&self) -> usize {
+        self.knots.len()
+    }
+
+    /// Joints at a fraction of interval `i`.
+    pub fn at(&self, i: usize, fraction: f64) -> Row {
+        let u = self.knots[i] + fraction * (self.knots[i + 1] - self.knots[i]);
+        let mut x = [0.0; MOST_JOINTS];
+        for (v, value) in x.iter_mut().enumerate().take(self.values.len()) {
+            *value = self.joint(v, i, u)[0];
+        }
+        x
+    }
+
+    /// Least and greatest value of joint `v` in interval `i`.
+    pub fn range(&self, v: usize, i: usize) -> (f64, f64) {
+        let (start, end) = (self.knots[i], self.knots[i + 1]);
+        let [first, slope, bend, change] = self.joint(v, i, start);
+        let last = self.joint(v, i, end)[0];
+        let (mut low, mut high) = (first.min(last), first.max(last));
+        // Where slope + bend t + change t^2 / 2 vanishes inside.
+        let (a, b, c) = (0.5 * change, bend, slope);
+        let root = (b * b - 4.0 * a * c).max(0.0).sqrt();
+        let q = -0.5 * (b + root.copysign(b));
+        for t in [q / a, c / q] {
+            if t > 0.0 && t < end - start {
+                let value = self.joint(v, i, start + t)[0];
+                (low, high) = (low.min(value), high.max(value));
+            }
+        }
+        (low, high)
+    }
+
+    /// Whether every joint stays between `lower` and `upper` all along.
+    pub fn keeps_within(&self, lower: &Row, upper: &Row) -> bool {
+        (0..self.values.len()).all(|v| {
+            (0..self.knots.len().saturating_sub(1)).all(|i| {
+                let (low, high) = self.range(v, i);
+                low >= lower[v] && high <= upper[v]
+            })
+        })
     }
 
     fn interval(&self, u: f64) -> usize {

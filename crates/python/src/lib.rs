@@ -36,6 +36,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
+    m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
     Ok(())
 }

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_kpam::{Gripper, KeypointProblem, Options, Plan, SolverConfig, StageTimes, Trajectory};
+use gensim2_kpam::{CollisionCheck, Gripper, KeypointProblem, Options, Plan, SolverConfig, StageTimes, Trajectory};
 use nalgebra::Vector3;
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
 
@@ -367,4 +368,24 @@ pub(crate) fn min_clearance<'py>(
     out.set_item("table", table)?;
     out.set_item("object", object)?;
     Ok(Some(out))
+}
+
+/// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
+#[pyfunction]
+pub(crate) fn in_collision<'py>(
+    py: Python<'py>,
+    problem: &Bound<'py, PyKeypointProblem>,
+    q: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let problem = &problem.get().0;
+    let n = problem.robot.joints().len();
+    let (data, count) = convert::joint_rows(q, n)?;
+    let hits: Vec<bool> = py.detach(|| {
+        let mut check = CollisionCheck::new(problem);
+        data.chunks_exact(n).map(|row| check.hits(row)).collect()
+    });
+    if count.is_none() {
+        return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
+    }
+    Ok(PyArray1::from_vec(py, hits).into_any())
 }
