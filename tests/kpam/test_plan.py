@@ -292,10 +292,11 @@ def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -
         tool_keypoints={"tip": [0, 0, 0]},
         object_keypoints={"goal": at},
         T_base_object=np.eye(4),
-        options={"workspace": None, "avoid_collisions": False},
+        options={"workspace": None},
     )
     plan = kpam.plan(scene)
     assert plan.status == "solved", plan.reason
     assert plan.trajectory is not None
+    assert plan.start_overlap == 0.0
     end = robot.forward_kinematics(plan.trajectory.positions[-1])[:3, 3]
     assert np.abs(end - at).max() < 1.1e-3

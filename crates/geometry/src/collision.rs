@@ -100,10 +100,10 @@ pub struct Scratch {
 }
 
 impl RobotShapes {
-    /// Shapes of a robot. `moving(link)` says whether a link moves in what is planned: pairs of links that both stand
-    /// still are left out.
+    /// Shapes of a robot. `changes(a, b)` says whether one link can move against the other in what is planned: pairs
+    /// that cannot are left out.
     #[must_use]
-    pub fn new(robot: &Robot, moving: impl Fn(usize) -> bool) -> Self {
+    pub fn new(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Self {
         let links = robot.links();
         let mut pieces = Vec::new();
         let mut ranges = Vec::new();
@@ -117,7 +117,7 @@ impl RobotShapes {
         for a in 0..links.len() {
             for b in a + 1..links.len() {
                 let shaped = !links[a].shapes.is_empty() && !links[b].shapes.is_empty();
-                if shaped && (moving(a) || moving(b)) && allowed.binary_search(&(a, b)).is_err() {
+                if shaped && changes(a, b) && allowed.binary_search(&(a, b)).is_err() {
                     pairs.push((a, b));
                 }
             }
@@ -331,7 +331,7 @@ fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
 
 /// Pairs of links that overlap at `q`.
 pub(crate) fn overlapping_pairs(robot: &Robot, q: &[f64]) -> Vec<(usize, usize)> {
-    let shapes = RobotShapes::new(robot, |_| true);
+    let shapes = RobotShapes::new(robot, |_, _| true);
     let mut scratch = Scratch::default();
     shapes.place(robot, q, &mut scratch);
     let mut out = Vec::new();

@@ -33,7 +33,7 @@ impl<'p> CollisionCheck<'p> {
                 }
             })
             .collect();
-        let mut shapes = RobotShapes::new(robot, |l| moving[l]);
+        let mut shapes = RobotShapes::new(robot, |a, b| moving[a] || moving[b]);
         let (riding, standing): (Vec<_>, Vec<_>) = problem.bodies.iter().partition(|b| b.role == Role::Attached);
         for body in riding {
             let moved: Vec<_> = body.shapes.iter().map(|s| s.moved(&body.pose)).collect();

@@ -78,7 +78,8 @@ impl<'p> Judge<'p> {
         };
         let moves: Vec<Vec<bool>> = (0..links.len()).map(|l| carrier.iter().map(|c| below(l, *c)).collect()).collect();
         let on_hand: Vec<bool> = (0..links.len()).map(|l| below(l, robot.hand())).collect();
-        let mut shapes = RobotShapes::new(robot, |l| moves[l].iter().any(|m| *m));
+        // Links that the same joints move keep their distance.
+        let mut shapes = RobotShapes::new(robot, |a, b| moves[a] != moves[b]);
         let bodies: Vec<usize> =
             (0..problem.bodies.len()).filter(|b| problem.bodies[*b].role != Role::Attached).collect();
         for body in problem.bodies.iter().filter(|b| b.role == Role::Attached) {
