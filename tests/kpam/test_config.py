@@ -44,6 +44,9 @@ def broken(change: Any) -> dict[str, Any]:
         (lambda c: c.update(pre_actuation_times=[1, 2]), "pre_actuation_times"),
         (lambda c: c.update(actuation_time=5, pre_actuation_times=[6]), "actuation_time"),
         (lambda c: c.update(gripper="ajar"), "gripper"),
+        (lambda c: c.update(pre_actuation_motions=[["translate_z", -1e300]]), r"pre_actuation_motions\[0\]"),
+        (lambda c: c.update(post_actuation_motions=["move-up"] * 2000), "post_actuation_motions"),
+        (lambda c: c.update(constraint_list=c["constraint_list"] * 2000), "constraint_list"),
         (lambda c: c.update({1: 2}), "key 1"),
     ],
 )

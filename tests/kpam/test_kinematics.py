@@ -73,7 +73,22 @@ def test_robot_pickles(panda: kpam.Robot) -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
+        ("", "XML"),
         ("<robot", "XML"),
+        ("<robot name='a'/>", "links"),
+        ("<robot name='a'>" + "<b>" * 100_000 + "</b>" * 100_000 + "</robot>", "deep"),
+        ("<robot name='a'>" + "".join(f"<link name='b{i}'/>" for i in range(10_001)) + "</robot>", "10001 links"),
+        (
+            "<robot name='a'><link name='b'/><link name='h'/><joint name='j' type='revolute'><parent link='b'/>"
+            "<child link='h'/><axis xyz='0 0 1'/><limit lower='nan' upper='1' effort='1' velocity='1'/></joint></robot>",
+            "joint j: limit",
+        ),
+        (
+            "<robot name='a'><link name='b'/><link name='h'/><joint name='j' type='revolute'><origin xyz='1e300 0 0'/>"
+            "<parent link='b'/><child link='h'/><axis xyz='0 0 1'/>"
+            "<limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>",
+            "joint j: origin",
+        ),
         ("<robot name='a'><link name='b'/></robot>", "hand_link"),
         (
             "<robot name='a'><link name='b'/><link name='h'/><joint name='j' type='revolute'><parent link='b'/>"

@@ -100,6 +100,9 @@ pub struct KeypointProblem {
 /// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
 const FARTHEST: f64 = 1e3;
 
+/// Fastest joint that a motion may start with (rad/s or m/s).
+const FASTEST: f64 = 100.0;
+
 impl KeypointProblem {
     /// A problem with default options, no joint, no obstacles, and the world at the base.
     ///
@@ -203,8 +206,8 @@ impl KeypointProblem {
         if !(o.margin >= 0.0 && o.margin <= 0.2) {
             return fail("margin", format!("must lie in 0 to 0.2 m, not {}", o.margin));
         }
-        if !o.start_time.is_finite() {
-            return fail("start_time", "must be finite".to_owned());
+        if o.start_time.is_nan() || o.start_time.abs() > 1e6 {
+            return fail("start_time", format!("must lie within 1e6 s, not {}", o.start_time));
         }
         if !(1..=1000).contains(&o.seeds)
             || !(1..=1000).contains(&o.candidates)
@@ -225,20 +228,20 @@ impl KeypointProblem {
             ("jerk_limits", &o.jerk_limits),
         ] {
             if let Some(v) = v
-                && (v.len() != n || !v.iter().all(|l| *l > 0.0))
+                && (v.len() != n || !v.iter().all(|l| (1e-6..=1e9).contains(l)))
             {
-                return fail(name, format!("needs {n} positive numbers, one a joint"));
+                return fail(name, format!("needs {n} numbers from 1e-6 to 1e9, one a joint"));
             }
         }
         if let Some(v) = &o.start_velocity
-            && (v.len() != n || !v.iter().all(|l| l.is_finite()))
+            && (v.len() != n || !v.iter().all(|l| l.abs() <= FASTEST))
         {
-            return fail("start_velocity", format!("needs {n} finite numbers, one a joint"));
+            return fail("start_velocity", format!("needs {n} numbers within {FASTEST} per second, one a joint"));
         }
         if let Some(w) = o.finger_width
-            && !w.is_finite()
+            && (w.is_nan() || w.abs() > 1.0)
         {
-            return fail("finger_width", format!("must be finite, not {w}"));
+            return fail("finger_width", format!("must lie within 1 m, not {w}"));
         }
         for (i, window) in o.contacts.iter().flatten().enumerate() {
             if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {
