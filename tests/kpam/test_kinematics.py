@@ -80,7 +80,8 @@ def test_robot_pickles(panda: kpam.Robot) -> None:
         ("<robot name='a'>" + "".join(f"<link name='b{i}'/>" for i in range(10_001)) + "</robot>", "10001 links"),
         (
             "<robot name='a'><link name='b'/><link name='h'/><joint name='j' type='revolute'><parent link='b'/>"
-            "<child link='h'/><axis xyz='0 0 1'/><limit lower='nan' upper='1' effort='1' velocity='1'/></joint></robot>",
+            "<child link='h'/><axis xyz='0 0 1'/>"
+            "<limit lower='nan' upper='1' effort='1' velocity='1'/></joint></robot>",
             "joint j: limit",
         ),
         (

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gensim2.cli import options
 from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
+
+if TYPE_CHECKING:
+    from gensim2.planning.scene import Scene
+    from gensim2_kpam import Plan
 
 
 @click.command("solve", cls=options.TaskCommand, short_help="Plan one motion for a task.")
@@ -18,6 +22,7 @@ from gensim2.cli.output import line, report, table
 @options.assets
 @options.instance("Object to solve for.  [default: drawn by --seed]")
 @options.out("Folder to write the plan to.  [default: written nowhere]")
+@click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file
 @click.pass_context
 def solve(
@@ -27,6 +32,7 @@ def solve(
     assets: str | None,
     instance: str | None,
     out: Path | None,
+    browser: bool,
     json_file: str | None,
 ) -> None:
     """Plan one motion for TASK in the scene of one seed, without executing it.
@@ -36,10 +42,20 @@ def solve(
     with report(json_file, _show) as (_, give):
         from gensim2.pipeline import solve as function
 
-        result = function(task, seed=seed, assets=assets, instance=instance, out=out).to_dict()
+        result = function(
+            task, seed=seed, assets=assets, instance=instance, out=out, view=_browse if browser else None
+        ).to_dict()
         give(result)
     if result["plan"]["status"] != "solved":
         ctx.exit(FOUND_WRONG)
+
+
+def _browse(scene: Scene, plan: Plan) -> None:
+    from gensim2.planning.show import show, wait
+
+    server = show(scene, plan)
+    click.echo(f"http://{server.get_host()}:{server.get_port()} shows the plan; Ctrl-C ends it", err=True)
+    wait(server)
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.report import write_report
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir
+from gensim2.planning.scene import Scene
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.library import load_config, load_config_file, load_task, load_task_file
 from gensim2.tasks.spec import TaskSpec
@@ -142,6 +144,7 @@ def solve(
     assets: str | Path | None = None,
     instance: str | None = None,
     out: Path | None = None,
+    view: Callable[[Scene, kpam.Plan], None] | None = None,
 ) -> SolveResult:
     """Plan the motion of a task on the scene of one seed, without executing it.
 
@@ -151,6 +154,7 @@ def solve(
         assets: as for ``demo``.
         instance: id of the object; drawn by the seed where None.
         out: folder in which to leave ``plan.json``.
+        view: called with the scene and the plan at the end, for example to show them.
 
     Raises:
         InputError: an argument cannot be used.
@@ -164,8 +168,11 @@ def solve(
     chosen = env.instance
     if chosen is None:
         raise InputError("no object in the scene", field="instance")
-    problem = SceneProblems(env.scene_state(), chosen.object_axis).problem(kpam.SolverConfig(config))
-    result = SolveResult(spec.name, spec.asset_class, chosen.id, kpam.plan(problem).to_dict())
+    scene = env.scene_state()
+    plan = kpam.plan(SceneProblems(scene, chosen.object_axis).problem(kpam.SolverConfig(config)))
+    result = SolveResult(spec.name, spec.asset_class, chosen.id, plan.to_dict())
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
+    if view is not None:
+        view(scene, plan)
     return result

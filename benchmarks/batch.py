@@ -1,0 +1,67 @@
+"""How much quicker does plan_batch answer a file of problems on more threads?
+
+    python benchmarks/batch.py --problems FILE [--assets DIR] [--threads 2] [--repeats 5]
+
+Wall time of the whole batch on one thread and on several, in turn; the best of the repeats counts, because whatever
+else runs on the machine only ever makes it slower. Ends with 1 where the answers differ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.bench.convert import keypoint_problem
+from gensim2.bench.problems import read_problems
+from gensim2.bench.scene import check_assets, problem_scene
+from gensim2.planning.robot import panda
+
+
+def questions(problems: Path, assets: Path | None) -> list[kpam.KeypointProblem]:
+    """The problems of a file with their scenes."""
+    robot = panda()
+    folder = None if assets is None else check_assets(assets)
+    return [
+        keypoint_problem(
+            problem,
+            problem_scene(problem, folder, robot.forward_kinematics(np.asarray(problem.q_current))),
+            robot,
+            frames="original",
+        )
+        for problem in read_problems(problems)
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line; returns 1 where the number of threads changes an answer."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problems", type=Path, required=True)
+    parser.add_argument("--assets", type=Path)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args(arguments)
+    batch = questions(options.problems, options.assets)
+    best: dict[int, float] = {}
+    answers: dict[int, list[dict[str, object]]] = {}
+    for _ in range(options.repeats):
+        for threads in (1, options.threads):
+            begin = time.perf_counter()
+            plans = kpam.plan_batch(batch, threads)
+            spent = time.perf_counter() - begin
+            best[threads] = min(spent, best.get(threads, spent))
+            answers[threads] = [plan.to_dict() for plan in plans]
+    for threads, seconds in best.items():
+        print(f"{threads} thread{'s' * (threads > 1)}: {1e3 * seconds:.0f} ms for {len(batch)} problems")
+    print(f"ratio: {best[1] / best[options.threads]:.2f}")
+    same = answers[1] == answers[options.threads]
+    print(f"the same answers: {'yes' if same else 'NO'}")
+    return int(not same)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
