@@ -5,42 +5,23 @@ import numpy as np
 import gensim2_kpam as kpam
 from gensim2.planning.robot import TOOL_KEYPOINTS, panda
 
-config = kpam.SolverConfig(
-    {
-        "task_name": "PushButton",
-        "constraint_list": [
-            {
-                "type": "point2point_constraint",
-                "keypoint_name": "tool_head",
-                "target_keypoint_name": "button",
-                "tolerance": 0.001,
-            },
-            {
-                "type": "frame_axis_parallel",
-                "axis_from_keypoint_name": "tool_head",
-                "axis_to_keypoint_name": "tool_tail",
-                "target_axis": [0, 0, 1],
-                "target_axis_frame": "world",
-                "target_inner_product": 1,
-                "tolerance": 0.01,
-            },
-        ],
-        "pre_actuation_motions": [["translate_z", -0.1]],  # come from 10 cm behind, along the hand's own z
-        "post_actuation_motions": ["move-forward"],
-    }
-)
-
-start = np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04])
+touch = {"type": "point2point_constraint", "keypoint_name": "tool_head", "target_keypoint_name": "button"}
+upright = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_head", "axis_to_keypoint_name": "tool_tail"}
+up = {"target_axis": [0, 0, 1], "target_axis_frame": "world", "target_inner_product": 1}
+config = {
+    "constraint_list": [{**touch, "tolerance": 0.001}, {**upright, **up, "tolerance": 0.01}],
+    "pre_actuation_motions": [["translate_z", -0.1]],  # come from 10 cm behind, along the hand's own z
+    "post_actuation_motions": ["move-forward"],
+}
 problem = kpam.KeypointProblem(
     panda(),
-    config,
-    start,
+    kpam.SolverConfig(config),
+    np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04]),
     tool_keypoints=TOOL_KEYPOINTS,
     object_keypoints={"button": np.array([0.5, 0.1, 0.2])},  # metres, in the robot's base frame
     T_base_object=np.eye(4),
 )
 plan = kpam.plan(problem)
-
 print("status:", plan.status, plan.reason)
 for residual in plan.residuals:
     print(f"  {residual['name']}: {residual['residual']:.1e} of {residual['tolerance']:.0e}")

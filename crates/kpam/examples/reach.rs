@@ -1,4 +1,4 @@
-//! Plans a Panda's way to a point above the table: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
+//! Plans a Panda's way to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,25 +11,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let urdf = std::env::args().nth(1).ok_or("usage: reach PANDA_URDF")?;
     let robot = Arc::new(Robot::from_urdf(&urdf, None, "panda_hand", None)?);
     let config = SolverConfig::from_json(
-        r#"{"constraint_list": [
-              {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "handle", "tolerance": 0.001},
-              {"type": "frame_axis_parallel", "axis_from_keypoint_name": "palm", "axis_to_keypoint_name": "tip",
-               "target_axis": [0, 0, -1], "target_axis_frame": "world", "target_inner_product": 1, "tolerance": 0.02}],
+        r#"{"constraint_list": [{"type": "point2point_constraint", "keypoint_name": "tip",
+                                 "target_keypoint_name": "handle", "tolerance": 0.001}],
             "pre_actuation_motions": [["translate_z", -0.1]], "post_actuation_motions": ["move-up"]}"#,
     )?;
     let start = vec![0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04];
-    let tool = [("palm", 0.0), ("tip", 0.105)].map(|(name, z)| (name.to_owned(), Vector3::new(0.0, 0.0, z)));
+    let tool = BTreeMap::from([("tip".to_owned(), Vector3::new(0.0, 0.0, 0.105))]);
     let handle = BTreeMap::from([("handle".to_owned(), Vector3::new(0.5, 0.2, 0.15))]);
-    let problem = KeypointProblem::new(robot, config, start, BTreeMap::from(tool), handle, Pose::identity())?;
+    let problem = KeypointProblem::new(robot, config, start, tool, handle, Pose::identity())?;
     let plan = plan(&problem);
     println!("{}: {}", plan.status.name(), plan.reason);
     for keyframe in &plan.keyframes {
-        println!(
-            "  {:10} at {:.2} s, hand at z = {:.3} m",
-            keyframe.label,
-            keyframe.time.unwrap_or(f64::NAN),
-            keyframe.hand[2][3]
-        );
+        let time = keyframe.time.unwrap_or(f64::NAN);
+        println!("  {:10} at {time:.2} s, hand at z = {:.3} m", keyframe.label, keyframe.hand[2][3]);
     }
     Ok(())
 }
