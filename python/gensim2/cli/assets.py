@@ -7,12 +7,17 @@ from typing import Any
 import click
 
 from gensim2.cli import options
+from gensim2.cli.assets_pictures import gallery, render
 from gensim2.cli.output import line, report, table
 
 
 @click.group("assets")
 def assets() -> None:
     """The object library."""
+
+
+assets.add_command(render)
+assets.add_command(gallery)
 
 
 @assets.command("list")

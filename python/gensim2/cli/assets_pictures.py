@@ -1,0 +1,111 @@
+"""``gensim2 assets render`` and ``gensim2 assets gallery``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report
+
+
+@click.command("render", short_help="Picture of one object.")
+@click.argument("object_", metavar="CLASS[/ID]")
+@options.assets
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="PNG", help="The picture."
+)
+@click.option(
+    "--size", type=click.IntRange(64, 2048), default=420, show_default=True, help="Edge of each view in pixels."
+)
+@options.json_file
+def render(object_: str, assets: str | None, out: Path, size: int, json_file: str | None) -> None:
+    """Draw one object at openness 0, 0.5 and 1, its keypoints named.
+
+    Without an ID the first of the class.
+    """
+    with report(json_file, lambda result: line(result["picture"])) as (_, give):
+        import io
+
+        from gensim2.assets import open_library
+        from gensim2.assets.pictures import Studio, strip
+        from gensim2.files import write_atomic
+
+        library = open_library(assets)
+        name, _, chosen = object_.partition("/")
+        instance = library.load(name, chosen or library.instances(name)[0])
+        stream = io.BytesIO()
+        strip(Studio(size), instance).save(stream, "PNG")
+        write_atomic(out, stream.getvalue())
+        give({"schema_version": 1, "class": name, "id": instance.id, "picture": str(out)})
+
+
+@click.command("gallery", short_help="Page with pictures of every object.")
+@click.option(
+    "--assets",
+    "where",
+    multiple=True,
+    metavar="DIR|builtin",
+    help="Folder of objects, or 'builtin'; may be given more than once."
+    "  [default: builtin, and $GENSIM2_ASSETS where set]",
+)
+@click.option("--classes", default=None, metavar="A,B,...", help="Only these classes.")
+@click.option(
+    "--findings",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="What `gensim2 assets validate --json FILE` wrote, to be shown beside the pictures.",
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, metavar="DIR", help="The page.")
+@click.option("--views", type=click.IntRange(1, 36), default=8, show_default=True, help="Pictures around an object.")
+@click.option(
+    "--size", type=click.IntRange(32, 1024), default=176, show_default=True, help="Edge of each view in pixels."
+)
+@options.json_file
+def gallery(
+    where: tuple[str, ...],
+    classes: str | None,
+    findings: tuple[Path, ...],
+    out: Path,
+    views: int,
+    size: int,
+    json_file: str | None,
+) -> None:
+    """Make a static page with a turntable picture of every instance at openness 0, 0.5 and 1.
+
+    Pictures that an earlier run made of the same objects are kept: after Ctrl-C the same command goes on.
+    """
+    with report(json_file, _show) as (progress, give):
+        import os
+
+        from gensim2.assets import open_library
+        from gensim2.assets.gallery import build_gallery
+
+        chosen = where or ("builtin", *filter(None, [os.environ.get("GENSIM2_ASSETS")]))
+        built = build_gallery(
+            [open_library(place) for place in dict.fromkeys(chosen)],
+            out,
+            classes=None if classes is None else [name.strip() for name in classes.split(",") if name.strip()],
+            findings=findings,
+            views=views,
+            size=size,
+            progress=progress,
+        )
+        give(
+            {
+                "schema_version": 1,
+                "index": str(built.index),
+                "made": built.made,
+                "kept": built.kept,
+                "refused": [{"class": c, "id": i, "reason": why} for c, i, why in built.refused],
+            }
+        )
+
+
+def _show(result: dict[str, Any]) -> None:
+    for entry in result["refused"]:
+        line(f"{entry['class']}/{entry['id']}: no picture: {entry['reason']}")
+    line(f"{result['made']} pictures made, {result['kept']} kept: {result['index']}")
