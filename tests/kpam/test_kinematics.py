@@ -75,6 +75,7 @@ def test_robot_pickles(panda: kpam.Robot) -> None:
     [
         ("", "XML"),
         ("<robot", "XML"),
+        ("<a-b xmlns='urn:x' c:d='1'/>", "XML"),
         ("<robot name='a'/>", "links"),
         ("<robot name='a'>" + "<b>" * 100_000 + "</b>" * 100_000 + "</robot>", "deep"),
         ("<robot name='a'>" + "".join(f"<link name='b{i}'/>" for i in range(10_001)) + "</robot>", "10001 links"),
@@ -119,6 +120,18 @@ def test_a_bad_urdf_is_named(tmp_path: Path, text: str, what: str) -> None:
     with pytest.raises(kpam.UrdfError, match=what) as caught:
         kpam.Robot.from_urdf(str(file), hand_link="h" if "'h'" in text else "hand")
     assert "bad.urdf" in str(caught.value)
+
+
+def test_what_other_tools_add_under_their_namespace_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        "<?xml version='1.0'?><robot xmlns='urn:robots' xmlns:x='http://ros.org/xacro' x:by='&lt;us&gt;' name='a &amp; b'>"
+        "<x:link name='no'/><link name='b'/><link name='&quot;h&#9;'><x:note>text</x:note></link>"
+        "<joint name='j' type='revolute'><parent link='b'/><child link='&quot;h&#9;'/><axis xyz='0 0 1'/>"
+        "<limit lower='-1' upper='1' effort='1' velocity='1'/></joint></robot>"
+    )
+    robot = kpam.Robot.from_urdf(str(file), hand_link='"h\t')
+    assert robot.joint_names == ["j"] and robot.link_names == ["b", '"h\t']
 
 
 def test_a_missing_urdf_is_named(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ mod mesh;
 mod pose;
 mod robot;
 mod urdf;
+mod xml;
 
 pub use bvh::{Aabb, Bvh};
 pub use collision::{Proximity, RobotShapes, Scene, Scratch, Target};

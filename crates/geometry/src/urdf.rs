@@ -6,42 +6,17 @@ use nalgebra::{Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use crate::robot::{Joint, JointKind, Link, Mimic};
-use crate::{Convex, Pose, Robot, UrdfError, mesh, pose_from_xyz_rpy};
+use crate::{Convex, Pose, Robot, UrdfError, mesh, pose_from_xyz_rpy, xml};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
 /// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
 const FURTHEST: f64 = 1000.0;
-/// Elements inside elements: XML readers descend by recursion, and a stack ends.
-const DEEPEST: usize = 100;
-
-/// Refuses text whose elements lie deeper than a robot description ever needs, before an XML reader sees it.
-fn check_depth(text: &str, file: &str) -> Result<(), UrdfError> {
-    let mut depth = 0_usize;
-    let mut rest = text;
-    while let Some(open) = rest.find('<') {
-        rest = &rest[open + 1..];
-        if let Some(comment) = rest.strip_prefix("!--") {
-            rest = comment.find("-->").map_or("", |end| &comment[end..]);
-            continue;
-        }
-        let tag = &rest[..rest.find('>').unwrap_or(rest.len())];
-        if tag.starts_with('/') {
-            depth = depth.saturating_sub(1);
-        } else if !(tag.starts_with(['!', '?']) || tag.ends_with('/')) {
-            depth += 1;
-        }
-        if depth > DEEPEST {
-            return Err(UrdfError::new(file, "XML", format!("has elements more than {DEEPEST} deep")));
-        }
-    }
-    Ok(())
-}
 
 pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
-    check_depth(text, file)?;
-    let model = urdf_rs::read_from_string(text).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
+    let plain = xml::plain(&xml::parse(text, file)?);
+    let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
     if model.links.is_empty() || model.links.len() > MOST_LINKS {
         return Err(fail("robot", format!("has {} links; expected 1 to {MOST_LINKS}", model.links.len())));
     }
@@ -243,9 +218,7 @@ pub(crate) fn disabled_pairs(path: &str, links: &[Link]) -> Result<Vec<(usize, u
 }
 
 pub(crate) fn disabled_pairs_in(text: &str, file: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    check_depth(text, file)?;
-    let document =
-        roxmltree::Document::parse(text).map_err(|e| UrdfError::new(file, "XML", format!("is not an SRDF: {e}")))?;
+    let document = xml::parse(text, file)?;
     let mut pairs = Vec::new();
     for node in document.descendants().filter(|n| n.has_tag_name("disable_collisions")) {
         let link = |attribute: &str| {

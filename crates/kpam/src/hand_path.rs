@@ -8,7 +8,7 @@ use crate::KeypointProblem;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
-use crate::trajectory::Curve;
+use crate::trajectory::{Curve, Limits};
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;
@@ -21,6 +21,10 @@ const EXACT: f64 = 1e-6;
 const OFF_PATH: f64 = 2e-3;
 /// Where it would leave the path or the joint limits, waypoints come this many times closer, and once more.
 const FINER: [usize; 3] = [1, 4, 16];
+/// Part of a stride's free motion that goes on in the next: less than all, or the arm would swing about its middle.
+const KEEP: f64 = 0.5;
+/// Free motion a stride (rad) of a joint that is pushed from its limit, once under way.
+const PUSH: f64 = 0.03;
 /// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
@@ -35,6 +39,7 @@ pub(crate) struct Followed {
 pub(crate) struct Follower<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
+    limits: Limits,
     placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
@@ -42,7 +47,14 @@ pub(crate) struct Follower<'p> {
 
 impl<'p> Follower<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
-        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
+        Self {
+            problem,
+            model,
+            limits: Limits::of(problem, model),
+            placed: Placed::default(),
+            qp: ActiveSet::default(),
+            bounds: Vec::new(),
+        }
     }
 
     /// Hand pose at `x`.
@@ -60,7 +72,7 @@ impl<'p> Follower<'p> {
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
         let mut out = Followed { waypoints: vec![*x], fraction: 0.0 };
         for finer in FINER {
-            out = self.follow_in(path, x, backwards, steps * finer);
+            out = self.follow_in(path, x, backwards, steps, finer);
             let Some(stray) = self.strays(path, &out, backwards, steps * finer) else { return out };
             out.waypoints.truncate(stray + 1);
             out.fraction = stray as f64 / (steps * finer) as f64;
@@ -68,18 +80,22 @@ impl<'p> Follower<'p> {
         out
     }
 
-    fn follow_in(&mut self, path: &HandPath, x: &Row, backwards: bool, steps: usize) -> Followed {
+    fn follow_in(&mut self, path: &HandPath, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
+        let steps = strides * finer;
+        // A push of one stride, shared among finer steps, drives the arm as fast as it would a stride at a time.
+        let keep = KEEP.powf(1.0 / finer as f64);
+        let push = PUSH * (1.0 - keep) / finer as f64;
         let mut waypoints = vec![*x];
         let mut last = *x;
-        let mut velocity = [0.0; MOST_JOINTS];
+        let mut drift = [0.0; MOST_JOINTS];
         for k in 1..=steps {
             let s = k as f64 / steps as f64;
             let goal = path.at(if backwards { 1.0 - s } else { s });
-            let Some(next) = self.reach(&goal, &last, &velocity) else {
+            let Some(next) = self.reach(&goal, &last, &drift, push) else {
                 return Followed { waypoints, fraction: (k - 1) as f64 / steps as f64 };
             };
             for v in 0..self.model.n() {
-                velocity[v] = next[v] - last[v];
+                drift[v] = keep * (next[v] - last[v]);
             }
             last = next;
             waypoints.push(next);
@@ -91,7 +107,7 @@ impl<'p> Follower<'p> {
     fn strays(&mut self, path: &HandPath, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
-        let curve = Curve::new(n, waypoints);
+        let curve = Curve::new(n, waypoints, &self.limits);
         if curve.knots() != waypoints.len() {
             return None; // the path is shorter than what counts as a step
         }
@@ -111,8 +127,9 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// Joints near `from` at which the hand is at `goal`; `drift` is the previous step, which is likely to go on.
-    pub fn reach(&mut self, goal: &Pose, from: &Row, drift: &Row) -> Option<Row> {
+    /// Joints near `from` at which the hand is at `goal`; `drift` is what goes on of the previous step where
+    /// the hand leaves freedom, `push` the strength by which joints are driven from their limits.
+    fn reach(&mut self, goal: &Pose, from: &Row, drift: &Row, push: f64) -> Option<Row> {
         let n = self.model.n();
         let mut x = *from;
         for round in 0..12 {
@@ -140,7 +157,7 @@ impl<'p> Follower<'p> {
                 // A start at or outside its margin may stay there, not leave further.
                 self.bounds.push(Bound { row, low: low.min(x[v]) - x[v], high: high.max(x[v]) - x[v] });
                 if round == 0 {
-                    gradient[v] = -drift[v] - self.limit_push(v, &x);
+                    gradient[v] = -drift[v] - push * self.limit_push(v, &x);
                 }
             }
             let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &self.bounds };
@@ -155,7 +172,7 @@ impl<'p> Follower<'p> {
         None
     }
 
-    /// A gentle push of a joint from its limits towards the middle, growing near them.
+    /// Direction and size of a joint's push from its limits towards the middle, growing near them.
     fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
         if !(low.is_finite() && high.is_finite()) {
@@ -163,6 +180,6 @@ impl<'p> Follower<'p> {
         }
         let half = 0.5 * (high - low);
         let u = (x[v] - 0.5 * (low + high)) / half;
-        -0.01 * u.powi(5) * half.min(1.0)
+        -u.powi(5) * half.min(1.0)
     }
 }

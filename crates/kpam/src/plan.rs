@@ -314,7 +314,7 @@ impl<'p> Planner<'p> {
             resolved,
             follower: Follower::new(problem, model),
             judge: Judge::new(problem, model),
-            limits: limits(problem, model),
+            limits: Limits::of(problem, model),
             clock,
             exit: None,
         }
@@ -573,9 +573,9 @@ impl<'p> Planner<'p> {
         }
         for spacing in [0.5, 0.2, 0.08] {
             let curve = crate::trajectory::rounded(n, &corners, spacing);
-            let fine = crate::trajectory::along(n, &curve, 0.05);
-            if Curve::new(n, &curve).keeps_within(&lower, &upper)
-                && self.judge.sweep_along(&fine, 1, &margins.eased(1e-3)).is_none()
+            let course = Curve::new(n, &curve, &self.limits);
+            if course.keeps_within(&lower, &upper)
+                && self.judge.sweep_along(&course.along(0.05), 1, &margins.eased(1e-3)).is_none()
             {
                 pieces.push(curve);
                 return Ok((pieces, None));
@@ -743,25 +743,6 @@ fn keyframe_reports(motions: &Motions, state: impl Fn(usize) -> (Option<f64>, bo
 fn rows(pose: &Pose) -> [[f64; 4]; 4] {
     let m = pose_to_matrix(pose);
     std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
-}
-
-/// Limits of the moving joints, scaled.
-fn limits(problem: &KeypointProblem, model: &Model) -> Limits {
-    const FRANKA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
-    const FRANKA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
-    let o = &problem.options;
-    let seven = model.n() == 7;
-    let mut out = Limits { velocity: [1.0; MOST_JOINTS], acceleration: [1.0; MOST_JOINTS], jerk: [1.0; MOST_JOINTS] };
-    for (v, j) in model.indices.iter().enumerate() {
-        let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| l[*j]);
-        let velocity = given(&o.velocity_limits).unwrap_or(problem.robot.joints()[*j].velocity);
-        let acceleration = given(&o.acceleration_limits).unwrap_or(if seven { FRANKA_ACCELERATION[v] } else { 10.0 });
-        let jerk = given(&o.jerk_limits).unwrap_or(if seven { FRANKA_JERK[v] } else { 5000.0 });
-        out.velocity[v] = o.velocity_scale * velocity;
-        out.acceleration[v] = o.acceleration_scale * acceleration;
-        out.jerk[v] = o.acceleration_scale * jerk;
-    }
-    out
 }
 
 /// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a

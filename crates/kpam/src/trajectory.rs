@@ -3,7 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::{MOST_JOINTS, Row};
+use crate::KeypointProblem;
+use crate::model::{MOST_JOINTS, Model, Row};
 
 /// Limits of every moving joint.
 #[derive(Debug, Clone, Copy)]
@@ -11,6 +12,28 @@ pub(crate) struct Limits {
     pub velocity: Row,
     pub acceleration: Row,
     pub jerk: Row,
+}
+
+impl Limits {
+    /// Those of the problem's moving joints, scaled as its options say.
+    pub fn of(problem: &KeypointProblem, model: &Model) -> Self {
+        const FRANKA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
+        const FRANKA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
+        let o = &problem.options;
+        let seven = model.n() == 7;
+        let mut out = Self { velocity: [1.0; MOST_JOINTS], acceleration: [1.0; MOST_JOINTS], jerk: [1.0; MOST_JOINTS] };
+        for (v, j) in model.indices.iter().enumerate() {
+            let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| l[*j]);
+            let velocity = given(&o.velocity_limits).unwrap_or(problem.robot.joints()[*j].velocity);
+            let acceleration =
+                given(&o.acceleration_limits).unwrap_or(if seven { FRANKA_ACCELERATION[v] } else { 10.0 });
+            let jerk = given(&o.jerk_limits).unwrap_or(if seven { FRANKA_JERK[v] } else { 5000.0 });
+            out.velocity[v] = o.velocity_scale * velocity;
+            out.acceleration[v] = o.acceleration_scale * acceleration;
+            out.jerk[v] = o.acceleration_scale * jerk;
+        }
+        out
+    }
 }
 
 /// A curve through waypoints over 0..1, its joints' cubics joined with continuous second derivatives.
@@ -22,25 +45,90 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// Natural cubic spline by the length of the polygon; `n` joints.
-    pub fn new(n: usize, waypoints: &[Row]) -> Self {
-        let mut knots = vec![0.0];
+    /// Natural cubic spline of `n` joints. Its knots lie as far apart as the limits make the way between them last, so
+    /// that a sharp bend is driven slowly and the rest is not.
+    pub fn new(n: usize, waypoints: &[Row], limits: &Limits) -> Self {
+        let mut lengths = Vec::new();
         let mut points: Vec<Row> = waypoints.first().copied().into_iter().collect();
         for w in waypoints.iter().skip(1) {
             let last = points[points.len() - 1];
             let d: f64 = (0..n).map(|v| (w[v] - last[v]).powi(2)).sum::<f64>().sqrt();
             if d > 1e-9 {
-                knots.push(knots[knots.len() - 1] + d);
+                lengths.push(d);
                 points.push(*w);
             }
+        }
+        let values: Vec<Vec<f64>> = (0..n).map(|v| points.iter().map(|p| p[v]).collect()).collect();
+        let mut out = Self::through(values, &lengths);
+        if lengths.len() > 1 {
+            let speeds = out.speeds(limits);
+            let durations: Vec<f64> =
+                out.knots.windows(2).zip(speeds.windows(2)).map(|(u, s)| 2.0 * (u[1] - u[0]) / (s[0] + s[1])).collect();
+            out = Self::through(out.values, &durations);
+        }
+        out
+    }
+
+    /// The spline whose knots are these distances apart, scaled to 0..1.
+    fn through(values: Vec<Vec<f64>>, distances: &[f64]) -> Self {
+        let mut knots = vec![0.0];
+        for d in distances {
+            knots.push(knots[knots.len() - 1] + d);
         }
         let total = knots[knots.len() - 1];
         if total > 0.0 {
             knots.iter_mut().for_each(|k| *k /= total);
         }
-        let values: Vec<Vec<f64>> = (0..n).map(|v| points.iter().map(|p| p[v]).collect()).collect();
         let second = values.iter().map(|y| natural_second_derivatives(&knots, y)).collect();
         Self { knots, values, second }
+    }
+
+    /// Speed (1/s) at each knot that keeps to the limits there and can be reached from those of its neighbours.
+    fn speeds(&self, limits: &Limits) -> Vec<f64> {
+        let count = self.knots.len();
+        let n = self.values.len();
+        let mut speeds = vec![f64::INFINITY; count];
+        // Gain of speed (1/s^2), and of that gain (1/s^3).
+        let mut gains = vec![[f64::INFINITY; 2]; count];
+        for i in 0..count - 1 {
+            for (k, u) in [(i, self.knots[i]), (i + 1, self.knots[i + 1])] {
+                for v in 0..n {
+                    let [_, q1, q2, q3] = self.joint(v, i, u).map(f64::abs);
+                    speeds[k] = speeds[k]
+                        .min(limits.velocity[v] / q1)
+                        .min((limits.acceleration[v] / q2).sqrt())
+                        .min((limits.jerk[v] / q3).cbrt());
+                    gains[k][0] = gains[k][0].min(limits.acceleration[v] / q1);
+                    gains[k][1] = gains[k][1].min(limits.jerk[v] / q1);
+                }
+            }
+        }
+        let reach = |gain: &mut f64, from: f64, to: f64, gains: [f64; 2], way: f64| {
+            *gain = (*gain + gains[1] * way / from).min(gains[0]);
+            let speed = to.min((from * from + 2.0 * *gain * way).sqrt());
+            *gain = ((speed * speed - from * from) / (2.0 * way)).max(0.0);
+            speed
+        };
+        let mut gain = 0.0;
+        for i in 1..count {
+            speeds[i] = reach(&mut gain, speeds[i - 1], speeds[i], gains[i], self.knots[i] - self.knots[i - 1]);
+        }
+        gain = 0.0;
+        for i in (0..count - 1).rev() {
+            speeds[i] = reach(&mut gain, speeds[i + 1], speeds[i], gains[i], self.knots[i + 1] - self.knots[i]);
+        }
+        speeds
+    }
+
+    /// Points on the curve, about `spacing` apart.
+    pub fn along(&self, spacing: f64) -> Vec<Row> {
+        let mut out = vec![self.at(0, 0.0)];
+        for i in 0..self.knots.len().saturating_sub(1) {
+            let way: f64 = self.values.iter().map(|y| (y[i + 1] - y[i]).powi(2)).sum::<f64>().sqrt();
+            let steps = (way / spacing).ceil().max(1.0) as usize;
+            out.extend((1..=steps).map(|k| self.at(i, k as f64 / steps as f64)));
+        }
+        out
     }
 
     /// Value and first three derivatives of joint `v` in interval `i` at `u`.
@@ -63,7 +151,10 @@ impl Curve {
 
     /// Joints at a fraction of interval `i`.
     pub fn at(&self, i: usize, fraction: f64) -> Row {
-        let u = self.knots[i] + fraction * (self.knots[i + 1] - self.knots[i]);
+        let u = match self.knots.get(i + 1) {
+            Some(next) => self.knots[i] + fraction * (next - self.knots[i]),
+            None => 0.0,
+        };
         let mut x = [0.0; MOST_JOINTS];
         for (v, value) in x.iter_mut().enumerate().take(self.values.len()) {
             *value = self.joint(v, i, u)[0];
@@ -121,23 +212,6 @@ pub(crate) fn rounded(n: usize, corners: &[Row], spacing: f64) -> Vec<Row> {
         }
     }
     out
-}
-
-/// Points on the curve through waypoints, about `spacing` apart.
-pub(crate) fn along(n: usize, waypoints: &[Row], spacing: f64) -> Vec<Row> {
-    let curve = Curve::new(n, waypoints);
-    let steps = (length(n, waypoints) / spacing).ceil().max(1.0) as usize;
-    (0..=steps)
-        .map(|k| {
-            let u = k as f64 / steps as f64;
-            let i = curve.interval(u);
-            let mut x = [0.0; MOST_JOINTS];
-            for (v, value) in x.iter_mut().enumerate().take(n) {
-                *value = curve.joint(v, i, u)[0];
-            }
-            x
-        })
-        .collect()
 }
 
 /// Length of the polygon through waypoints.
@@ -310,7 +384,7 @@ impl Builder {
     /// Appends a motion through waypoints; ends at `end` where that is given, as soon as the limits allow otherwise.
     /// Fails with the least time where `end` comes too early.
     pub fn push(&mut self, waypoints: &[Row], end: Option<f64>) -> Result<(), f64> {
-        let curve = Curve::new(self.n, waypoints);
+        let curve = Curve::new(self.n, waypoints, &self.limits);
         let least = self.least_time(&curve);
         let duration = match end {
             Some(end) if end - self.now < least => return Err(least),
@@ -462,5 +536,22 @@ mod tests {
         let way = [row(0.0, 0.0), row(1.0, 0.0)];
         let least = builder.push(&way, Some(0.5)).unwrap_err();
         assert!(least > 1.8 && builder.push(&way, Some(least)).is_ok());
+    }
+
+    #[test]
+    fn a_sharp_bend_is_slow_only_there() {
+        let time = |bend: f64| {
+            let franka =
+                Limits { velocity: [2.0; MOST_JOINTS], acceleration: [10.0; MOST_JOINTS], jerk: [5000.0; MOST_JOINTS] };
+            let mut builder = Builder::new(2, franka, 0.0);
+            let leg = |k: i32| f64::from(k) * 0.005;
+            let mut way: Vec<Row> = (0..=200).map(|k| row(leg(k), 0.0)).collect();
+            way.extend((1..=200).map(|k| row(1.0 + leg(k) * bend.cos(), leg(k) * bend.sin())));
+            assert!(builder.push(&way, None).is_ok());
+            builder.now()
+        };
+        let (straight, bent) = (time(0.0), time(1.5));
+        // Two legs from rest to rest take less than twice as long as both in one go.
+        assert!(straight < bent && bent < 2.0 * straight, "{straight} {bent}");
     }
 }
