@@ -1,229 +1,20 @@
-//! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
+//! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
-use gensim2_geometry::{Pose, pose_to_matrix};
-use serde::{Deserialize, Serialize};
-
+use super::{Plan, refused};
+use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::contact::{Clearances, Hit, Judge, Margins, TOUCH};
+use crate::contact::{Hit, Judge, Margins, TOUCH};
 use crate::free_space;
 use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::motion::{Motions, motions};
 use crate::options::Timing;
 use crate::problem::Resolved;
-use crate::trajectory::{Builder, Curve, Limits};
-use crate::{KeypointProblem, Trajectory};
-
-/// How planning ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Status {
-    /// The whole motion is reachable and free.
-    Solved,
-    /// A part of the motion that the caller allowed to take.
-    Partial,
-    /// No joint values meet the constraints.
-    ActuationInfeasible,
-    /// A keyframe is out of reach from every actuation pose tried.
-    Unreachable,
-    /// Something is in the way from every actuation pose tried.
-    Collision,
-    /// The clock asks for more than the joints' limits give.
-    TooFast,
-}
-
-impl Status {
-    /// Name, as in reports.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Solved => "solved",
-            Self::Partial => "partial",
-            Self::ActuationInfeasible => "actuation_infeasible",
-            Self::Unreachable => "unreachable",
-            Self::Collision => "collision",
-            Self::TooFast => "too_fast",
-        }
-    }
-}
-
-/// How one constraint is met.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Residual {
-    /// Type and what it binds.
-    pub name: String,
-    /// Largest coordinate difference (m) or angle from the target angle (rad).
-    pub residual: f64,
-    /// What the config allows.
-    pub tolerance: f64,
-    /// Whether it does.
-    pub satisfied: bool,
-}
-
-/// A keyframe of the motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct KeyframeReport {
-    /// `pre_0`, ..., `actuation`, `post_0`, ...
-    pub label: String,
-    /// Time (s), where the motion has one.
-    pub time: Option<f64>,
-    /// Hand in the base frame, rows.
-    pub hand: [[f64; 4]; 4],
-    /// Whether the motion found gets there.
-    pub reached: bool,
-}
-
-/// Two bodies too near each other.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Collision {
-    /// Link and body, or two links.
-    pub bodies: [String; 2],
-    /// Time (s), where the motion has one.
-    pub time: Option<f64>,
-    /// Keyframe that the motion was leading to.
-    pub toward: String,
-    /// Signed distance (m).
-    pub distance: f64,
-    /// Where, in the base frame (m).
-    pub point: [f64; 3],
-}
-
-/// What was solved, each residual, and what failed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
-    /// Version of this value's layout.
-    pub schema_version: u32,
-    /// How planning ended.
-    pub status: Status,
-    /// One sentence for a person.
-    pub reason: String,
-    /// What a caller should know beside that.
-    pub warnings: Vec<String>,
-    /// The cheapest pose that meets the constraints, obstacles left out.
-    pub q_actuation: Option<Vec<f64>>,
-    /// Its cost.
-    pub cost: Option<f64>,
-    /// Where no pose meets them: the one that misses least.
-    pub q_best_effort: Option<Vec<f64>>,
-    /// The actuation pose that the trajectory takes (or that came furthest).
-    pub q_plan: Option<Vec<f64>>,
-    /// Number of that pose in the order of trial: 0 is the cheapest.
-    pub rank: Option<usize>,
-    /// Number of poses whose motion was tried.
-    pub tried: usize,
-    /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
-    pub residuals: Vec<Residual>,
-    /// Keyframes that follow from `q_plan`.
-    pub keyframes: Vec<KeyframeReport>,
-    /// The motion.
-    pub trajectory: Option<Trajectory>,
-    /// Part of the motion after the actuation pose that can be taken, 0..1 of its paths.
-    pub reached_fraction: f64,
-    /// What is in the way.
-    pub collisions: Vec<Collision>,
-    /// Deepest judged overlap at the start (m).
-    pub start_overlap: f64,
-}
-
-/// CPU time of the planning thread in the two stages (s); beside the plan, because a plan is the same on every run.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StageTimes {
-    /// Actuation pose.
-    pub actuation: f64,
-    /// Everything after it.
-    pub trajectory: f64,
-}
-
-/// Plans one problem.
-///
-/// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
-#[must_use]
-pub fn plan(problem: &KeypointProblem) -> Plan {
-    plan_timed(problem).0
-}
-
-/// As [`plan`], with the time each stage took.
-#[must_use]
-pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
-    let mut times = StageTimes::default();
-    let clock = cpu_time::ThreadTime::now();
-    let rest = resting_joints(problem);
-    let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
-        (Some(model), Ok(resolved)) => (model, resolved),
-        (None, _) => return (refused("the robot has no joints to plan for".to_owned()), times),
-        (_, Err(e)) => return (refused(e.to_string()), times),
-    };
-    let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.seeds);
-    times.actuation = clock.elapsed().as_secs_f64();
-    let mut planner = Planner::new(problem, &model, &resolved);
-    let plan = match found.candidates.first() {
-        None => planner.infeasible(found.best_effort),
-        Some(_) => planner.whole_motion(&found, &mut search),
-    };
-    times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
-    (plan, times)
-}
-
-/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
-///
-/// # Errors
-/// A sentence, where the threads cannot be started.
-pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
-    use rayon::prelude::*;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
-        .build()
-        .map_err(|e| format!("cannot start threads: {e}"))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
-}
-
-/// Joint values while planning: the start, with fingers at the width asked for.
-fn resting_joints(problem: &KeypointProblem) -> Vec<f64> {
-    let mut rest = problem.q_start.clone();
-    if let Some(width) = problem.options.finger_width {
-        let robot = &problem.robot;
-        for (l, link) in robot.links().iter().enumerate() {
-            let mut above = Some(l);
-            while let Some(a) = above
-                && a != robot.hand()
-            {
-                above = robot.links()[a].parent;
-            }
-            if let (Some(j), Some(_)) = (link.joint, above)
-                && l != robot.hand()
-            {
-                rest[j] = width;
-            }
-        }
-    }
-    rest
-}
-
-fn refused(reason: String) -> Plan {
-    Plan {
-        schema_version: 1,
-        status: Status::ActuationInfeasible,
-        reason,
-        warnings: Vec::new(),
-        q_actuation: None,
-        cost: None,
-        q_best_effort: None,
-        q_plan: None,
-        rank: None,
-        tried: 0,
-        residuals: Vec::new(),
-        keyframes: Vec::new(),
-        trajectory: None,
-        reached_fraction: 0.0,
-        collisions: Vec::new(),
-        start_overlap: 0.0,
-    }
-}
+use crate::trajectory::{Builder, Curve, Limits, Trajectory};
 
 /// Why a candidate's motion ends before its end.
 #[derive(Debug, Clone)]
-enum Failure {
+pub(super) enum Failure {
     /// The hand cannot follow the path to this keyframe beyond this fraction.
     Unreachable { keyframe: usize, fraction: f64 },
     /// Something is in the way on the path to this keyframe.
@@ -233,20 +24,20 @@ enum Failure {
 }
 
 /// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
-struct Attempt {
-    x: Row,
-    rank: usize,
-    motions: Motions,
+pub(super) struct Attempt {
+    pub x: Row,
+    pub rank: usize,
+    pub motions: Motions,
     /// Free motions to the first keyframe, each from rest to rest; empty where there is none.
-    approach: Vec<Vec<Row>>,
+    pub approach: Vec<Vec<Row>>,
     /// Waypoints of the path to keyframe i + 1, as far as it goes.
-    paths: Vec<Vec<Row>>,
+    pub paths: Vec<Vec<Row>>,
     /// Number of whole paths after the actuation and the fraction of the next one.
-    after: (usize, f64),
-    hits: Vec<(usize, Hit)>,
-    failure: Option<Failure>,
+    pub after: (usize, f64),
+    pub hits: Vec<(usize, Hit)>,
+    pub failure: Option<Failure>,
     /// Whether approach and pre-actuation motions stand.
-    starts: bool,
+    pub starts: bool,
 }
 
 impl Attempt {
@@ -280,16 +71,16 @@ impl Trial {
     }
 }
 
-struct Planner<'p> {
-    problem: &'p KeypointProblem,
-    model: &'p Model,
-    resolved: &'p Resolved,
-    follower: Follower<'p>,
-    judge: Judge<'p>,
-    limits: Limits,
-    clock: Option<Vec<f64>>,
+pub(super) struct Planner<'p> {
+    pub problem: &'p KeypointProblem,
+    pub model: &'p Model,
+    pub resolved: &'p Resolved,
+    pub follower: Follower<'p>,
+    pub judge: Judge<'p>,
+    pub limits: Limits,
+    pub clock: Option<Vec<f64>>,
     /// Where the start leaves what it overlaps, once that was looked for.
-    exit: Option<Option<Row>>,
+    pub exit: Option<Option<Row>>,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
@@ -300,7 +91,7 @@ const TIGHT: f64 = 2e-4;
 const SECOND_CHANCES: usize = 4;
 
 impl<'p> Planner<'p> {
-    fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
+    pub(super) fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -320,60 +111,13 @@ impl<'p> Planner<'p> {
         }
     }
 
-    fn full(&self, x: &Row) -> Vec<f64> {
+    pub(super) fn full(&self, x: &Row) -> Vec<f64> {
         let mut q = Vec::new();
         self.model.fill(&self.problem.robot, x, &mut q);
         q
     }
 
-    fn residuals(&mut self, x: &Row) -> Vec<Residual> {
-        let hand = self.follower.hand(x);
-        let mut out: Vec<(usize, f64, f64)> = Vec::new();
-        for p in &self.resolved.points {
-            let miss = (hand.rotation * p.on_hand + hand.translation.vector - p.target).amax();
-            out.push((p.entry, miss, p.tolerance));
-        }
-        for a in &self.resolved.axes {
-            out.push((a.entry, a.residual(&hand), a.tolerance));
-        }
-        out.sort_by_key(|(entry, _, _)| *entry);
-        out.into_iter()
-            .map(|(entry, residual, tolerance)| Residual {
-                name: self.problem.config.constraints[entry].name(),
-                residual,
-                tolerance,
-                satisfied: residual <= tolerance,
-            })
-            .collect()
-    }
-
-    fn infeasible(&mut self, best_effort: Option<Row>) -> Plan {
-        let mut out = refused("no joint values meet the constraints".to_owned());
-        out.start_overlap = self.judge.start_overlap;
-        if let Some(x) = best_effort {
-            out.q_best_effort = Some(self.full(&x));
-            out.residuals = self.residuals(&x);
-            let worst = out
-                .residuals
-                .iter()
-                .filter(|r| !r.satisfied)
-                .max_by(|a, b| (a.residual - a.tolerance).total_cmp(&(b.residual - b.tolerance)));
-            out.reason = match worst {
-                Some(r) => format!(
-                    "no joint values meet the constraints: at best {} misses by {:.4} (tolerance {})",
-                    r.name,
-                    r.residual - r.tolerance,
-                    r.tolerance
-                ),
-                None => "the constraints can be met only outside the workspace box or the joint limits".to_owned(),
-            };
-            let hand = self.follower.hand(&x);
-            out.keyframes = keyframe_reports(&motions(self.problem, &hand), |_| (None, false));
-        }
-        out
-    }
-
-    fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
+    pub(super) fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
         let cheapest = found.candidates[0];
         let options = &self.problem.options;
         let (samples, most) = (options.samples, options.candidates);
@@ -621,7 +365,7 @@ impl<'p> Planner<'p> {
     }
 
     /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
-    fn timed(&self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
+    pub(super) fn timed(&self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
         let count = attempt.motions.keyframes.len();
         let mut times = vec![None; count];
         let mut builder = Builder::new(self.model.n(), self.limits, self.problem.options.start_time);
@@ -663,102 +407,4 @@ impl<'p> Planner<'p> {
         self.clock.as_ref()?;
         self.timed(attempt).err()
     }
-
-    fn report(&mut self, attempt: Attempt) -> Plan {
-        let act = attempt.motions.actuation;
-        let label = |k: usize| attempt.motions.keyframes[k].label.clone();
-        let mut out = refused(String::new());
-        let timed = if attempt.starts {
-            self.timed(&attempt)
-        } else {
-            Err(Failure::Unreachable { keyframe: 0, fraction: 0.0 })
-        };
-        let (trajectory, times) = match timed {
-            Ok((trajectory, times)) => (Some(trajectory), times),
-            Err(_) => (None, vec![None; attempt.motions.keyframes.len()]),
-        };
-        out.q_plan = Some(self.full(&attempt.x));
-        out.rank = Some(attempt.rank);
-        out.residuals = self.residuals(&attempt.x);
-        let after = attempt.motions.paths.len() - act;
-        out.reached_fraction = if after == 0 { 1.0 } else { (attempt.after.0 as f64 + attempt.after.1) / after as f64 };
-        let paths = &attempt.paths;
-        out.keyframes = keyframe_reports(&attempt.motions, |k| {
-            let reached = if k <= act { k == act || !paths[k].is_empty() } else { k - act <= attempt.after.0 };
-            (times[k], reached)
-        });
-        for (k, hit) in &attempt.hits {
-            out.collisions.push(Collision {
-                bodies: [hit.first.clone(), hit.second.clone()],
-                time: times[*k].filter(|_| trajectory.is_some()),
-                toward: label(*k),
-                distance: hit.distance,
-                point: [hit.at.x, hit.at.y, hit.at.z],
-            });
-        }
-        let (status, reason) = match &attempt.failure {
-            None => (Status::Solved, "the whole motion is reachable and free".to_owned()),
-            Some(Failure::Unreachable { keyframe, fraction }) => (
-                Status::Unreachable,
-                format!("{} is out of reach: the hand gets {:.0} % of the way", label(*keyframe), 100.0 * fraction),
-            ),
-            Some(Failure::Blocked { keyframe, hit }) => (
-                Status::Collision,
-                format!(
-                    "{} and {} come within {:.4} m on the way to {}, at ({:.3}, {:.3}, {:.3})",
-                    hit.first,
-                    hit.second,
-                    hit.distance,
-                    label(*keyframe),
-                    hit.at.x,
-                    hit.at.y,
-                    hit.at.z
-                ),
-            ),
-            Some(Failure::TooFast { keyframe, allowed, needed }) => (
-                Status::TooFast,
-                format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe)),
-            ),
-        };
-        let partial = attempt.failure.is_some() && trajectory.is_some();
-        out.status = if partial { Status::Partial } else { status };
-        out.reason = reason;
-        out.trajectory = trajectory;
-        out
-    }
-}
-
-fn keyframe_reports(motions: &Motions, state: impl Fn(usize) -> (Option<f64>, bool)) -> Vec<KeyframeReport> {
-    motions
-        .keyframes
-        .iter()
-        .enumerate()
-        .map(|(k, frame)| {
-            let (time, reached) = state(k);
-            KeyframeReport { label: frame.label.clone(), time, hand: rows(&frame.hand), reached }
-        })
-        .collect()
-}
-
-fn rows(pose: &Pose) -> [[f64; 4]; 4] {
-    let m = pose_to_matrix(pose);
-    std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
-}
-
-/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion; infinite where nothing is judged within a metre.
-#[must_use]
-pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
-    let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem))?;
-    let mut judge = Judge::new(problem, &model);
-    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
-    let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
-    let steps = ((trajectory.end() - trajectory.start()) / step).ceil().max(1.0) as usize;
-    for k in 0..=steps {
-        let t = (trajectory.start() + step * k as f64).min(trajectory.end());
-        let stage = 1 + due.iter().filter(|d| **d < t - 1e-9).count();
-        judge.measure(&trajectory.moving(t), stage, &mut out);
-    }
-    Some([out.itself, out.table, out.object])
 }

@@ -1,0 +1,252 @@
+//! The solver config language: keypoint constraints, and motions before and after the actuation pose.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::ConfigError;
+
+mod read;
+
+/// Frame in which a config writes a direction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Frame {
+    /// World axes.
+    World,
+    /// The object frame.
+    Object,
+    /// The joint frame at the config's target keypoint: y as the keypoint moves on opening, z the joint axis, x = y × z.
+    Joint,
+}
+
+/// Direction on the object that an axis constraint speaks of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum TargetAxis {
+    /// Unit direction in a frame.
+    Fixed {
+        /// The direction.
+        axis: Vector3<f64>,
+        /// Its frame.
+        frame: Frame,
+    },
+    /// From one keypoint of the object to another.
+    Keypoints {
+        /// Where it begins.
+        from: String,
+        /// Where it ends.
+        to: String,
+    },
+}
+
+/// One entry of `constraint_list`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Constraint {
+    /// `point2point_constraint`: each base coordinate of the keypoint within `tolerance` (m) of the target's.
+    Point {
+        /// Keypoint of the tool.
+        keypoint: String,
+        /// Keypoint of the object.
+        target: String,
+        /// Shift of the target (m).
+        offset: Vector3<f64>,
+        /// Frame of the shift.
+        frame: Frame,
+        /// Half width (m).
+        tolerance: f64,
+    },
+    /// The four axis constraints: angle between two directions within `tolerance` (rad) of `arccos(inner)`.
+    Axis {
+        /// Type as written.
+        kind: String,
+        /// Tool keypoint where the tool's direction begins.
+        from: String,
+        /// Tool keypoint where it ends.
+        to: String,
+        /// Direction on the object.
+        target: TargetAxis,
+        /// Target inner product.
+        inner: f64,
+        /// Half width (rad).
+        tolerance: f64,
+    },
+    /// `point2point_cost`: weight times the squared distance (m^2) of two keypoints.
+    PointCost {
+        /// Keypoint of the tool.
+        keypoint: String,
+        /// Keypoint of the object.
+        target: String,
+        /// Weight.
+        weight: f64,
+    },
+    /// `point2plane_cost`: weight times the squared distance (m^2) of a keypoint from a plane through the target.
+    PlaneCost {
+        /// Keypoint of the tool.
+        keypoint: String,
+        /// Keypoint of the object.
+        target: String,
+        /// Unit normal.
+        normal: Vector3<f64>,
+        /// Frame of the normal.
+        frame: Frame,
+        /// Weight.
+        weight: f64,
+    },
+}
+
+impl Constraint {
+    /// Name for reports: the type and what it binds.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Point { keypoint, target, .. } => format!("point2point_constraint({keypoint}, {target})"),
+            Self::Axis { kind, from, to, target, .. } => match target {
+                TargetAxis::Fixed { axis, frame } => {
+                    format!("{kind}({from} -> {to}, {} axis [{}, {}, {}])", frame.name(), axis.x, axis.y, axis.z)
+                }
+                TargetAxis::Keypoints { from: a, to: b } => format!("{kind}({from} -> {to}, {a} -> {b})"),
+            },
+            Self::PointCost { keypoint, target, .. } => format!("point2point_cost({keypoint}, {target})"),
+            Self::PlaneCost { keypoint, target, .. } => format!("point2plane_cost({keypoint}, {target})"),
+        }
+    }
+}
+
+impl Frame {
+    fn name(self) -> &'static str {
+        match self {
+            Self::World => "world",
+            Self::Object => "object",
+            Self::Joint => "joint",
+        }
+    }
+}
+
+/// One entry of a motion list.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Motion {
+    /// Translation along axis 0, 1 or 2 of the hand (m).
+    Translate {
+        /// Hand axis.
+        axis: usize,
+        /// Metres.
+        distance: f64,
+    },
+    /// Named translation along base axes (m).
+    Move(Vector3<f64>),
+    /// Rotation about the object axis through the object frame's origin (rad).
+    Rotate(f64),
+    /// Moves the hand with the object's joint by so much (rad or m).
+    FollowJoint(f64),
+    /// Moves the hand with the object's joint to this openness (0..1, may overshoot).
+    FollowJointTo(f64),
+    /// Moves the tool keypoint of the point constraint with the object's joint by so much (rad or m); the hand keeps
+    /// its orientation.
+    TraceJoint(f64),
+    /// The same to this openness (0..1, may overshoot).
+    TraceJointTo(f64),
+}
+
+impl Motion {
+    /// Whether the motion needs the object's joint.
+    pub fn follows_joint(&self) -> bool {
+        matches!(self, Self::FollowJoint(_) | Self::FollowJointTo(_) | Self::TraceJoint(_) | Self::TraceJointTo(_))
+    }
+}
+
+/// What the fingers do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Gripper {
+    /// Open throughout.
+    Open,
+    /// Closed throughout.
+    Closed,
+    /// Closing at the actuation pose.
+    Grasp,
+}
+
+/// A validated solver config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SolverConfig {
+    /// Constraints and costs of the actuation pose.
+    pub constraints: Vec<Constraint>,
+    /// Motions before the actuation pose; the last one is next to it.
+    pub pre: Vec<Motion>,
+    /// Motions after it.
+    pub post: Vec<Motion>,
+    /// Time of the actuation pose (s).
+    pub actuation_time: Option<f64>,
+    /// Times of the pre-actuation keyframes (s), one each.
+    pub pre_times: Option<Vec<f64>>,
+    /// Times of the post-actuation keyframes (s), one each.
+    pub post_times: Option<Vec<f64>>,
+    /// Fingers.
+    pub gripper: Gripper,
+    /// The config as JSON text, as it was given.
+    pub source: String,
+}
+
+type Result<T> = std::result::Result<T, ConfigError>;
+
+impl SolverConfig {
+    /// Reads JSON text.
+    ///
+    /// # Errors
+    /// Anything but the documented language, with the field's path.
+    ///
+    /// ```
+    /// let bad = gensim2_kpam::SolverConfig::from_json(r#"{"constraint_list": [], "speed": 2}"#);
+    /// assert_eq!(bad.unwrap_err().field, "speed");
+    /// ```
+    pub fn from_json(text: &str) -> Result<Self> {
+        let value: Value = serde_json::from_str(text).map_err(|e| ConfigError::new("config", format!("{e}")))?;
+        Self::from_value(&value)
+    }
+
+    /// Whether the config sets any time.
+    #[must_use]
+    pub fn has_times(&self) -> bool {
+        self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
+    }
+
+    /// Keyframe times (s) on the config's clock: pre-actuation, actuation, post-actuation. Where it sets none, the
+    /// actuation is at 24 and motions are 4 apart.
+    ///
+    /// # Errors
+    /// Times that do not increase from `start`.
+    pub fn clock(&self, start: f64) -> Result<Vec<f64>> {
+        const STEP: f64 = 4.0;
+        let actuation = self.actuation_time.unwrap_or(24.0);
+        let before = self.pre.len();
+        let mut out = match &self.pre_times {
+            Some(t) => t.clone(),
+            None => (0..before).map(|i| actuation - STEP * (before - i) as f64).collect(),
+        };
+        out.push(actuation);
+        match &self.post_times {
+            Some(t) => out.extend_from_slice(t),
+            None => out.extend((0..self.post.len()).map(|i| actuation + STEP * (i + 1) as f64)),
+        }
+        let mut last = start;
+        for (i, t) in out.iter().enumerate() {
+            if *t <= last {
+                let field = match i.cmp(&before) {
+                    std::cmp::Ordering::Less => format!("pre_actuation_times[{i}]"),
+                    std::cmp::Ordering::Equal => "actuation_time".to_owned(),
+                    std::cmp::Ordering::Greater => format!("post_actuation_times[{}]", i - before - 1),
+                };
+                return Err(ConfigError::new(field, format!("{t} s must come after {last} s")));
+            }
+            last = *t;
+        }
+        Ok(out)
+    }
+
+    /// The keypoint that the joint frame stands at: the target of the first point constraint.
+    #[must_use]
+    pub fn target_keypoint(&self) -> Option<&str> {
+        self.constraints.iter().find_map(|c| match c {
+            Constraint::Point { target, .. } => Some(target.as_str()),
+            _ => None,
+        })
+    }
+}

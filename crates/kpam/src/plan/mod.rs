@@ -1,0 +1,237 @@
+//! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
+
+mod planner;
+mod report;
+
+use serde::{Deserialize, Serialize};
+
+use crate::actuation::ActuationSearch;
+use crate::contact::{Clearances, Judge};
+use crate::model::Model;
+use crate::{KeypointProblem, Trajectory};
+use planner::Planner;
+
+/// How planning ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The whole motion is reachable and free.
+    Solved,
+    /// A part of the motion that the caller allowed to take.
+    Partial,
+    /// No joint values meet the constraints.
+    ActuationInfeasible,
+    /// A keyframe is out of reach from every actuation pose tried.
+    Unreachable,
+    /// Something is in the way from every actuation pose tried.
+    Collision,
+    /// The clock asks for more than the joints' limits give.
+    TooFast,
+}
+
+impl Status {
+    /// Name, as in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Solved => "solved",
+            Self::Partial => "partial",
+            Self::ActuationInfeasible => "actuation_infeasible",
+            Self::Unreachable => "unreachable",
+            Self::Collision => "collision",
+            Self::TooFast => "too_fast",
+        }
+    }
+}
+
+/// How one constraint is met.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Residual {
+    /// Type and what it binds.
+    pub name: String,
+    /// Largest coordinate difference (m) or angle from the target angle (rad).
+    pub residual: f64,
+    /// What the config allows.
+    pub tolerance: f64,
+    /// Whether it does.
+    pub satisfied: bool,
+}
+
+/// A keyframe of the motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct KeyframeReport {
+    /// `pre_0`, ..., `actuation`, `post_0`, ...
+    pub label: String,
+    /// Time (s), where the motion has one.
+    pub time: Option<f64>,
+    /// Hand in the base frame, rows.
+    pub hand: [[f64; 4]; 4],
+    /// Whether the motion found gets there.
+    pub reached: bool,
+}
+
+/// Two bodies too near each other.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Collision {
+    /// Link and body, or two links.
+    pub bodies: [String; 2],
+    /// Time (s), where the motion has one.
+    pub time: Option<f64>,
+    /// Keyframe that the motion was leading to.
+    pub toward: String,
+    /// Signed distance (m).
+    pub distance: f64,
+    /// Where, in the base frame (m).
+    pub point: [f64; 3],
+}
+
+/// What was solved, each residual, and what failed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Version of this value's layout.
+    pub schema_version: u32,
+    /// How planning ended.
+    pub status: Status,
+    /// One sentence for a person.
+    pub reason: String,
+    /// What a caller should know beside that.
+    pub warnings: Vec<String>,
+    /// The cheapest pose that meets the constraints, obstacles left out.
+    pub q_actuation: Option<Vec<f64>>,
+    /// Its cost.
+    pub cost: Option<f64>,
+    /// Where no pose meets them: the one that misses least.
+    pub q_best_effort: Option<Vec<f64>>,
+    /// The actuation pose that the trajectory takes (or that came furthest).
+    pub q_plan: Option<Vec<f64>>,
+    /// Number of that pose in the order of trial: 0 is the cheapest.
+    pub rank: Option<usize>,
+    /// Number of poses whose motion was tried.
+    pub tried: usize,
+    /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
+    pub residuals: Vec<Residual>,
+    /// Keyframes that follow from `q_plan`.
+    pub keyframes: Vec<KeyframeReport>,
+    /// The motion.
+    pub trajectory: Option<Trajectory>,
+    /// Part of the motion after the actuation pose that can be taken, 0..1 of its paths.
+    pub reached_fraction: f64,
+    /// What is in the way.
+    pub collisions: Vec<Collision>,
+    /// Deepest judged overlap at the start (m).
+    pub start_overlap: f64,
+}
+
+/// CPU time of the planning thread in the two stages (s); beside the plan, because a plan is the same on every run.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StageTimes {
+    /// Actuation pose.
+    pub actuation: f64,
+    /// Everything after it.
+    pub trajectory: f64,
+}
+
+/// Plans one problem.
+///
+/// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
+#[must_use]
+pub fn plan(problem: &KeypointProblem) -> Plan {
+    plan_timed(problem).0
+}
+
+/// As [`plan`], with the time each stage took.
+#[must_use]
+pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
+    let mut times = StageTimes::default();
+    let clock = cpu_time::ThreadTime::now();
+    let rest = resting_joints(problem);
+    let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
+        (Some(model), Ok(resolved)) => (model, resolved),
+        (None, _) => return (refused("the robot has no joints to plan for".to_owned()), times),
+        (_, Err(e)) => return (refused(e.to_string()), times),
+    };
+    let mut search = ActuationSearch::new(problem, &model, &resolved);
+    let found = search.run(problem.options.seeds);
+    times.actuation = clock.elapsed().as_secs_f64();
+    let mut planner = Planner::new(problem, &model, &resolved);
+    let plan = match found.candidates.first() {
+        None => planner.infeasible(found.best_effort),
+        Some(_) => planner.whole_motion(&found, &mut search),
+    };
+    times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
+    (plan, times)
+}
+
+/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
+///
+/// # Errors
+/// A sentence, where the threads cannot be started.
+pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
+    use rayon::prelude::*;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .map_err(|e| format!("cannot start threads: {e}"))?;
+    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
+}
+
+/// Joint values while planning: the start, with fingers at the width asked for.
+fn resting_joints(problem: &KeypointProblem) -> Vec<f64> {
+    let mut rest = problem.q_start.clone();
+    if let Some(width) = problem.options.finger_width {
+        let robot = &problem.robot;
+        for (l, link) in robot.links().iter().enumerate() {
+            let mut above = Some(l);
+            while let Some(a) = above
+                && a != robot.hand()
+            {
+                above = robot.links()[a].parent;
+            }
+            if let (Some(j), Some(_)) = (link.joint, above)
+                && l != robot.hand()
+            {
+                rest[j] = width;
+            }
+        }
+    }
+    rest
+}
+
+fn refused(reason: String) -> Plan {
+    Plan {
+        schema_version: 1,
+        status: Status::ActuationInfeasible,
+        reason,
+        warnings: Vec::new(),
+        q_actuation: None,
+        cost: None,
+        q_best_effort: None,
+        q_plan: None,
+        rank: None,
+        tried: 0,
+        residuals: Vec::new(),
+        keyframes: Vec::new(),
+        trajectory: None,
+        reached_fraction: 0.0,
+        collisions: Vec::new(),
+        start_overlap: 0.0,
+    }
+}
+
+/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
+/// plan has no motion; infinite where nothing is judged within a metre.
+#[must_use]
+pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
+    let trajectory = plan.trajectory.as_ref()?;
+    let model = Model::new(&problem.robot, &resting_joints(problem))?;
+    let mut judge = Judge::new(problem, &model);
+    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
+    let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
+    let steps = ((trajectory.end() - trajectory.start()) / step).ceil().max(1.0) as usize;
+    for k in 0..=steps {
+        let t = (trajectory.start() + step * k as f64).min(trajectory.end());
+        let stage = 1 + due.iter().filter(|d| **d < t - 1e-9).count();
+        judge.measure(&trajectory.moving(t), stage, &mut out);
+    }
+    Some([out.itself, out.table, out.object])
+}
