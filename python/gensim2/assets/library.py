@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal, cast
 
 from gensim2.assets.cache import SHARED_MODULES, prepared, source_digest
 from gensim2.assets.classes import class_modules, object_classes
@@ -26,6 +26,7 @@ from gensim2.errors import InputError
 from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
+SPLITS: Final = ("train", "test", "all")
 LARGEST_NUMBER = 10**6
 TEST_SHARE = 0.1
 SMALLEST_TO_SPLIT = 10
@@ -131,6 +132,26 @@ class Library(ABC):
         held_out = {ids[i] for i in order[: math.ceil(TEST_SHARE * len(ids))]}
         return tuple(i for i in ids if (i in held_out) == (which == "test"))
 
+    def choose(self, asset_class: str, which: str, seed: int = 0) -> tuple[str, ...]:
+        """Ids that one word stands for: ``train``, ``test``, ``all``, ``random`` (one, by the seed) or an id.
+
+        Raises:
+            InputError: no such class, instance or test split.
+        """
+        if which in SPLITS:
+            return self.split(asset_class, cast(Split, which))
+        if which == "random":
+            ids = self.instances(asset_class)
+            return (ids[int(rng(seed, f"choose/{asset_class}").integers(len(ids)))],)
+        self._check(self._known(asset_class), which)
+        return (which,)
+
+    def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
+        """``count`` ids drawn by the seed, no two the same; all of a class that has no more."""
+        ids = self.instances(asset_class)
+        order = rng(seed, f"sample/{asset_class}").permutation(len(ids))[:count]
+        return tuple(ids[i] for i in sorted(order))
+
     def __getstate__(self) -> dict[str, object]:
         return {key: value for key, value in self.__dict__.items() if key != "_loaded"}
 
@@ -157,6 +178,14 @@ class GeneratedLibrary(Library):
                 field="instance",
                 remedy=f"a number from 0 to {LARGEST_NUMBER}",
             )
+
+    def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
+        """``count`` numbers up to 10^6 that are no built-in instance's, drawn by the seed, no two the same."""
+        first = len(self.instances(asset_class))
+        if not 0 <= count <= LARGEST_NUMBER + 1 - first:
+            raise InputError(f"cannot draw {count} of {LARGEST_NUMBER + 1 - first}", field="random")
+        drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
+        return tuple(str(first + int(number)) for number in sorted(drawn))
 
     def _load(self, asset_class: str, instance_id: str) -> Instance:
         modules = (*SHARED_MODULES, "blueprint", "generate", *class_modules())

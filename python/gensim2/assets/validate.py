@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,12 +15,15 @@ from gensim2.assets.checks import Finding, geometric_findings, link_pose, world_
 from gensim2.assets.library import Library
 from gensim2.assets.physics import GRAVITY, class_rule, inertial
 from gensim2.assets.types import Instance
-from gensim2.errors import InputError
+from gensim2.demos.pool import JobError, WorkerPool
+from gensim2.errors import InputError, MissingExtraError
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # openness
 LOAD_FACTOR = 1.5  # times gravity and friction moves the joint through its range
 SWEEP_SECONDS = 6.0
+PUSH_ON_SECONDS = 0.5  # against the end of the range
+BODY_DRIFT = 1e-4  # m
 TIME_STEP = 0.01
 CONTROL_STEPS = 5
 
@@ -49,19 +54,73 @@ class ObjectReport:
         }
 
 
-def validate(library: Library, items: Sequence[tuple[str, str]], physics: bool = True) -> Iterator[ObjectReport]:
-    """Check (class, id) pairs one after the other; an object that cannot be used is a finding, not an error."""
-    for asset_class, instance_id in items:
-        started = time.perf_counter()
-        try:
-            instance = library.load(asset_class, instance_id)
-        except InputError as error:
-            findings = [Finding("loads", str(error), "no error")]
-        else:
-            findings = geometric_findings(instance)
-            if physics:
-                findings += physical_findings(instance)
-        yield ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
+def check_object(library: Library, asset_class: str, instance_id: str, physics: bool = True) -> ObjectReport:
+    """Check one object; one that cannot be used is a finding, not an error."""
+    started = time.perf_counter()
+    try:
+        instance = library.load(asset_class, instance_id)
+        findings = geometric_findings(instance)
+        if physics:
+            findings += physical_findings(instance)
+    except InputError as error:
+        findings = [Finding("loads", str(error), "no error")]
+    return ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
+
+
+def validate(
+    library: Library, items: Sequence[tuple[str, str]], physics: bool = True, workers: int = 0
+) -> Iterator[ObjectReport]:
+    """Check (class, id) pairs; reports come in their order, whatever the number of workers.
+
+    Args:
+        items: what to check.
+        physics: whether to simulate; without, geometry alone is looked at.
+        workers: processes; 0 checks in this one. An object that ends its process is a finding then.
+
+    Raises:
+        MissingExtraError: ``physics`` without SAPIEN.
+    """
+    with WorkerPool(workers) as pool:
+        for outcome in pool.map(check_object, ((library, *item, physics) for item in items)):
+            if isinstance(outcome.error, JobError):
+                finding = Finding("loads", str(outcome.error), "no error")
+                yield ObjectReport(*items[outcome.index], (finding,), 0.0)
+            else:
+                yield outcome.unwrap()
+
+
+def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
+    """Plain values of several reports: ``objects``, how many are ``sound``, and how many have which finding."""
+    checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
+    return {
+        "schema_version": 1,
+        "library": library.name,
+        "objects": [report.to_dict() for report in reports],
+        "sound": sum(report.sound for report in reports),
+        "checks": dict(checks.most_common()),
+    }
+
+
+def family(check: str) -> str:
+    """A check's name without the number of what it was made on."""
+    return re.sub(r"\b\d+\b ?", "", check).strip()
+
+
+def load_all(
+    library: Library, items: Sequence[tuple[str, str]], workers: int = 0
+) -> Iterator[tuple[tuple[str, str], str | None]]:
+    """Prepare (class, id) pairs in worker processes; each comes back with why it cannot be used, or None."""
+    with WorkerPool(workers) as pool:
+        for outcome in pool.map(_prepare, ((library, *item) for item in items)):
+            if isinstance(outcome.error, InputError | JobError):
+                yield items[outcome.index], str(outcome.error)
+            else:
+                outcome.unwrap()
+                yield items[outcome.index], None
+
+
+def _prepare(library: Library, asset_class: str, instance_id: str) -> None:
+    library.load(asset_class, instance_id)
 
 
 def physical_findings(instance: Instance) -> list[Finding]:
@@ -79,8 +138,11 @@ def physical_findings(instance: Instance) -> list[Finding]:
             found.append(Finding(f"drift in {REST_SECONDS:g} s from {share:g}", round(moved, 4), REST_DRIFT))
     for start, goal in ((0.0, 1.0), (1.0, 0.0)):
         reached = stage.sweep(start, goal)
-        if abs(reached - goal) > REST_DRIFT:
+        if not abs(reached - goal) <= REST_DRIFT:
             found.append(Finding(f"openness reached from {start:g} under load", round(reached, 4), goal))
+        body = stage.body_moved()
+        if not body <= BODY_DRIFT:
+            found.append(Finding(f"body moved from {start:g} under load, mm", round(1000 * body, 3), 1000 * BODY_DRIFT))
     return found
 
 
@@ -92,12 +154,10 @@ class _Stage:
             import sapien
             from sapien.physx import PhysxCpuSystem
 
-            from gensim2.sim.objects import CREEP_SPEED
+            from gensim2.sim import objects
         except ImportError as error:
-            from gensim2.errors import MissingExtraError
-
             raise MissingExtraError("sapien", "sim") from error
-        self.instance, self._creep_speed = instance, CREEP_SPEED
+        self.instance, self._sim = instance, objects
         sapien.physx.set_scene_config(enable_tgs=True)
         system = PhysxCpuSystem()
         system.timestep = TIME_STEP
@@ -113,12 +173,22 @@ class _Stage:
         self._joint.set_friction(0.0)  # PhysX's own is a share of the load that the joint carries, 0.05 by default
 
     def whole(self) -> list[Finding]:
-        """Nothing vanished on the way into the physics engine."""
+        """Nothing vanished or became something else on the way into the physics engine."""
         found = []
         for link in self._object.links:
-            promised = len(self.instance.hulls.get(link.name, ()))
-            if len(link.collision_shapes) != promised:
-                found.append(Finding(f"hulls of {link.name} in physics", len(link.collision_shapes), promised))
+            hulls, shapes = self.instance.hulls.get(link.name, ()), link.collision_shapes
+            if len(shapes) != len(hulls):
+                found.append(Finding(f"hulls of {link.name} in physics", len(shapes), len(hulls)))
+                continue
+            for number, (hull, shape) in enumerate(zip(hulls, shapes, strict=True)):
+                lost, grown = self._sim.cooking_misfit(hull, shape)
+                if not self._sim.cooking_is_fair(hull, lost, grown):
+                    off = round(1000 * max(lost, grown), 1)
+                    found.append(
+                        Finding(
+                            f"hull {number} of {link.name} in physics, mm off", off, 1000 * self._sim.HULL_TOLERANCE
+                        )
+                    )
         if len(self._object.active_joints) != 1:
             found.append(Finding("moving joints", len(self._object.active_joints), 1))
         return found
@@ -137,7 +207,7 @@ class _Stage:
         speed = float(self._object.qvel[0])
         joint = self.instance.joint
         limit = joint.friction + joint.damping * abs(speed)
-        self._joint.set_drive_properties(0.0, limit / self._creep_speed, limit, "force")
+        self._joint.set_drive_properties(0.0, limit / self._sim.CREEP_SPEED, limit, "force")
 
     def _run(self, seconds: float) -> None:
         for step in range(round(seconds / TIME_STEP)):
@@ -152,18 +222,22 @@ class _Stage:
         return self._openness() - openness
 
     def sweep(self, start: float, goal: float) -> float:
-        """Openness reached from ``start`` under 1.5 times the load of gravity and friction towards ``goal``."""
+        """Farthest openness from ``start`` under 1.5 times the load of gravity and friction towards ``goal``, and on
+        against the end of the range."""
         instance, joint = self.instance, self.instance.joint
         moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
         R_world_root = world_rotation(instance)
         gravity = R_world_root.T @ GRAVITY
         self._set(start)
         sign = np.sign(goal - start)
-        force = 0.0
+        force, farthest, left = 0.0, sign * start, round(PUSH_ON_SECONDS / TIME_STEP)
         for step in range(round(SWEEP_SECONDS / TIME_STEP)):
             openness = self._openness()
-            if abs(openness - goal) < 0.5 * REST_DRIFT:
-                break
+            farthest = max(farthest, sign * openness)
+            if abs(openness - goal) < 0.5 * REST_DRIFT or sign * (openness - goal) > 0:
+                left -= 1
+                if left < 0:
+                    break
             if step % CONTROL_STEPS == 0:
                 self._friction()
                 T = link_pose(instance, float(np.clip(openness, 0, 1)))
@@ -180,4 +254,8 @@ class _Stage:
                 )
             self._object.set_qf(np.array([force], np.float32))  # PhysX forgets it after every step
             self._scene.step()
-        return self._openness()
+        return float(sign * max(farthest, sign * self._openness()))
+
+    def body_moved(self) -> float:
+        """Distance in metres of the root from where it was put."""
+        return float(np.linalg.norm(self._object.root_pose.p - self.instance.placement.position))

@@ -8,6 +8,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.assets_pictures import gallery, render
+from gensim2.cli.assets_validate import prepare, validate
 from gensim2.cli.output import line, report, table
 
 
@@ -16,6 +17,8 @@ def assets() -> None:
     """The object library."""
 
 
+assets.add_command(validate)
+assets.add_command(prepare)
 assets.add_command(render)
 assets.add_command(gallery)
 
@@ -55,3 +58,55 @@ def _show(result: dict[str, Any]) -> None:
     ]
     table(("class", "instances", "joint", "what"), rows)
     line(f"library: {result['library']} ({result['license']})")
+
+
+@assets.command("show", cls=options.TaskCommand)
+@click.argument("object_", metavar="CLASS[/WHICH]")
+@options.assets
+@options.seed
+@options.json_file
+def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> None:
+    """Say what is known of one object: joint, keypoints, mass, where it stands, where its files are.
+
+    WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
+    """
+    with report(json_file, _show_object) as (progress, give):
+        from gensim2.assets import open_library
+        from gensim2.assets.describe import describe
+        from gensim2.assets.selection import select_one
+
+        library = open_library(assets)
+        item = select_one(library, object_, seed=seed)
+        progress.start(f"preparing {'/'.join(item)}", 1)
+        give({"schema_version": 1, **describe(library, library.load(*item))})
+        progress.advance()
+
+
+def _show_object(result: dict[str, Any]) -> None:
+    joint, placement = result["joint"], result["placement"]
+    unit, torque = ("rad", "N m") if joint["type"] == "revolute" else ("m", "N")
+    line(f"{result['class']}/{result['id']}: {result['description']}")
+    rows = [
+        ("source", f"{result['source']} ({result['license']})"),
+        ("mass", f"{result['mass']:.3g} kg"),
+        ("size closed", " x ".join(f"{v:.3f}" for v in result["size"]) + " m"),
+        ("joint", f"{joint['name']}, {joint['type']}, {joint['lower']:.3g} to {joint['upper']:.3g} {unit}"),
+        ("holds against", f"{joint['friction']:.3g} {torque}, damping {joint['damping']:.3g} {torque} s/{unit}"),
+        ("axis", f"({_numbers(joint['axis'])}) through ({_numbers(joint['origin'])}), root frame"),
+        ("stands at", f"({_numbers(placement['position'])}), quaternion ({_numbers(placement['quaternion'])})"),
+        ("openness at start", f"{result['default_openness']:g}"),
+        ("convex parts", ", ".join(f"{link} {count}" for link, count in result["hulls"].items())),
+        ("split", result["split"]),
+        ("files", result["urdf"]),
+    ]
+    table(("what", "value"), rows)
+    table(
+        ("keypoint", "link", "position in the link's frame [m]", "what"),
+        [(name, k["link"], _numbers(k["position"]), k["description"]) for name, k in result["keypoints"].items()],
+    )
+    for warning in result["warnings"]:
+        line(f"note: {warning}")
+
+
+def _numbers(values: list[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)

@@ -65,7 +65,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, title: st
     grid = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for index, column in enumerate(columns):
         numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
-        grid.add_column(column, justify="right" if numeric else "left", overflow="fold")
+        grid.add_column(escape(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         grid.add_row(*(escape(str(value)) for value in row))
     console().print(grid)

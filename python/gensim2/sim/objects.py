@@ -107,8 +107,8 @@ def _check(articulation: Articulation, instance: Instance) -> tuple[str, ...]:
         for index, (hull, shape) in enumerate(
             zip(instance.hulls.get(link.name, ()), link._bodies[0].get_collision_shapes(), strict=True)
         ):
-            lost, grown = _misfit(hull, _corners(shape))
-            if not (grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())):
+            lost, grown = cooking_misfit(hull, shape)
+            if not cooking_is_fair(hull, lost, grown):
                 off = 1e3 * max(grown, lost)
                 raise InputError(
                     f"the physics engine made something else of collision hull {index} ({off:.1f} mm off)",
@@ -135,7 +135,14 @@ def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]
     return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
 
 
-def _misfit(hull: npt.NDArray[np.float64], cooked: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """By how many metres the bounds of the cooked shape fall short of the hull's, and reach beyond them."""
+def cooking_misfit(hull: npt.NDArray[np.float64], shape: sapien.physx.PhysxCollisionShape) -> tuple[float, float]:
+    """By how many metres the bounds of a collision shape fall short of those of the (N, 3) hull that it was made
+    from, and reach beyond them."""
+    cooked = _corners(shape)
     beyond = np.concatenate([hull.min(axis=0) - cooked.min(axis=0), cooked.max(axis=0) - hull.max(axis=0)])
     return float(-beyond.min()), float(beyond.max())
+
+
+def cooking_is_fair(hull: npt.NDArray[np.float64], lost: float, grown: float) -> bool:
+    """Whether a shape that lost and grew so much still stands for its (N, 3) hull."""
+    return grown <= HULL_TOLERANCE and lost <= HULL_LOSS * float(np.ptp(hull, axis=0).max())

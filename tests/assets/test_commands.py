@@ -1,0 +1,86 @@
+"""``gensim2 assets``: what each command prints, writes and ends with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gensim2.cli import main as cli
+
+
+def run_json(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
+    code = cli.run([*arguments, "--json"])
+    out, err = capfd.readouterr()
+    return code, json.loads(out) if out else err
+
+
+def test_show_says_what_is_known(capfd: pytest.CaptureFixture[str]) -> None:
+    code, result = run_json(capfd, "assets", "show", "drawer/7")
+    assert code == 0
+    assert (result["class"], result["id"], result["joint"]["type"]) == ("drawer", "7", "prismatic")
+    assert result["split"] in ("train", "test")
+    assert Path(result["urdf"]).is_file()
+    assert cli.run(["assets", "show", "drawer/7"]) == 0
+    out, _ = capfd.readouterr()
+    assert "articulated_object_inside" in out
+    assert "[m]" in out
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("drawers", "no class 'drawers'"),
+        ("drawer/x", "no instance 'x' of drawer"),
+        ("drawer/", "write CLASS or CLASS/ID"),
+        ("faucet_/1", "did you mean faucet"),
+        ("toilet/test", "toilet has 2 instances, all for training"),
+    ],
+)
+@pytest.mark.parametrize("command", ["show", "validate", "prepare"])
+def test_what_is_not_there_is_bad_input(
+    capfd: pytest.CaptureFixture[str], command: str, word: str, message: str
+) -> None:
+    assert cli.run(["assets", command, word]) == 2
+    assert message in capfd.readouterr().err
+
+
+def test_validate_prints_a_line_an_object_and_writes_json(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    pytest.importorskip("sapien")
+    file = tmp_path / "found.json"
+    words = ["drawer/test", "faucet/random", "--random", "1", "--seed", "3", "--workers", "1"]
+    assert cli.run(["assets", "validate", *words, "--json", str(file)]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    result = json.loads(file.read_text())
+    names = [f"{entry['class']}/{entry['id']}" for entry in result["objects"]]
+    assert lines[:-1] == [f"ok     {name}" for name in names]
+    assert lines[-1] == "5 of 5 objects of builtin are sound"
+    assert [name.partition("/")[0] for name in names] == ["drawer", "drawer", "faucet", "drawer", "faucet"]
+    assert int(names[-1].partition("/")[2]) >= 13
+    assert all(entry == {**entry, "sound": True, "findings": []} for entry in result["objects"])
+
+
+def test_validate_ends_with_one_and_names_what_is_wrong(
+    capfd: pytest.CaptureFixture[str], chest: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
+    whole = chest(tmp_path / "lib" / "box_rotate" / "1")
+    chest(tmp_path / "lib" / "box_rotate" / "2", scale=-1)
+    torn = chest(tmp_path / "lib" / "box_rotate" / "3")
+    (torn / "textured_objs" / "left.obj").unlink()
+    assert whole.is_dir()
+    where = ["--assets", str(tmp_path / "lib"), "--no-physics", "--workers", "1"]
+    code, result = run_json(capfd, "assets", "validate", *where)
+    assert code == 1
+    one, two, three = result["objects"]
+    assert (one["sound"], two["sound"], three["sound"], result["sound"]) == (True, False, False, 1)
+    assert two["findings"][0]["check"] == "loads"
+    assert "scale: not a positive number" in two["findings"][0]["value"]
+    assert any("left.obj" in str(finding["value"]) for finding in three["findings"])
+    assert cli.run(["assets", "validate", "box_rotate", *where]) == 1
+    assert "FAULT  box_rotate/3: " in capfd.readouterr().out
+    code, result = run_json(capfd, "assets", "prepare", "--assets", str(tmp_path / "lib"), "--workers", "2")
+    assert (code, result["prepared"]) == (1, 2)
+    assert [entry["id"] for entry in result["refused"]] == ["2"]
