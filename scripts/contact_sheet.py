@@ -1,6 +1,10 @@
 """One picture of the tasks of one or more runs: each task before, during and after its first demonstration.
 
 .venv/bin/python scripts/contact_sheet.py runs/demo --out docs/images/tasks.png
+
+Or one of a library: the first object of each class, half open.
+
+.venv/bin/python scripts/contact_sheet.py --objects builtin --columns 7 --out docs/images/objects.png
 """
 
 from __future__ import annotations
@@ -21,10 +25,14 @@ BACKGROUND, INK = "white", "#1c2430"
 def main() -> None:
     """Read the arguments and write the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="+", help="run folders")
+    parser.add_argument("runs", type=Path, nargs="*", help="run folders")
+    parser.add_argument("--objects", metavar="DIR|builtin", help="a library of objects in the place of runs")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--columns", type=int, default=2)
     options = parser.parse_args()
+    if options.objects:
+        objects(options.objects, options.columns, options.out)
+        return
     videos = sorted(
         (video for run in options.runs for video in run.glob("tasks/*/*.mp4")),
         key=lambda path: path.parent.name,
@@ -34,6 +42,19 @@ def main() -> None:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     sheet([(video.parent.name, moments(video)) for video in videos], options.columns).save(options.out)
     print(f"{len(videos)} tasks in {options.out}")
+
+
+def objects(where: str, columns: int, out: Path) -> None:
+    """A picture of the first object of each class of a library."""
+    from gensim2.assets import open_library
+    from gensim2.assets.pictures import Studio, contact_sheet
+
+    library = open_library(where)
+    shown = [(library.load(name, library.instances(name)[0]), 0.5) for name in library.classes()]
+    picture = contact_sheet(Studio(190), shown, columns)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    picture.save(out, optimize=True)
+    print(f"{len(shown)} classes in {out}")
 
 
 def moments(video: Path) -> list[Image.Image]:

@@ -8,6 +8,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -18,7 +20,9 @@ from gensim2.assets.shapes import Look, Mesh, hull_mesh
 from gensim2.assets.types import Instance, MovingJoint
 
 Array = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
 
+CREASE = np.cos(np.radians(35))
 EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has none; urdf-rs needs them
 
 
@@ -68,10 +72,48 @@ def box_of(hull: Array) -> tuple[Array, Array] | None:
 
 def _write_hull(path: Path, points: Array) -> None:
     mesh = hull_mesh(points, Look())
-    corners, faces = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    corners, order = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = order.ravel()[mesh.faces]
     lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in corners]
-    lines += [f"f {a} {b} {c}" for a, b, c in faces.reshape(-1, 3) + 1]
+    lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
     path.write_text("\n".join(lines) + "\n")
+
+
+def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
+    """The same surface with vertices of its own on both sides of every edge sharper than ``CREASE``.
+
+    Renderers smooth the shading over faces that share a vertex: right for a bottle, wrong for a box.
+
+    Args:
+        vertices: (N, 3).
+        faces: (M, 3).
+    """
+    n = len(faces)
+    if n == 0:
+        return vertices, faces
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-18)[:, None]
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    edge = edge.ravel()
+    order = np.argsort(edge, kind="stable")
+    owner, same = order // 3, edge[order[1:]] == edge[order[:-1]]
+    left, right = owner[:-1][same], owner[1:][same]
+    smooth = np.einsum("ij,ij->i", normals[left], normals[right]) > CREASE
+    # A corner of a face is joined with the same corner of the face across each smooth edge.
+    corner_of = np.arange(3 * n).reshape(-1, 3)
+    pairs = []
+    for i in range(3):
+        for j in range(3):
+            shared = smooth & (faces[left, i] == faces[right, j])
+            pairs.append(np.stack([corner_of[left[shared], i], corner_of[right[shared], j]], axis=1))
+    joined = np.concatenate(pairs)
+    graph = coo_matrix((np.ones(len(joined)), (joined[:, 0], joined[:, 1])), shape=(3 * n, 3 * n))
+    count, label = connected_components(graph, directed=False)
+    split = np.zeros((count, 3))
+    split[label] = corners.reshape(-1, 3)
+    return split, label.reshape(-1, 3).astype(np.int64)
 
 
 def _write_visual(path: Path, meshes: list[Mesh]) -> None:
@@ -82,8 +124,10 @@ def _write_visual(path: Path, meshes: list[Mesh]) -> None:
     scene = trimesh.Scene()
     for number, (look, group) in enumerate(by_look.items()):
         offsets = np.cumsum([0] + [len(m.vertices) for m in group[:-1]])
-        vertices = np.concatenate([m.vertices for m in group])
-        faces = np.concatenate([m.faces + o for m, o in zip(group, offsets, strict=True)])
+        vertices, faces = creased(
+            np.concatenate([m.vertices for m in group]),
+            np.concatenate([m.faces + o for m, o in zip(group, offsets, strict=True)]),
+        )
         material = PBRMaterial(
             name=f"look_{number}",
             baseColorFactor=[round(255 * c) for c in look.rgba],

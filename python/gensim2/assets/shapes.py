@@ -81,14 +81,15 @@ def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0)
 
 
 def hull_mesh(points: Array, look: Look) -> Mesh:
-    """Flat-shaded surface of the convex hull of (N, 3) points, facing outwards."""
+    """Surface of the convex hull of (N, 3) points, facing outwards."""
     hull = ConvexHull(points)
     faces = hull.simplices.astype(np.int64)
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return Mesh(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), look)
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Mesh(points[used], renumbered.reshape(-1, 3).astype(np.int64), look)
 
 
 def convex(points: Array | Sequence[Vec3], look: Look) -> Solid:
@@ -179,10 +180,73 @@ def ball(center: Vec3, radius: float | Vec3, look: Look) -> Solid:
 
 
 def path(points: Sequence[Vec3], radius: float, look: Look, sides: int = 10) -> list[Solid]:
-    """A round bar along a polyline: one cylinder a leg, with balls to look at in the bends."""
+    """A round bar along a polyline: it collides as one cylinder a leg and looks bent."""
     p = [np.asarray(q, float) for q in points]
-    legs = [rod(a, b, radius, look, sides) for a, b in pairwise(p)]
-    return legs + [ball(q, radius, look).visual_only() for q in p[1:-1]]
+    legs = [Solid(rod(a, b, radius, look, sides).hull, None) for a, b in pairwise(p)]
+    return [*legs, Solid(None, swept(_rounded(p, radius), radius, look))]
+
+
+def _rounded(points: Sequence[Array], radius: float, steps: int = 4) -> list[Array]:
+    """A polyline with its corners cut by parabolas, at most three times ``radius`` from the corner."""
+    line = [points[0]]
+    for before, corner, after in zip(points, points[1:], points[2:], strict=False):
+        ends = []
+        for other in (before, after):
+            length = float(np.linalg.norm(other - corner))
+            ends.append(corner + (other - corner) * min(3 * radius, 0.5 * length) / length)
+        for t in np.linspace(0, 1, steps + 1):
+            line.append((1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1])
+    line.append(points[-1])
+    return [line[0]] + [b for a, b in pairwise(line) if float(np.linalg.norm(b - a)) > 1e-6]
+
+
+def swept(points: Sequence[Array], radius: float, look: Look, sides: int = 14) -> Mesh:
+    """Surface of a round bar along a polyline, closed at both ends."""
+    p = np.array(points)
+    tangents = np.gradient(p, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1)[:, None]
+    u, _ = _frame(tangents[0])
+    rings = []
+    for point, tangent in zip(p, tangents, strict=True):
+        u = u - (u @ tangent) * tangent  # carried along without twist
+        u /= np.linalg.norm(u)
+        v = np.cross(tangent, u)
+        angle = 2 * np.pi * np.arange(sides) / sides
+        rings.append(point + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v)))
+    return loft(rings, look)
+
+
+def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
+    """Surface through rings of (N, 3) points each, right-handed about the way from the first to the last.
+
+    ``closed``: with a flat lid on both ends; else the last ring joins the first, as in a torus or a hollow wall.
+    """
+    n, k = len(rings[0]), len(rings)
+    vertices = [*rings]
+    i, j = np.meshgrid(np.arange(n), np.arange(k - 1 if closed else k), indexing="xy")
+    a, b = j * n + i, j * n + (i + 1) % n
+    c, d = (a + n) % (k * n), (b + n) % (k * n)
+    faces = [np.stack([a, b, d], axis=-1).reshape(-1, 3), np.stack([a, d, c], axis=-1).reshape(-1, 3)]
+    if closed:
+        for ring, start, step in ((rings[0], 0, -1), (rings[-1], (k - 1) * n, 1)):
+            center = sum(len(v) for v in vertices)
+            vertices.append(ring.mean(axis=0)[None])
+            around = np.arange(n)
+            fan = [np.full(n, center), start + around, start + (around + 1) % n]
+            faces.append(np.stack(fan if step > 0 else [fan[0], fan[2], fan[1]], axis=1))
+    return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int64), look)
+
+
+def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], look: Look, sides: int = 48) -> Solid:
+    """What a lathe makes, to look at: a closed profile turned about the line from ``a`` to ``b``.
+
+    Args:
+        profile: (radius in metres, share of the way from ``a`` to ``b``) all around the section of the wall, so that
+            (radius, share) runs counterclockwise in a plane with the radius to the right and the axis up.
+    """
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    rings = [ring(a + share * (b - a), b - a, radius, sides) for radius, share in profile]
+    return Solid(None, loft(rings, look, closed=False))
 
 
 def arc(center: Vec3, u: Vec3, v: Vec3, radius: float, start: float, stop: float, legs: int) -> list[Array]:
@@ -239,7 +303,10 @@ def tube(
     segments: int = 12,
     bottom: float | None = None,
 ) -> list[Solid]:
-    """A hollow frustum from ``a`` to ``b`` made of convex staves; closed at ``a`` by a disc of thickness ``bottom``."""
+    """A hollow frustum from ``a`` to ``b`` that collides as convex staves and looks round.
+
+    ``bottom``: thickness of the disc that closes it at ``a``; None: open at both ends.
+    """
     a, b = np.asarray(a, float), np.asarray(b, float)
     d = b - a
     rings = [
@@ -249,10 +316,22 @@ def tube(
     parts = []
     for i in range(segments):
         j = (i + 1) % segments
-        parts.append(convex(np.array([r[k] for r in rings for k in (i, j)]), look))
+        stave = np.array([r[k] for r in rings for k in (i, j)])
+        parts.append(Solid(stave[ConvexHull(stave).vertices], None))
+    lip = 0.25 * wall / float(np.linalg.norm(d))  # the rim is cut a little on both sides
+    profile = [
+        (radius_a, 0.0),
+        (radius_b, 1 - lip),
+        (radius_b - 0.25 * wall, 1.0),
+        (radius_b - 0.75 * wall, 1.0),
+        (radius_b - wall, 1 - lip),
+        (radius_a - wall, 0.0),
+    ]
+    parts.append(turned_profile(a, b, profile, look))
     if bottom is not None:
         unit = d / np.linalg.norm(d)
         inner = radius_a - 0.6 * wall
         disc = np.concatenate([ring(a, d, inner, segments), ring(a + bottom * unit, d, inner, segments)])
-        parts.append(convex(disc, look))
+        parts.append(Solid(disc[ConvexHull(disc).vertices], None))
+        parts.append(cone(a, a + bottom * unit, inner, inner, look, 24).visual_only())
     return parts

@@ -35,13 +35,11 @@ def draw(rng: np.random.Generator) -> Bucket:
 
     bottom, top = -height / 2, height / 2
     body = tube((0, bottom, 0), (0, top, 0), narrow, wide, wall, look, 12, bottom=0.006)
-    rim = arc((0, top, 0), (1, 0, 0), (0, 0, 1), wide - wall / 2, 0.0, 2 * np.pi, 24)
-    body += [part.visual_only() for part in path(rim, 0.7 * wall, look, 8)]
+    body.append(c.hoop((0, top, 0), (0, 1, 0), wide - wall / 2, 0.7 * wall, look))
     for k in range(rings):
         y = bottom + (k + 1) * height / (rings + 1)
         radius = narrow + (wide - narrow) * (y - bottom) / height
-        hoop = arc((0, y, 0), (1, 0, 0), (0, 0, 1), radius, 0.0, 2 * np.pi, 24)
-        body += [part.visual_only() for part in path(hoop, 0.6 * wall, wire, 6)]
+        body.append(c.hoop((0, y, 0), (0, 1, 0), radius, 0.6 * wall, wire))
     # The handle clears the rim all the way down, its grip included.
     half = wide + 0.017
     hinge = np.array([0.0, top - 0.016, 0.0])

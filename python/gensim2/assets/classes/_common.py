@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from gensim2.assets.blueprint import Blueprint
-from gensim2.assets.shapes import Array, Look, Solid, Vec3, ball, box, pose, rod, rotation
+from gensim2.assets.shapes import Array, Look, Solid, Vec3, ball, box, loft, pose, ring, rod, rotation
 
 Rng = np.random.Generator
 
-CHROME = Look((0.82, 0.83, 0.85, 1), 0.9, 0.2)
-STEEL = Look((0.60, 0.61, 0.63, 1), 0.8, 0.4)
-BRASS = Look((0.75, 0.58, 0.28, 1), 0.9, 0.3)
-DARK_METAL = Look((0.16, 0.16, 0.18, 1), 0.7, 0.4)
+# Renderers without an environment to reflect show metal as grey, so metals are only a third metallic.
+CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
+STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
+BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
+DARK_METAL = Look((0.19, 0.19, 0.21, 1), 0.30, 0.40)
 BLACK = Look((0.03, 0.03, 0.035, 1), 0.0, 0.5)
 RUBBER = Look((0.06, 0.06, 0.06, 1), 0.0, 0.95)
 GLASS = Look((0.10, 0.12, 0.15, 0.75), 0.0, 0.05)
@@ -122,6 +123,23 @@ def feet(width: float, depth: float, bottom: float, height: float, radius: float
         for sx in (-1, 1)
         for sz in (-1, 1)
     ]
+
+
+def hoop(center: Vec3, direction: Vec3, radius: float, thick: float, look: Look) -> Solid:
+    """A ring of round section to look at: ``radius`` of the ring, ``thick`` of its section (m)."""
+    c, d = np.asarray(center, float), np.asarray(direction, float)
+    sides, around = 48, np.array([ring(c, d, radius + thick * np.cos(t), 48) for t in _SECTION])
+    heights = thick * np.sin(_SECTION)[:, None, None] * (d / np.linalg.norm(d))
+    assert around.shape == (len(_SECTION), sides, 3)
+    return Solid(None, loft(list(around + heights), look, closed=False))
+
+
+_SECTION = 2 * np.pi * np.arange(8) / 8
+
+
+def extra(rng: Rng) -> Rng:
+    """A generator for details that are only looked at: what it draws leaves the shape of the object alone."""
+    return np.random.default_rng(rng.bit_generator.random_raw())
 
 
 def at(blueprint: Blueprint, q: float) -> list[Solid]:

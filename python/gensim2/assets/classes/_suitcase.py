@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import Array, Solid, box, path, tray
+from gensim2.assets.shapes import Array, Solid, box, path, rounded_box, tray
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,15 @@ def draw(rng: np.random.Generator) -> Suitcase:
         shell.append(box((x, 0, -deep - 0.0005), (0.03, height, 0.002), band, 0.0).visual_only())
         lid.append(box((x, 0, gap + shallow + 0.0005), (0.03, height, 0.002), band, 0.0).visual_only())
         shell.append(box((x, top + 0.002, -0.012), (0.022, 0.004, 0.018), metal).visual_only())
+    for sx in (-1, 1):
+        for sy in (-1, 1):
+            x, y = sx * (width / 2 - 0.014), sy * (height / 2 - 0.014)
+            cap = (0.031, 0.031, 0.0065)
+            lid.append(rounded_box((x, y, gap + shallow - 0.0020), cap, band, 0.012, 2).visual_only())
+            shell.append(rounded_box((x, y, -deep + 0.0020), cap, band, 0.012, 2).visual_only())
+    for s in (-1, 1):  # a metal rail around the rim
+        shell.append(box((0, s * height / 2, -0.0025), (width, 0.0015, 0.004), metal, 0.0).visual_only())
+        shell.append(box((s * width / 2, 0, -0.0025), (0.0015, height, 0.004), metal, 0.0).visual_only())
     z = -deep / 2
     handle = [np.array([x, y, z]) for x, y in ((-0.05, top), (-0.04, top + 0.026), (0.04, top + 0.026), (0.05, top))]
     shell += path(handle, 0.005, c.BLACK, 8)

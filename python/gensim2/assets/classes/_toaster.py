@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import Array, Solid, box, rod, rounded_box
+from gensim2.assets.shapes import Array, Look, Solid, box, rod, rounded_box
 
 
 @dataclass(frozen=True)
@@ -54,4 +54,16 @@ def draw(rng: np.random.Generator) -> Toaster:
     lever = [
         rounded_box((0, start, front + 0.002 + reach / 2), (grip, thick, reach), dark, 0.006),
     ]
+    band = (width + 0.0012, 0.005, depth + 0.0012)
+    body.append(rounded_box((0, floor_top, 0), band, c.STEEL if look.metallic == 0 else dark, 0.0205).visual_only())
+    mark = knob + np.array([0, 0.006, 0.0125])
+    body.append(box(mark, (0.0022, 0.012, 0.001), c.WHITE, 0.0).visual_only())
+    # Bread rides on the lever.
+    crust = Look((0.72, 0.47, 0.22, 1), 0.0, 0.9)
+    low, high = floor_top + stroke + 0.004, half + 0.028
+    for x in centers:
+        deep = 0.86 * slot_d
+        lever.append(box((x, (low + high) / 2 - 0.006, 0), (0.014, high - low - 0.012, deep), crust).visual_only())
+        loaf = rounded_box((x, high - 0.014, 0), (0.014, 0.028, 1.04 * deep), crust, 0.012, axis=0)
+        lever.append(loaf.visual_only())
     return Toaster(body, lever, np.array([0, start + thick / 2, front + 0.002 + 0.6 * reach]), stroke)

@@ -6,9 +6,64 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import box, rod, tray
+from gensim2.assets.shapes import Look, Solid, box, rod, tray
 
 GAP = 0.001  # m between lid and rim
+
+
+def _trim(
+    rng: np.random.Generator,
+    size: tuple[float, float, float],
+    lid: tuple[float, float],
+    metal: Look,
+    lock: bool,
+) -> tuple[list[Solid], list[Solid]]:
+    """Fittings to look at, on the body and on the lid: corner plates, straps or plank lines; a lock plate.
+
+    Args:
+        size: width, height, depth of the body.
+        lid: y of its upper face, and its thickness.
+        lock: whether the lid has a tab that a lock plate belongs to.
+    """
+    width, height, depth = size
+    top, front = height / 2, depth / 2
+    lid_top, thick = lid
+    skin = 0.0012
+    on_body: list[Solid] = []
+    on_lid: list[Solid] = []
+    style = int(rng.integers(4))
+    if style == 0:  # metal plates on the corners
+        arm = float(rng.uniform(0.020, 0.030))
+        for sx in (-1, 1):
+            for y in (-top + arm / 2, top - arm / 2):
+                for sz in (-1, 1):
+                    corner = (sx * (width - arm) / 2, y, sz * front)
+                    on_body.append(box(corner, (arm, arm, 2 * skin), metal, 0.0005))
+                    side = (sx * width / 2, y, sz * (depth - arm) / 2)
+                    on_body.append(box(side, (2 * skin, arm, arm), metal, 0.0005))
+            on_lid.append(box((sx * (width - arm) / 2, lid_top, front - arm / 2), (arm, 2 * skin, arm), metal, 0.0005))
+    elif style == 1:  # straps around it
+        band = c.pick(rng, (*c.WOODS, c.BLACK, metal))
+        for sx in (-1, 1):
+            x = sx * 0.28 * width
+            for sz in (-1, 1):
+                on_body.append(box((x, 0, sz * front), (0.022, height, 2 * skin), band, 0.0005))
+            on_lid.append(box((x, lid_top - thick / 2, 0.001), (0.022, thick + 2 * skin, depth - 0.002), band, 0.0005))
+    elif style == 2:  # planks
+        dark = Look((0.10, 0.07, 0.05, 1), 0.0, 0.9)
+        count = max(2, round(height / 0.035))
+        for k in range(1, count):
+            y = -top + k * height / count
+            for s in (-1, 1):
+                on_body.append(box((0, y, s * front), (width, 0.0018, 0.0006), dark, 0.0))
+                on_body.append(box((s * width / 2, y, 0), (0.0006, 0.0018, depth), dark, 0.0))
+        for k in range(1, 4):
+            z = -front + k * depth / 4
+            on_lid.append(box((0, lid_top, z), (width + 0.0006, 0.0006, 0.0018), dark, 0.0))
+    if lock:
+        on_body.append(box((0, top - 0.016, front), (0.030, 0.026, 2 * skin), metal, 0.0006))
+        on_body.append(rod((0, top - 0.018, front), (0, top - 0.018, front + 2 * skin), 0.003, c.BLACK))
+    return [part.visual_only() for part in on_body], [part.visual_only() for part in on_lid]
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -51,6 +106,10 @@ def build(rng: np.random.Generator) -> Blueprint:
                 (x - 0.015, top - 0.004, back - 0.003), (x + 0.015, top - 0.004, back - 0.003), 0.003, metal
             ).visual_only()
         )
+
+    trimmed, on_lid = _trim(c.extra(rng), (width, height, depth), (lid_top, plate + rim), metal, tab)
+    body += trimmed
+    lid += on_lid
 
     # As with most released boxes, the lid stands upright at joint value zero and is shut at a quarter turn below it.
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2

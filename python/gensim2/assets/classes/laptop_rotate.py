@@ -6,7 +6,7 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import Solid, box, rod, rounded_box
+from gensim2.assets.shapes import Solid, Vec3, box, rod, rounded_box
 
 GAP = 0.001
 
@@ -34,6 +34,20 @@ def keyboard(width: float, depth: float, top: float) -> list[Solid]:
     return [*parts, pad.visual_only()]
 
 
+def _desktop(rng: np.random.Generator, middle: Vec3, width: float, depth: float) -> list[Solid]:
+    """What is on the screen, which faces down while the lid is shut: windows and a task bar."""
+    x, y, z = (float(v) for v in middle)
+    bar = box((x, y, z - 0.46 * depth), (width, 0.0004, 0.06 * depth), c.STEEL, 0.0)
+    parts = [bar.visual_only()]
+    for k in range(2):
+        w, d = rng.uniform(0.30, 0.50) * width, rng.uniform(0.35, 0.50) * depth
+        at = (x + (k - 0.5) * 0.40 * width, y - 0.0002 * k, z + rng.uniform(0.0, 0.12) * depth)
+        parts.append(box(at, (w, 0.0004, d), c.WHITE, 0.0).visual_only())
+        title = (at[0], y - 0.0002 * k - 0.0002, at[2] + 0.45 * d)
+        parts.append(box(title, (w, 0.0004, 0.1 * d), c.pick(rng, c.PAINTS[1:5]), 0.0).visual_only())
+    return parts
+
+
 def build(rng: np.random.Generator) -> Blueprint:
     width, depth = c.between(rng, 0.27, 0.34), c.between(rng, 0.185, 0.225)
     base, plate = c.between(rng, 0.012, 0.022), c.between(rng, 0.005, 0.009)
@@ -57,6 +71,15 @@ def build(rng: np.random.Generator) -> Blueprint:
             (-0.3 * width, top + GAP, back + 0.002), (0.3 * width, top + GAP, back + 0.002), 0.0035, c.BLACK
         ).visual_only(),
     ]
+    detail = c.extra(rng)
+    lid += _desktop(detail, (0, top + GAP - 0.0009, back + length / 2), 0.9 * width, 0.84 * length)
+    logo = np.array([0, top + GAP + plate, back + 0.5 * length])
+    logo_look = c.pick(detail, (c.CHROME, c.WHITE, *c.PAINTS[1:5]))
+    lid.append(rod(logo, logo + np.array([0, 0.0006, 0]), 0.018, logo_look).visual_only())
+    for s in (-1, 1):
+        for k in range(int(detail.integers(2, 5))):
+            port = (s * width / 2, -0.1 * base, back + 0.04 + 0.018 * k)
+            body.append(box(port, (0.0008, 0.30 * base, 0.011), c.BLACK, 0.0).visual_only())
     # The screen stands upright at joint value zero.
     axis, shut = (-1.0, 0.0, 0.0), -np.pi / 2
     head, tail = (0, height, back + 0.001 + length), (0, top + GAP, back + 0.001)

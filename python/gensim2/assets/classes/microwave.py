@@ -6,9 +6,10 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import box, rod, tray
+from gensim2.assets.shapes import Look, box, rod, tray
 
 GAP = 0.0015
+GLASS_PLATE = Look((0.75, 0.82, 0.85, 0.6), 0.0, 0.05)
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -41,6 +42,16 @@ def build(rng: np.random.Generator) -> Blueprint:
             for j in range(4):
                 key = (panel_x + (i - 1) * 0.25 * panel, (0.14 - 0.14 * j) * height, front + 0.003)
                 body.append(box(key, (0.18 * panel, 0.08 * height, 0.002), c.STEEL, 0.0005).visual_only())
+
+    plate = np.array([left + cavity / 2, -height / 2 + wall, 0.0])
+    glass = 0.42 * min(cavity - 2 * wall, depth - wall)
+    body.append(rod(plate, plate + np.array([0, 0.006, 0]), glass, GLASS_PLATE, 20).visual_only())
+    for k in range(7):
+        slit = (width / 2, 0.05 * height, (k - 3) * 0.014 - 0.15 * depth)
+        body.append(box(slit, (0.001, 0.3 * height, 0.006), c.BLACK, 0.0).visual_only())
+    body.append(
+        box((panel_x, -0.40 * height, front + 0.003), (0.72 * panel, 0.09 * height, 0.003), metal).visual_only()
+    )
 
     origin = np.array([left, 0.0, front + GAP])
     span = cavity - 0.002

@@ -6,9 +6,30 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import box, tray
+from gensim2.assets.shapes import Solid, ball, box, cone, rod, tray
 
 GAP = 0.0015
+
+
+def _food(
+    rng: np.random.Generator, inner: float, depth: float, bottom: float, split: float, wall: float
+) -> list[Solid]:
+    """Bottles, boxes and fruit on the shelves, to look at, in the back half."""
+    parts: list[Solid] = []
+    for level in (0.0, 0.36, 0.66):
+        floor = bottom + (wall if level == 0 else 0.0025) + level * (split - bottom)
+        for k in range(4):
+            at = np.array([(k - 1.5) * inner / 4.4, floor, -0.22 * depth])
+            look = c.pick(rng, c.PAINTS)
+            kind = int(rng.integers(4))
+            if kind == 0:
+                parts.append(rod(at, at + np.array([0, 0.045, 0]), 0.013, look))
+                parts.append(cone(at + np.array([0, 0.045, 0]), at + np.array([0, 0.065, 0]), 0.013, 0.005, look))
+            elif kind == 1:
+                parts.append(box(at + np.array([0, 0.025, 0]), (0.028, 0.05, 0.028), look))
+            elif kind == 2:
+                parts.append(ball(at + np.array([0, 0.014, 0]), 0.014, look))
+    return [part.visual_only() for part in parts]
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -35,6 +56,9 @@ def build(rng: np.random.Generator) -> Blueprint:
     for level in (0.36, 0.66):
         y = bottom + level * (split - bottom)
         body.append(box((0, y, -0.02), (width - 2 * wall, 0.005, 0.75 * depth), c.GLASS, 0.0))
+    body += _food(c.extra(rng), width - 2 * wall, depth, bottom, split, wall)
+    plate = np.array([0.0, split + 0.80 * (top - split), z + door])
+    body.append(box(plate, (0.24 * width, 0.010, 0.0015), metal, 0.0005).visual_only())
     tall = split - bottom - 0.006
     y = (bottom + split) / 2
     span = width - 0.002

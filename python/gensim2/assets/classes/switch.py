@@ -47,6 +47,7 @@ def build(rng: np.random.Generator) -> Blueprint:
     )
     mark = box((0, 0.3 * rocker_h, z + thick), (0.003, 0.014, 0.001), c.PAINTS[1], 0.0)
     moving.append(mark.visual_only())
+    moving.append(c.hoop((0, -0.3 * rocker_h, z + thick), (0, 0, 1), 0.006, 0.001, c.PAINTS[1]))
     return Blueprint(
         body=body,
         moving=moving,

@@ -6,9 +6,10 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import box, cone, convex, rod, rounded_box, tube
+from gensim2.assets.shapes import Look, box, cone, convex, rod, rounded_box, tube, turned_profile
 
 GAP = 0.0015
+WATER = Look((0.45, 0.65, 0.75, 0.8), 0.0, 0.05)
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -31,6 +32,10 @@ def build(rng: np.random.Generator) -> Blueprint:
     body += tube(
         (0, bottom + 0.45 * rim, bowl_z), (0, top, bowl_z), 0.6 * radius, radius, 0.014, look, 12, bottom=0.008
     )
+    seat = [(radius - 0.001, 0.0), (radius - 0.003, 1.0), (radius - 0.020, 1.0), (radius - 0.022, 0.0)]
+    body.append(turned_profile((0, top - 0.004, bowl_z), (0, top + 0.0008, bowl_z), seat, lid_look))
+    water = np.array([0, bottom + 0.45 * rim + 0.02, bowl_z])
+    body.append(rod(water, water + np.array([0, 0.001, 0]), 0.58 * radius, WATER, 16).visual_only())
     body.append(box((0, bottom + 0.4 * rim, back - 0.02), (1.1 * radius, 0.8 * rim, 0.06), look, 0.004))
     tank_z = back - 0.045
     body.append(rounded_box((0, top + tank_h / 2 - 0.01, tank_z), (tank_w, tank_h + 0.02, 0.07), look, 0.015))

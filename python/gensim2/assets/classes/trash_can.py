@@ -40,7 +40,16 @@ def build(rng: np.random.Generator) -> Blueprint:
     body.append(
         rod((-0.03, top - 0.006, back - 0.004), (0.03, top - 0.006, back - 0.004), 0.004, c.STEEL).visual_only()
     )
+    if is_round:
+        body.append(c.hoop((0, bottom + 0.005, 0), (0, 1, 0), 0.92 * width / 2, 0.005, c.BLACK))
+        body.append(c.hoop((0, top - 0.003, 0), (0, 1, 0), width / 2, 0.0022, look))
+    else:
+        for k in range(3):
+            for s in (-1, 1):
+                rib = (s * width / 2, 0, (k - 1) * 0.25 * deep)
+                body.append(box(rib, (0.003, 0.86 * height, 0.012), look).visual_only())
     if pedal:
+        body.append(box((0, bottom + 0.012, front), (0.07, 0.016, 0.008), c.DARK_METAL).visual_only())
         body.append(box((0, bottom + 0.012, front + 0.012), (0.05, 0.008, 0.03), c.BLACK).visual_only())
     reach = front + overhang
     return Blueprint(

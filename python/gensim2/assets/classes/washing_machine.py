@@ -6,9 +6,10 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import box, rod, tray, tube
+from gensim2.assets.shapes import Look, box, cone, rod, tray, tube, turned_profile
 
 GAP = 0.0015
+BLUE = Look((0.25, 0.40, 0.52, 0.75), 0.0, 0.05)
 
 
 def build(rng: np.random.Generator) -> Blueprint:
@@ -33,6 +34,10 @@ def build(rng: np.random.Generator) -> Blueprint:
     body += c.feet(width, depth, -height / 2, 0.008, 0.012)
     drum = tube((0, y0, front - wall), (0, y0, -0.3 * depth), 0.72 * radius, 0.72 * radius, 0.003, c.STEEL, 16)
     body += [part.visual_only() for part in drum]
+    # The front looks cut round; it collides as four bars around a square hole.
+    disc = [(1.10 * radius, 0.0), (1.10 * radius, 1.0), (0.70 * radius, 1.0), (0.70 * radius, 0.0)]
+    body.append(turned_profile((0, y0, front), (0, y0, front + 0.001), disc, look))
+    body.append(c.hoop((0, y0, front), (0, 0, 1), 0.71 * radius, 0.004, c.RUBBER))
     panel_y = height / 2 - 0.032
     body.append(box((0, panel_y, front + 0.001), (0.94 * width, 0.046, 0.002), c.BLACK, 0.0).visual_only())
     knob = np.array([0.0, panel_y, front + 0.002])
@@ -44,6 +49,9 @@ def build(rng: np.random.Generator) -> Blueprint:
     middle = np.array([0.0, y0, face])
     shape = tube(middle, middle + np.array([0, 0, door]), radius, 0.94 * radius, 0.022, metal, 12)
     shape.append(rod(middle, middle + np.array([0, 0, 0.5 * door]), radius - 0.020, c.GLASS, 16))
+    inner, outer = (middle + np.array([0, 0, share * door]) for share in (0.45, 0.8))
+    bulge = cone(inner, outer, 0.70 * radius, 0.45 * radius, BLUE)
+    shape.append(bulge.visual_only())
     at = np.array([0.86 * radius, y0, face + door + reach])
     shape += c.flat_handle(at, 0.070, "y", reach, 0.013, metal)
     origin = np.array([-radius - 0.004, y0, face])
