@@ -84,3 +84,24 @@ def test_validate_ends_with_one_and_names_what_is_wrong(
     code, result = run_json(capfd, "assets", "prepare", "--assets", str(tmp_path / "lib"), "--workers", "2")
     assert (code, result["prepared"]) == (1, 2)
     assert [entry["id"] for entry in result["refused"]] == ["2"]
+
+
+def test_export_writes_a_library_that_opens(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "mine"
+    code, result = run_json(capfd, "assets", "export", "drawer/test", "faucet/3", "--out", str(out))
+    assert code == 0
+    folders = [Path(entry["folder"]) for entry in result["objects"]]
+    assert [folder.relative_to(out / "articulated_objs").parts[0] for folder in folders] == [
+        "drawer",
+        "drawer",
+        "faucet",
+    ]
+    code, result = run_json(capfd, "assets", "list", "--assets", str(out))
+    assert [(entry["class"], len(entry["instances"])) for entry in result["classes"]] == [("drawer", 2), ("faucet", 1)]
+    assert result["license"] == "Apache-2.0"
+    assert cli.run(["assets", "export", "faucet/3", "--out", str(out)]) == 2
+    assert "is there already" in capfd.readouterr().err
+    assert cli.run(["assets", "export", "faucet/3", "--out", str(out), "--force"]) == 0
+    assert capfd.readouterr().out.splitlines() == [str(folders[2]), "license: Apache-2.0"]
+    assert cli.run(["assets", "export", "--out", str(out)]) == 2
+    assert "--all" in capfd.readouterr().err

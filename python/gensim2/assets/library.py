@@ -20,7 +20,7 @@ from gensim2.assets.generate import generate
 from gensim2.assets.known import DESCRIPTIONS, JOINT_TYPES
 from gensim2.assets.prepare import prepare
 from gensim2.assets.real import LICENSE as REAL_LICENSE
-from gensim2.assets.real import READER_MODULES, fingerprint, read_model
+from gensim2.assets.real import READER_MODULES, declared_license, fingerprint, read_model
 from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 from gensim2.seeding import rng
@@ -198,8 +198,6 @@ class GeneratedLibrary(Library):
 class FolderLibrary(Library):
     """Real objects in the layout of the GenSim2 release: ``<class>/<id>/mobility.urdf`` and ``info.json``."""
 
-    license = REAL_LICENSE
-
     def __init__(self, folder: Path) -> None:
         inner = folder / "articulated_objs"
         self._folder = inner if inner.is_dir() else folder
@@ -216,6 +214,8 @@ class FolderLibrary(Library):
                 remedy="give a folder with <class>/<id>/mobility.urdf, or its parent",
             )
         self._found = found
+        terms = {declared_license(self._folder / name / ids[0]) or REAL_LICENSE for name, ids in found.items()}
+        self.license = "; ".join(sorted(terms))
 
     def classes(self) -> tuple[str, ...]:
         return tuple(sorted(self._found))

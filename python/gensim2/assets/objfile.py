@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +73,31 @@ def read_obj(path: Path) -> list[Mesh]:
         used, renumbered = np.unique(index, return_inverse=True)
         meshes.append(Mesh(points[used], renumbered.reshape(-1, 3), looks.get(name, DEFAULT_LOOK)))
     return meshes
+
+
+def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
+    """Write meshes as one OBJ file with its MTL beside it, a material a look.
+
+    MTL has no roughness: its specular share stands for it, as in :func:`read_materials`.
+    """
+    looks = list(dict.fromkeys(mesh.look for mesh in meshes))
+    lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
+    for number, look in enumerate(looks):
+        lines.append(f"usemtl look_{number}")
+        for mesh in meshes:
+            if mesh.look == look:
+                lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices + 0.0]
+                lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + first]
+                first += len(mesh.vertices)
+    path.write_text("\n".join(lines) + "\n")
+    materials = []
+    for number, look in enumerate(looks):
+        red, green, blue, alpha = look.rgba
+        specular = min(max((0.7 - look.roughness) / 0.4, 0.0), 1.0)
+        materials += [
+            f"newmtl look_{number}",
+            f"Kd {red:g} {green:g} {blue:g}",
+            f"Ks {specular:g} {specular:g} {specular:g}",
+            f"d {alpha:g}",
+        ]
+    path.with_suffix(".mtl").write_text("\n".join(materials) + "\n")

@@ -34,7 +34,8 @@ def rpy_from_matrix(R: Array) -> Array:
     return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
 
 
-def _numbers(values: Array) -> str:
+def numbers(values: Array) -> str:
+    """Values as XML attributes have them, to nine digits."""
     return " ".join(f"{v:.9g}" for v in np.asarray(values, float) + 0.0)
 
 
@@ -146,7 +147,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
     i = mass.inertia
     lines += [
         "    <inertial>",
-        f'      <origin xyz="{_numbers(mass.center)}"/>',
+        f'      <origin xyz="{numbers(mass.center)}"/>',
         f'      <mass value="{mass.mass:.9g}"/>',
         f'      <inertia ixx="{i[0, 0]:.9g}" ixy="{i[0, 1]:.9g}" ixz="{i[0, 2]:.9g}"'
         f' iyy="{i[1, 1]:.9g}" iyz="{i[1, 2]:.9g}" izz="{i[2, 2]:.9g}"/>',
@@ -160,8 +161,8 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
         if box is not None:
             T, size = box
             lines.append(
-                f'    <collision><origin xyz="{_numbers(T[:3, 3])}" rpy="{_numbers(rpy_from_matrix(T[:3, :3]))}"/>'
-                f'<geometry><box size="{_numbers(size)}"/></geometry></collision>'
+                f'    <collision><origin xyz="{numbers(T[:3, 3])}" rpy="{numbers(rpy_from_matrix(T[:3, :3]))}"/>'
+                f'<geometry><box size="{numbers(size)}"/></geometry></collision>'
             )
             continue
         file = f"collision/{name}_{number}.obj"
@@ -187,11 +188,11 @@ def prepare(model: Model, folder: Path) -> Instance:
     lines += _link(model.moving_link, model.moving, moving, folder)
     lines += [
         f"  <joint name={quoteattr(model.joint_name)} type={quoteattr(model.joint_type)}>",
-        f'    <origin xyz="{_numbers(model.T_root_link[:3, 3])}"'
-        f' rpy="{_numbers(rpy_from_matrix(model.T_root_link[:3, :3]))}"/>',
+        f'    <origin xyz="{numbers(model.T_root_link[:3, 3])}"'
+        f' rpy="{numbers(rpy_from_matrix(model.T_root_link[:3, :3]))}"/>',
         f"    <parent link={quoteattr(model.root_link)}/>",
         f"    <child link={quoteattr(model.moving_link)}/>",
-        f'    <axis xyz="{_numbers(model.axis)}"/>',
+        f'    <axis xyz="{numbers(model.axis)}"/>',
         f'    <limit lower="{model.lower:.9g}" upper="{model.upper:.9g}"'
         f' effort="{EFFORT_LIMIT:g}" velocity="{VELOCITY_LIMIT:g}"/>',
         f'    <dynamics friction="{friction:.6g}" damping="{damping:.6g}"/>',

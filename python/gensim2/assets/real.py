@@ -23,6 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
 
 from gensim2.assets.cache import cached_hulls, source_digest
 from gensim2.assets.decompose import decompose
@@ -196,6 +197,37 @@ def _hulls(meshes: list[Mesh], warnings: list[str], link: str) -> list[Array]:
     return hulls
 
 
+def declared_license(folder: Path) -> str | None:
+    """The terms that ``info.json`` of an instance states, if any; what is wrong with the file shows at loading."""
+    try:
+        value = json.loads((folder / "info.json").read_text())
+    except (OSError, ValueError):
+        return None
+    terms = value.get("license") if isinstance(value, dict) else None
+    return terms if isinstance(terms, str) and terms else None
+
+
+def _declares_convex(info: dict[str, Any], folder: Path) -> bool:
+    """Whether ``info.json`` says that every collision element is convex as it is."""
+    word = info.get("collision")
+    if word not in (None, "convex"):
+        raise AssetError(
+            f"{word!r} is not known", file=folder / "info.json", field="collision", remedy='"convex", or leave it out'
+        )
+    return word == "convex"
+
+
+def _declared_hulls(meshes: list[Mesh], folder: Path) -> list[Array]:
+    """Hulls of meshes that are said to be convex."""
+    hulls = []
+    for mesh in meshes:
+        try:
+            hulls.append(mesh.vertices[ConvexHull(mesh.vertices).vertices])
+        except (QhullError, ValueError) as error:
+            raise AssetError("a collision piece has no volume", file=folder / "info.json", field="collision") from error
+    return hulls
+
+
 def fingerprint(folder: Path) -> str:
     """Hex digest of every file of an instance."""
     digest = hashlib.sha256()
@@ -247,6 +279,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     meshes = _Meshes(folder)
     geometry: dict[str, LinkGeometry] = {}
     first_collision: _Element | None = None
+    convex = _declares_convex(info, folder)
     for group, members in frames.items():
         seen: list[Mesh] = []
         solid: list[Mesh] = []
@@ -258,7 +291,8 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
                 first_collision = collisions[0]
             for element in collisions:
                 solid += meshes.get(element, scale, T)
-        geometry[group] = LinkGeometry(_hulls(solid, warnings, group), seen)
+        hulls = _declared_hulls(solid, folder) if convex else _hulls(solid, warnings, group)
+        geometry[group] = LinkGeometry(hulls, seen)
     if meshes.bad:
         missing = [name for name, why in meshes.bad.items() if why == "missing"]
         broken = [f"{name} ({why})" for name, why in meshes.bad.items() if why != "missing"]
@@ -295,7 +329,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
         T_link_object=T_link_object,
         object_axis=object_axis(info, folder, axis, T_link_object),
         content_hash=content_hash,
-        license=LICENSE,
+        license=declared_license(folder) or LICENSE,
         warnings=tuple(warnings),
     )
 

@@ -72,8 +72,8 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, title: st
 
 
 def line(text: str) -> None:
-    """Print one line as it is."""
-    console().print(text, markup=False, highlight=False)
+    """Print one line as it is, never folded: whoever reads it may be a program."""
+    console().print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def console() -> Console:
