@@ -4,6 +4,7 @@ Rules for what is odd, each noted in the instance's warnings:
 
 - links joined by fixed joints become one: the body in the root frame, and the moving link;
 - a mesh file that is missing or unreadable is left out and counted;
+- a collision file that is one slanted triangle has no hull, and PhysX drops it: it becomes a plate, and is counted;
 - ``joint_position_range`` replaces the limits; prismatic limits of the URDF are scaled, the range is not;
 - no ``scale``: the median of the class;
 - keypoints with colour names only: the one nearest to the moving link becomes ``articulated_object_head``; where none
@@ -37,12 +38,13 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
+SOLID_CORNERS = 4  # a collision file with fewer has no volume
 HULL_MODULES = ("decompose", "voidspace")
 READER_MODULES = (*HULL_MODULES, "checks", "keypoints", "objfile", "real")
 
 
 @dataclass(frozen=True)
-class _Element:
+class MeshElement:
     """A visual or collision element: mesh file and pose in its link, unscaled."""
 
     file: Path
@@ -50,7 +52,7 @@ class _Element:
 
 
 @dataclass(frozen=True)
-class _Joint:
+class UrdfJoint:
     name: str
     type: str
     parent: str
@@ -79,18 +81,18 @@ def _origin(element: ET.Element | None, file: Path, field: str) -> Array:
     return T
 
 
-def _elements(link: ET.Element, kind: str, file: Path) -> list[_Element]:
+def mesh_elements(link: ET.Element, kind: str, file: Path) -> list[MeshElement]:
     found = []
     for element in link.findall(kind):
         mesh = element.find("geometry/mesh")
         if mesh is None or not mesh.get("filename"):
             raise AssetError("only mesh geometry is read", file=file, field=f"link {link.get('name')}: {kind}")
         where = _origin(element.find("origin"), file, f"link {link.get('name')}: {kind}.origin")
-        found.append(_Element(file.parent / str(mesh.get("filename")), where))
+        found.append(MeshElement(file.parent / str(mesh.get("filename")), where))
     return found
 
 
-def _joints(root: ET.Element, file: Path) -> list[_Joint]:
+def urdf_joints(root: ET.Element, file: Path) -> list[UrdfJoint]:
     found = []
     for joint in root.findall("joint"):
         name = joint.get("name") or ""
@@ -102,7 +104,7 @@ def _joints(root: ET.Element, file: Path) -> list[_Joint]:
             low, high, _ = _vector(f"{limit.get('lower')} {limit.get('upper')} 0", file, f"joint {name}: limit", "")
             limits = (float(low), float(high))
         found.append(
-            _Joint(
+            UrdfJoint(
                 name,
                 joint.get("type") or "",
                 parent.get("link") or "",
@@ -157,14 +159,14 @@ def _scale(folder: Path, info: dict[str, Any], warnings: list[str]) -> float:
     return float(scale)
 
 
-class _Meshes:
+class MeshReader:
     """Mesh files of one instance, each read once; what cannot be read is noted."""
 
     def __init__(self, base: Path) -> None:
         self._base, self._read = base, {}  # type: tuple[Path, dict[Path, list[Mesh] | None]]
         self.bad: dict[str, str] = {}
 
-    def get(self, element: _Element, scale: float, T: Array) -> list[Mesh]:
+    def get(self, element: MeshElement, scale: float, T: Array) -> list[Mesh]:
         """Meshes of an element in the frame that ``T`` (unscaled) maps its link to, scaled."""
         if element.file not in self._read:
             try:
@@ -195,6 +197,15 @@ def _hulls(meshes: list[Mesh], warnings: list[str], link: str) -> list[Array]:
     if counts["dropped"]:
         warnings.append(f"{link}: {counts['dropped']} collision pieces under a millimetre left out")
     return hulls
+
+
+def _engines_drop(meshes: list[Mesh]) -> bool:
+    """Whether the meshes of one collision file are too little for a hull: under four corners, and not even flat along
+    an axis, which PhysX takes for a box."""
+    if not meshes:
+        return False
+    corners = np.unique(np.concatenate([mesh.vertices for mesh in meshes]), axis=0)
+    return len(corners) < SOLID_CORNERS and float(np.ptp(corners, axis=0).min()) > 1e-6
 
 
 def declared_license(folder: Path) -> str | None:
@@ -259,7 +270,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     except ET.ParseError as error:
         raise AssetError(f"not XML: {error}", file=file) from error
     links = {link.get("name") or "": link for link in root.findall("link")}
-    joints = _joints(root, file)
+    joints = urdf_joints(root, file)
     movable = [j for j in joints if j.type != "fixed"]
     if len(movable) != 1:
         raise AssetError(
@@ -275,24 +286,32 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     if expected_type and expected_type != kind:
         warnings.append(f"joint is {kind}, the class is known as {expected_type}")
 
-    frames = _fixed_frames(links, joints, joint, file)
-    meshes = _Meshes(folder)
+    frames = fixed_frames(links, joints, joint, file)
+    meshes = MeshReader(folder)
     geometry: dict[str, LinkGeometry] = {}
-    first_collision: _Element | None = None
+    first_collision: MeshElement | None = None
+    flat: list[str] = []
     convex = _declares_convex(info, folder)
     for group, members in frames.items():
         seen: list[Mesh] = []
         solid: list[Mesh] = []
         for name, T in members.items():
-            for element in _elements(links[name], "visual", file):
+            for element in mesh_elements(links[name], "visual", file):
                 seen += meshes.get(element, scale, T)
-            collisions = _elements(links[name], "collision", file)
+            collisions = mesh_elements(links[name], "collision", file)
             if name == joint.child and collisions:
                 first_collision = collisions[0]
             for element in collisions:
-                solid += meshes.get(element, scale, T)
+                read = meshes.get(element, scale, T)
+                if _engines_drop(read):
+                    flat.append(element.file.relative_to(folder).as_posix())
+                solid += read
         hulls = _declared_hulls(solid, folder) if convex else _hulls(solid, warnings, group)
         geometry[group] = LinkGeometry(hulls, seen)
+    if flat:
+        warnings.append(
+            f"{len(flat)} collision files are one slanted triangle, which PhysX drops, made a plate: {', '.join(flat)}"
+        )
     if meshes.bad:
         missing = [name for name, why in meshes.bad.items() if why == "missing"]
         broken = [f"{name} ({why})" for name, why in meshes.bad.items() if why != "missing"]
@@ -334,8 +353,8 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     )
 
 
-def _fixed_frames(
-    links: dict[str, ET.Element], joints: list[_Joint], movable: _Joint, file: Path
+def fixed_frames(
+    links: dict[str, ET.Element], joints: list[UrdfJoint], movable: UrdfJoint, file: Path
 ) -> dict[str, dict[str, Array]]:
     """Links by what moves them, each with its unscaled pose: body links in the root, moving ones in the child link."""
     children = {j.child for j in joints}
@@ -366,7 +385,7 @@ def _fixed_frames(
 
 
 def _limits(
-    folder: Path, info: dict[str, Any], joint: _Joint, scale: float, warnings: list[str]
+    folder: Path, info: dict[str, Any], joint: UrdfJoint, scale: float, warnings: list[str]
 ) -> tuple[float, float]:
     own = joint.limits
     if own is not None and joint.type == "prismatic":
