@@ -94,3 +94,9 @@ def write_chest(folder: Path, **info: object) -> Path:
 def chest() -> Callable[..., Path]:
     """Writer of a real-looking instance: ``chest(folder, **info)``."""
     return write_chest
+
+
+@pytest.fixture
+def cube() -> Callable[..., None]:
+    """Writer of a box as OBJ + MTL: ``cube(folder, name, low, high)``."""
+    return write_cube

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from gensim2.cli import options
-from gensim2.cli.assets_files import export
+from gensim2.cli.assets_files import export, import_
 from gensim2.cli.assets_pictures import gallery, render
 from gensim2.cli.assets_validate import prepare, validate
 from gensim2.cli.output import line, report, table
@@ -21,6 +21,7 @@ def assets() -> None:
 assets.add_command(validate)
 assets.add_command(prepare)
 assets.add_command(export)
+assets.add_command(import_)
 assets.add_command(render)
 assets.add_command(gallery)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 
 from gensim2.cli import options
+from gensim2.cli.assets_validate import object_line
+from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
 
 _out = click.option(
@@ -65,6 +68,76 @@ def export(
             )
             progress.advance()
         give({"schema_version": 1, "library": str(out), "objects": written})
+
+
+class _Scale(click.ParamType[float | str]):
+    """``auto`` or a positive number."""
+
+    name = "scale"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        """Read it."""
+        if value == "auto":
+            return "auto"
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not (math.isfinite(number) and number > 0):
+            self.fail(f"{value!r} is neither 'auto' nor a positive number", param, ctx)
+        return number
+
+
+@click.command("import", cls=options.TaskCommand, short_help="Make an object of a PartNet-Mobility folder.")
+@click.argument("source", metavar="DIR")
+@click.option("--class", "asset_class", required=True, metavar="CLASS", help="Class of the new object.")
+@click.option("--name", required=True, metavar="ID", help="Its id.")
+@click.option("--joint", metavar="JOINT", help="The joint that stays.  [default: the only one of the class's type]")
+@click.option(
+    "--scale", type=_Scale(), default="auto", show_default=True, metavar="S|auto", help="Metres a unit of the model."
+)
+@_out
+@_force
+@options.json_file
+@click.pass_context
+def import_(
+    ctx: click.Context,
+    source: str,
+    asset_class: str,
+    name: str,
+    joint: str | None,
+    scale: Any,
+    out: Path,
+    force: bool,
+    json_file: str | None,
+) -> None:
+    """Make an object of a PartNet-Mobility folder, or of the number of one that ManiSkill has downloaded.
+
+    Fixes all joints but one, scales, proposes keypoints from the moving link's geometry, and checks the result.
+    Edit info.json in the new folder and run `gensim2 assets validate CLASS/ID --assets LIBRARY` where the proposal
+    does not suit. Ends with 1 where the object is not sound.
+    """
+    with report(json_file, _show_imported) as (progress, give):
+        from gensim2.assets import open_library
+        from gensim2.assets.importer import find_source, import_object
+        from gensim2.assets.validate import check_object
+
+        imported = import_object(find_source(source), out, asset_class, name, joint=joint, scale=scale, replace=force)
+        progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
+        checked = check_object(open_library(out), asset_class, name)
+        progress.advance()
+        give({"schema_version": 1, **imported.to_dict(), "object": checked.to_dict()})
+    if not checked.sound:
+        ctx.exit(FOUND_WRONG)
+
+
+def _show_imported(result: dict[str, Any]) -> None:
+    for note in result["notes"]:
+        line(f"note: {note}")
+    fixed = f", fixed {', '.join(result['fixed'])}" if result["fixed"] else ""
+    line(f"moves at {result['joint']}{fixed}; scale {result['scale']:g}")
+    line(object_line(result["object"]))
+    line(f"edit {Path(result['folder']) / 'info.json'} to change keypoints, scale or range")
 
 
 def _show_exported(result: dict[str, Any]) -> None:
