@@ -38,6 +38,7 @@ def main() -> None:
     parser.add_argument("--assets", default="builtin")
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--instances", default="all", help="all, train, test or an id: what episodes draw from")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--tasks", nargs="*", default=list(task_names()))
     parser.add_argument("--json", type=Path)
@@ -47,7 +48,7 @@ def main() -> None:
     table: dict[str, Verification] = {}
     with (
         ConsoleProgress() as progress,
-        PoolEvaluator(library.location, options.workers, progress) as evaluator,
+        PoolEvaluator(library.location, options.workers, progress, options.instances) as evaluator,
     ):
         for name in options.tasks:
             task, config = load_task(name), load_config(name)

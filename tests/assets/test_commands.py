@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
+from gensim2.assets import open_library
 from gensim2.cli import main as cli
+from gensim2.pipeline.single import task_and_config
 
 
 def run_json(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
@@ -45,6 +48,25 @@ def test_what_is_not_there_is_bad_input(
 ) -> None:
     assert cli.run(["assets", command, word]) == 2
     assert message in capfd.readouterr().err
+
+
+def test_solve_and_demo_take_the_same_words(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """An id or a split, checked before anything is simulated or written."""
+    pytest.importorskip("mani_skill")
+    task = tmp_path / "task"
+    task.mkdir()
+    spec, config = task_and_config("OpenBox")
+    (task / "task.yaml").write_text(yaml.safe_dump({**spec.model_dump(mode="json"), "asset_class": "toilet"}))
+    (task / "solver.yaml").write_text(yaml.safe_dump(config))
+    out = tmp_path / "out"
+    for command in (["solve", str(task)], ["demo", str(task), "--out", str(out)]):
+        for word, message in (("test", "toilet has 2 instances, all for training"), ("x", "a number from 0 to")):
+            assert cli.run([*command, "--assets", "builtin", "--instance", word]) == 2
+            assert message in capfd.readouterr().err
+    assert not out.exists()
+    code, result = run_json(capfd, "solve", "CloseBox", "--assets", "builtin", "--instance", "test", "--seed", "4")
+    assert code in (0, 1)
+    assert result["instance"] in open_library("builtin").split("box_rotate", "test")
 
 
 def test_validate_prints_a_line_an_object_and_writes_json(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from gensim2.assets import Library, listing, open_library
+from gensim2.assets.selection import select
 from gensim2.errors import InputError
 
 
@@ -53,6 +54,41 @@ def test_split_is_a_partition_and_small_classes_have_no_test(library: Library) -
     assert len(test) == 2
     assert sorted(train + test, key=int) == list(ids)
     assert library.split("drawer", "test") == test
+
+
+def test_one_word_stands_for_instances(library: Library) -> None:
+    assert library.choose("drawer", "all") == library.instances("drawer")
+    assert library.choose("drawer", "test") == library.split("drawer", "test")
+    assert library.choose("drawer", "654321") == ("654321",)
+    drawn = {library.choose("drawer", "random", seed) for seed in range(30)}
+    assert len(drawn) > 5
+    assert all(len(ids) == 1 and ids[0] in library.instances("drawer") for ids in drawn)
+    assert library.choose("drawer", "random", 3) == library.choose("drawer", "random", 3)
+
+
+@pytest.mark.parametrize("name", ["toilet", "oven"])
+def test_small_class_has_no_test_split(library: Library, name: str) -> None:
+    assert library.choose(name, "train") == library.instances(name)
+    with pytest.raises(InputError, match=rf"{name} has \d instances, all for training.*use train or all"):
+        library.choose(name, "test")
+
+
+def test_samples_are_new_numbers(library: Library) -> None:
+    drawn = library.sample("drawer", 10, 1)
+    assert len(set(drawn)) == 10
+    assert all(20 <= int(number) <= 10**6 for number in drawn)
+    assert drawn == open_library("builtin").sample("drawer", 10, 1)
+    assert drawn != library.sample("drawer", 10, 2)
+
+
+def test_selection_names_each_object_once(library: Library) -> None:
+    assert select(library, ["drawer/3", "drawer/3", "faucet/random"], seed=1)[0] == ("drawer", "3")
+    assert len(select(library, ["drawer/3", "drawer"])) == 20
+    assert len(select(library, [])) == sum(len(library.instances(c)) for c in library.classes())
+    assert {c for c, _ in select(library, [], drawn=1)} == set(library.classes())
+    assert len(select(library, [], drawn=1)) == 34
+    assert len(select(library, [], every=True, drawn=1)) == 224 + 34
+    assert [i for _, i in select(library, ["oven/0"], drawn=2)][1:] == list(library.sample("oven", 2))
 
 
 def test_second_load_is_quick_and_the_same(library: Library) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from gensim2.assets.types import Instance
+from gensim2.errors import InputError
 from gensim2.tasks.library import parse_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -31,8 +32,12 @@ class CrateLibrary:
     def instances(self, asset_class: str, /) -> tuple[str, ...]:
         return tuple(self._crates) if asset_class == "crate" else ()
 
-    def split(self, asset_class: str, which: str, /) -> tuple[str, ...]:
-        return self.instances(asset_class)[:1] if which == "train" else self.instances(asset_class)[1:]
+    def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
+        ids = self.instances(asset_class)
+        splits = {"all": ids, "train": ids[:1], "test": ids[1:]}
+        if which not in splits and which not in ids:
+            raise InputError(f"{asset_class} has no instance {which}", field="instance")
+        return splits.get(which, (which,))
 
     def load(self, asset_class: str, instance_id: str, /) -> Instance:
         return self._crates[instance_id]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import gensim2.sim
+from gensim2.assets import open_library
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import draw_scene
@@ -206,7 +207,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
 @pytest.mark.parametrize(
     ("kwargs", "expected"),
     [
-        ({"instances": "7"}, "instances: crate has no instance 7"),
+        ({"instances": "7"}, "instance: crate has no instance 7"),
         ({"instances": ()}, "instances: no instance"),
         ({"task": "OpenDrawr"}, "did you mean OpenDrawer"),
         ({"task": {"name": "X"}}, "field required"),
@@ -238,6 +239,24 @@ def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_
             assert env.instance is not None
             drawn.add(env.instance.id)
         assert drawn == expected
+
+
+def test_instances_are_chosen_as_the_library_does() -> None:
+    library = open_library("builtin")
+    for words, expected in [
+        ("test", library.split("drawer", "test")),
+        (["train", "test"], (*library.split("drawer", "train"), *library.split("drawer", "test"))),
+        ("777777", ("777777",)),
+        ("random", library.instances("drawer")),
+    ]:
+        assert make_env("OpenDrawer", assets=library, instances=words).instance_ids == expected
+    small = {**load_task("OpenDrawer").model_dump(), "name": "OpenToilet", "asset_class": "toilet"}
+    with pytest.raises(InputError, match="toilet has 2 instances, all for training"):
+        make_env(small, assets=library, instances="test")
+    env = make_env("OpenDrawer", assets=library, instances="777777")
+    env.reset(seed=0)
+    assert env.instance is not None
+    assert env.instance.id == "777777"
 
 
 def test_openness_and_success_follow_the_joint(crates: Callable[..., Any], crate_task: TaskSpec) -> None:

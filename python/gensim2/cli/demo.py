@@ -17,6 +17,7 @@ from gensim2.cli.output import line, report
 @click.option("--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed
 @options.assets
+@options.instance("Objects to draw from.  [default: all]")
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.workers
 @options.resume
@@ -29,6 +30,7 @@ def demo(
     episodes: int,
     seed: int,
     assets: str | None,
+    instance: str | None,
     out: Path | None,
     workers: int,
     resume: bool,
@@ -47,6 +49,7 @@ def demo(
             episodes=episodes,
             seed=seed,
             assets=assets,
+            instance=instance,
             out=out,
             workers=workers,
             resume=resume,

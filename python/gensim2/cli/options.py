@@ -70,5 +70,5 @@ def out(help_text: str) -> Callable[[_F], _F]:
 
 
 def instance(help_text: str) -> Callable[[_F], _F]:
-    """``--instance ID`` with a text of its own."""
-    return click.option("--instance", default=None, metavar="ID", help=help_text)
+    """``--instance WHICH`` with a text of its own."""
+    return click.option("--instance", default=None, metavar="ID|train|test|all|random", help=help_text)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.argument("task")
 @options.seed
 @options.assets
-@options.instance("Object to solve for.  [default: drawn by --seed]")
+@options.instance("Object to solve for; one of several is drawn by --seed.  [default: all]")
 @options.out("Folder to write the plan to.  [default: written nowhere]")
 @click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file

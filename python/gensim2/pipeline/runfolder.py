@@ -28,7 +28,7 @@ from gensim2.tasks.spec import TaskSpec
 VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
 
 #: Arguments that a resumed run must share with the run it resumes.
-IDENTITY = ("command", "seed", "assets", "designer", "target_task", "episodes")
+IDENTITY = ("command", "seed", "assets", "designer", "target_task", "episodes", "instance")
 
 
 def default_run_dir() -> Path:

@@ -78,6 +78,7 @@ def demo(
     episodes: int = 5,
     seed: int = 0,
     assets: str | Path | None = None,
+    instance: str | None = None,
     out: Path | None = None,
     workers: int = 2,
     resume: bool = False,
@@ -91,6 +92,7 @@ def demo(
         episodes: successful demonstrations to keep.
         seed: of the scenes.
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        instance: what episodes draw from: ``train``, ``test``, ``all`` (or ``random``), or an id; all where None.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
@@ -104,6 +106,8 @@ def demo(
         raise InputError(f"must be at least 1, not {episodes}", field="episodes")
     spec, config = task_and_config(task)
     library = open_library(assets)
+    if instance is not None:
+        library.choose(spec.asset_class, instance)  # what is wrong with it is said before anything starts
     folder = RunFolder(
         Path(out) if out is not None else default_run_dir(),
         {
@@ -112,6 +116,7 @@ def demo(
             "episodes": episodes,
             "seed": seed,
             "assets": library.location,
+            "instance": instance,
             "workers": workers,
         },
         resume,
@@ -119,7 +124,7 @@ def demo(
     files = folder.task(spec.name)
     files.write_task(spec)
     files.write_config(config)
-    with PoolEvaluator(library.location, workers, progress) as evaluator:
+    with PoolEvaluator(library.location, workers, progress, instance or "all") as evaluator:
         demos = collect(
             spec,
             config,
@@ -152,7 +157,7 @@ def solve(
         task: name of a library task, or a folder that holds task.yaml and solver.yaml.
         seed: of the scene.
         assets: as for ``demo``.
-        instance: id of the object; drawn by the seed where None.
+        instance: as for ``demo``; the seed draws one of several.
         out: folder in which to leave ``plan.json``.
         view: called with the scene and the plan at the end, for example to show them.
 

@@ -7,7 +7,7 @@ import gc
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import sapien
@@ -38,7 +38,7 @@ class ObjectSource(Protocol):
 
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
     def load(self, asset_class: str, instance_id: str, /) -> Instance: ...
-    def split(self, asset_class: str, which: Literal["train", "test", "all"], /) -> tuple[str, ...]: ...
+    def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
 
 
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
@@ -57,7 +57,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
         instances: ``"all"`` (or ``"random"``), ``"train"``, ``"test"``, one id, or several; a reset draws
-            one.
+            one. An id need not be one that the library lists: any number up to 10^6 is a generated object.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -296,17 +296,11 @@ def _as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
 
 
 def _choose(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
-    if instances in ("all", "random"):
+    if instances == "random":  # the reset draws
         chosen = library.instances(task.asset_class)
-    elif instances == "train":
-        chosen = library.split(task.asset_class, "train")
-    elif instances == "test":
-        chosen = library.split(task.asset_class, "test")
     else:
-        chosen = (instances,) if isinstance(instances, str) else tuple(instances)
-        unknown = sorted(set(chosen) - set(library.instances(task.asset_class)))
-        if unknown:
-            raise InputError(f"{task.asset_class} has no instance {', '.join(unknown)}", field="instances")
+        words = (instances,) if isinstance(instances, str) else instances
+        chosen = tuple(dict.fromkeys(i for word in words for i in library.choose(task.asset_class, word)))
     if not chosen:
         raise InputError(f"no instance of {task.asset_class} to choose from", field="instances")
     return chosen
