@@ -1,0 +1,128 @@
+"""What it costs to load an instance into a scene without rendering, with a warm cache.
+
+    python benchmarks/assets_load.py --assets builtin --assets DIR [--raw DIR]
+
+For every instance: see that its files are what was prepared, read the object from the cache, build it in an empty PhysX
+scene, check its hulls, set its friction. Prepares first what is not in the cache yet. With ``--raw`` also SAPIEN's own
+loader on the unprepared URDFs of a folder of real objects. CPU milliseconds of one process: median, 90th percentile,
+worst.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs.types import SimConfig
+
+from gensim2.assets import Library, open_library
+from gensim2.assets.validate import load_all
+from gensim2.progress import ConsoleProgress
+from gensim2.sim.objects import load_object
+
+
+def empty_scene() -> ManiSkillScene:
+    """A scene with physics alone."""
+    return ManiSkillScene(
+        sub_scenes=[sapien.Scene([sapien.physx.PhysxCpuSystem()])],
+        sim_config=SimConfig(),
+        device=torch.device("cpu"),
+        backend=_no_pictures(),
+    )
+
+
+def _no_pictures() -> object:
+    from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
+
+    return parse_sim_and_render_backend("physx_cpu", "none")
+
+
+def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
+    """What an environment does to get an object that it has not had before."""
+    instance = copy.copy(library).load(asset_class, instance_id)  # a copy holds nothing that was loaded
+    place = instance.placement
+    load_object(empty_scene(), instance, sapien.Pose(place.position, place.quaternion))
+
+
+def raw(urdf: Path, scale: float) -> None:
+    """SAPIEN's own loader, with several hulls a mesh file, physics alone."""
+    loader = sapien.Scene([sapien.physx.PhysxCpuSystem()]).create_urdf_loader()
+    loader.scale, loader.load_multiple_collisions_from_file = scale, True
+    builder = loader.parse(str(urdf))[0][0]
+    for link in builder.link_builders:
+        link.visual_records.clear()
+    builder.build(fix_root_link=True)
+
+
+def cpu_ms(work: Callable[[], object], repeats: int) -> float:
+    """Median CPU time."""
+    spent = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        work()
+        spent.append(1e3 * (time.process_time() - begin))
+    return float(np.median(spent))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--assets", action="append", help="builtin or a folder; more than once if need be")
+    parser.add_argument("--raw", type=Path, help="folder in the layout of the release")
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="times a library's instance is loaded; the median counts"
+    )
+    parser.add_argument("--core", type=int, default=0, help="core that everything is pinned to")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+
+    table: dict[str, dict[str, float]] = {}
+    with ConsoleProgress() as progress:
+        for where in options.assets or ["builtin"]:
+            library = open_library(where)
+            items = [(c, i) for c in library.classes() for i in library.instances(c)]
+            progress.start(f"{library.name}: prepare", len(items))
+            usable = []
+            for item, reason in load_all(library, items, 2):
+                usable += [item] if reason is None else []
+                progress.advance()
+            os.sched_setaffinity(0, {options.core})
+            into_scene(library, *usable[0])  # imports, the first scene
+            progress.start(f"{library.name}: load", len(usable))
+            table[library.name] = {}
+            for item in usable:
+                cost = cpu_ms(lambda item=item, library=library: into_scene(library, *item), options.repeats)
+                table[library.name]["/".join(item)] = cost
+                progress.advance()
+        if options.raw is not None:
+            files = sorted((options.raw / "articulated_objs").glob("*/*/mobility.urdf"))
+            progress.start(f"{options.raw.name}: load unprepared", len(files))
+            table[f"{options.raw.name}, unprepared"] = {}
+            for file in files:
+                scale = json.loads((file.parent / "info.json").read_text()).get("scale", 0.25)
+                cost = cpu_ms(lambda file=file, scale=scale: raw(file, scale), 1)
+                table[f"{options.raw.name}, unprepared"]["/".join(file.parent.parts[-2:])] = cost
+                progress.advance()
+
+    print("| library | objects | median ms | 90 % | worst | which |\n|---|---|---|---|---|---|")
+    for name, costs in table.items():
+        values = np.array(list(costs.values()))
+        worst = max(costs, key=lambda key: costs[key])
+        print(
+            f"| {name} | {len(values)} | {np.median(values):.1f} | {np.percentile(values, 90):.1f} "
+            f"| {values.max():.1f} | {worst} |"
+        )
+    if options.json is not None:
+        options.json.write_text(json.dumps(table, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
