@@ -125,13 +125,15 @@ def test_a_bad_urdf_is_named(tmp_path: Path, text: str, what: str) -> None:
 def test_what_other_tools_add_under_their_namespace_is_left_out(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(
-        "<?xml version='1.0'?><robot xmlns='urn:robots' xmlns:x='http://ros.org/xacro' x:by='&lt;us&gt;' name='a &amp; b'>"
+        "<?xml version='1.0'?>"
+        "<robot xmlns='urn:robots' xmlns:x='http://ros.org/xacro' x:by='&lt;us&gt;' name='a &amp; b'>"
         "<x:link name='no'/><link name='b'/><link name='&quot;h&#9;'><x:note>text</x:note></link>"
         "<joint name='j' type='revolute'><parent link='b'/><child link='&quot;h&#9;'/><axis xyz='0 0 1'/>"
         "<limit lower='-1' upper='1' effort='1' velocity='1'/></joint></robot>"
     )
     robot = kpam.Robot.from_urdf(str(file), hand_link='"h\t')
-    assert robot.joint_names == ["j"] and robot.link_names == ["b", '"h\t']
+    assert robot.joint_names == ["j"]
+    assert robot.link_names == ["b", '"h\t']
 
 
 def test_a_missing_urdf_is_named(tmp_path: Path) -> None:

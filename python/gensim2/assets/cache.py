@@ -58,37 +58,51 @@ def cached_hulls(
     if file.is_file():
         with np.load(file) as data:
             counts = dict(zip(data["names"].tolist(), data["counts"].tolist(), strict=True))
-            return _split(data["points"], data["sizes"]), counts
+            return split_hulls(data["points"], data["sizes"]), counts
     hulls, counts = make()
     stream = io.BytesIO()
     np.savez_compressed(
-        stream, **_joined(hulls), names=np.array(list(counts), str), counts=np.array(list(counts.values()), np.int64)
+        stream, **join_hulls(hulls), names=np.array(list(counts), str), counts=np.array(list(counts.values()), np.int64)
     )
     write_atomic(file, stream.getvalue())
     return hulls, counts
 
 
-def _joined(hulls: Sequence[Array]) -> dict[str, Any]:
+def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
+    """Hulls, each (N, 3), as two arrays for ``np.savez``: ``points`` and ``sizes``."""
     points = np.concatenate(hulls) if hulls else np.zeros((0, 3))
     return {"points": points, "sizes": np.array([len(p) for p in hulls], np.int64)}
 
 
-def _split(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
+def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
+    """What ``join_hulls`` joined."""
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 
 def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
     """The instance under ``key``, made by ``make(folder)`` where it is not there yet.
 
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    return read_instance(folder_once(key, "instance.json", lambda folder: write_instance(folder, make(folder))))
+
+
+def folder_once(key: str, last: str, make: Callable[[Path], None]) -> Path:
+    """The folder of an object in the cache, filled by ``make(folder)`` where it is not there yet.
+
     ``make`` writes into a folder of its own, which is then renamed: two processes may race, one wins, both get a whole
     folder.
+
+    Args:
+        last: the file that tells a whole folder.
 
     Raises:
         InputError: the cache folder cannot be written to.
     """
     folder = cache_dir() / "objects" / key
-    if (folder / "instance.json").is_file():
-        return read_instance(folder)
+    if (folder / last).is_file():
+        return folder
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
@@ -99,25 +113,24 @@ def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
             remedy="set GENSIM2_CACHE to a folder that can be written to",
         ) from error
     try:
-        instance = make(scratch)
-        write_instance(scratch, instance)
+        make(scratch)
         scratch.chmod(0o755)
         try:
             scratch.rename(folder)
         except OSError:
-            if not (folder / "instance.json").is_file():
+            if not (folder / last).is_file():
                 raise
     except OSError as error:
         raise InputError(f"cannot write to the cache: {error.strerror}", file=folder) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return read_instance(folder)
+    return folder
 
 
 def write_instance(folder: Path, instance: Instance) -> None:
     """Write everything but the URDF and its meshes."""
     joint, placement = instance.joint, instance.placement
-    np.savez(folder / "hulls.npz", **_joined([hull for hulls in instance.hulls.values() for hull in hulls]))
+    np.savez(folder / "hulls.npz", **join_hulls([hull for hulls in instance.hulls.values() for hull in hulls]))
     value = {
         "schema_version": SCHEMA_VERSION,
         "asset_class": instance.asset_class,
@@ -161,7 +174,7 @@ def read_instance(folder: Path) -> Instance:
     try:
         value = json.loads((folder / "instance.json").read_text())
         with np.load(folder / "hulls.npz") as data:
-            pieces = _split(data["points"], data["sizes"])
+            pieces = split_hulls(data["points"], data["sizes"])
         hulls, taken = {}, 0
         for link, count in value["hulls"].items():
             hulls[link] = tuple(pieces[taken : taken + count])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from gensim2.assets.placement import ROBOT_BASE
-from gensim2.assets.shapes import pose, rotation, transform
+from gensim2.assets.shapes import pose, transform
 from gensim2.assets.types import Instance
 
 Array = npt.NDArray[np.float64]
@@ -126,9 +126,7 @@ def distance_to_link(instance: Instance, name: str) -> float:
 
 def world_rotation(instance: Instance) -> Array:
     """(3, 3) root to world of the default placement."""
-    w, *v = instance.placement.quaternion
-    norm = float(np.linalg.norm(v))
-    return np.eye(3) if norm < 1e-12 else rotation(v, 2 * np.arctan2(norm, w))
+    return instance.placement.rotation
 
 
 def geometric_findings(instance: Instance) -> list[Finding]:

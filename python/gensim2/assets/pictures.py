@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.assets.checks import link_pose, world_rotation
+from gensim2.assets.rigid.types import RigidObject
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Instance
 from gensim2.errors import GenSim2Error, MissingExtraError
@@ -53,7 +54,7 @@ def short_name(keypoint: str) -> str:
     return keypoint.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
 
 
-def mark_colour(instance: Instance, keypoint: str) -> str:
+def mark_colour(instance: Instance | RigidObject, keypoint: str) -> str:
     """Colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
     return MARK_COLOURS[sorted(instance.keypoints).index(keypoint) % len(MARK_COLOURS)]
 
@@ -95,7 +96,7 @@ class Studio:
         pixels = size * OVERSAMPLING
         self._camera = self._scene.add_camera("camera", pixels, pixels, float(FIELD_OF_VIEW), 0.02, 50)
         self._object: Any = None
-        self._instance: Instance | None = None
+        self._subject: Instance | RigidObject | None = None
         self._center = np.zeros(3)
         self._distance = 1.0
 
@@ -106,21 +107,47 @@ class Studio:
 
         The camera is set so that nothing leaves the picture from any of ``azimuths`` (degrees) at any ``openness``.
         """
-        if self._object is not None:
-            self._scene.remove_articulation(self._object)
-            self._object = None
+        self._clear()
         builder = self._scene.create_urdf_loader().parse(str(instance.urdf))[0][0]
         for link in builder.link_builders:
             link.collision_records.clear()
         self._object = builder.build(fix_root_link=True)
         place = instance.placement
         self._object.set_root_pose(self._sapien.Pose(place.position, place.quaternion))
-        self._instance = instance
-        points = np.concatenate([_world_points(instance, share) for share in openness])
+        self._subject = instance
+        self._frame(np.concatenate([_world_points(instance, share) for share in openness]), azimuths)
+
+    def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
+        """As ``put``, for an object without a joint, in the pose in which it rests."""
+        self._clear()
+        builder = self._scene.create_actor_builder()
+        if rigid.visual is not None:
+            builder.add_visual_from_file(str(rigid.visual))
+        else:
+            for index in range(len(rigid.hulls)):
+                builder.add_visual_from_file(str(rigid.hull_file(index)))
+        self._object = builder.build_kinematic(rigid.name)
+        place = rigid.resting
+        self._object.set_pose(self._sapien.Pose(place.position, place.quaternion))
+        self._subject = rigid
+        points = [*np.concatenate(rigid.hulls), *(k.position for k in rigid.keypoints.values())]
+        self._frame(np.array(points) @ place.rotation.T + place.position, azimuths)
+
+    def _clear(self) -> None:
+        if self._object is None:
+            return
+        if isinstance(self._subject, Instance):
+            self._scene.remove_articulation(self._object)
+        else:
+            self._scene.remove_actor(self._object)
+        self._object = self._subject = None
+
+    def _frame(self, points: Array, azimuths: Sequence[float]) -> None:
+        """Set the camera so that (N, 3) points in the world frame stay in the picture."""
         self._center = (points.min(axis=0) + points.max(axis=0)) / 2
         self._distance = MARGIN * max(_clear_distance(points - self._center, azimuth) for azimuth in azimuths)
 
-    def shoot(self, openness: float, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
+    def shoot(self, openness: float = 0.0, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
         """A picture of the object that was put last.
 
         Args:
@@ -128,10 +155,12 @@ class Studio:
             azimuth: degrees around the object; 0 is the robot's side, 90 the robot's right.
             elevation: degrees above the table.
         """
-        if self._instance is None:
+        subject = self._subject
+        if subject is None:
             raise ValueError("put an object into the studio first")
-        instance, joint = self._instance, self._instance.joint
-        self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
+        if isinstance(subject, Instance):
+            joint = subject.joint
+            self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
         R, eye = _camera_pose(self._center, self._distance, azimuth, elevation)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = R, eye
@@ -144,7 +173,7 @@ class Studio:
 
         large = Image.fromarray((255 * colour).astype(np.uint8))
         pixels = np.asarray(large.resize((self.size, self.size), Image.Resampling.BOX))
-        marks = {name: self._mark(point, R, eye, depth) for name, point in _keypoints(instance, openness).items()}
+        marks = {name: self._mark(point, R, eye, depth) for name, point in _keypoints(subject, openness).items()}
         return Shot(pixels, marks)
 
     def _mark(self, point: Array, R: Array, eye: Array, depth: Array) -> Mark:
@@ -181,8 +210,13 @@ def _world_points(instance: Instance, openness: float) -> Array:
     return np.concatenate([in_root, np.array(list(_keypoints(instance, openness).values())).reshape(-1, 3)])
 
 
-def _keypoints(instance: Instance, openness: float) -> dict[str, Array]:
+def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, Array]:
     """(3,) keypoints in the world frame by name."""
+    if isinstance(instance, RigidObject):
+        place = instance.resting
+        return {
+            name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
+        }
     R, position = world_rotation(instance), instance.placement.position
     T = link_pose(instance, openness)
     found = {}
@@ -194,7 +228,7 @@ def _keypoints(instance: Instance, openness: float) -> dict[str, Array]:
     return found
 
 
-def annotated(shot: Shot, instance: Instance, names: bool) -> Image.Image:
+def annotated(shot: Shot, instance: Instance | RigidObject, names: bool) -> Image.Image:
     """The picture with its keypoints: a disc, a ring where something is in front; beside it the name if ``names``."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -260,15 +294,37 @@ def strip(studio: Studio, instance: Instance) -> Image.Image:
     return sheet
 
 
-def contact_sheet(studio: Studio, instances: Iterable[tuple[Instance, float]], columns: int) -> Image.Image:
-    """One picture of each (object, openness) in a grid, the class's name under it."""
+def rigid_strip(studio: Studio, rigid: RigidObject, views: int = 3) -> Image.Image:
+    """A rigid object from several sides, its keypoints named, under a title."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
+    studio.put_rigid(rigid, azimuths)
+    title = 26
+    sheet = Image.new("RGB", (views * (studio.size + 4) - 4, studio.size + title), PAPER)
+    for column, azimuth in enumerate(azimuths):
+        picture = annotated(studio.shoot(azimuth=azimuth), rigid, names=column == 0)
+        sheet.paste(picture, (column * (studio.size + 4), title))
+    ImageDraw.Draw(sheet).text((6, 4), rigid.name, fill=INK, font=ImageFont.load_default(size=15))
+    return sheet
+
+
+def contact_sheet(
+    studio: Studio, subjects: Iterable[tuple[Instance, float] | RigidObject], columns: int
+) -> Image.Image:
+    """One picture of each (object, openness) or rigid object in a grid, the class's name under it."""
     from PIL import Image, ImageDraw, ImageFont
 
     caption, gap = 22, 6
     tiles: list[tuple[str, Pixels]] = []
-    for instance, openness in instances:
-        studio.put(instance, [openness])
-        tiles.append((instance.asset_class, studio.shoot(openness).pixels))
+    for subject in subjects:
+        if isinstance(subject, RigidObject):
+            studio.put_rigid(subject)
+            tiles.append((subject.name, studio.shoot().pixels))
+        else:
+            instance, openness = subject
+            studio.put(instance, [openness])
+            tiles.append((instance.asset_class, studio.shoot(openness).pixels))
     columns = min(columns, len(tiles))
     rows = -(-len(tiles) // columns)
     step_x, step_y = studio.size + gap, studio.size + caption + gap

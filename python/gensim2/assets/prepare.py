@@ -71,7 +71,8 @@ def box_of(hull: Array) -> tuple[Array, Array] | None:
     return T, 2 * half
 
 
-def _write_hull(path: Path, points: Array) -> None:
+def write_hull(path: Path, points: Array) -> None:
+    """Write the convex hull of (N, 3) points as Wavefront OBJ."""
     mesh = hull_mesh(points, Look())
     corners, order = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = order.ravel()[mesh.faces]
@@ -117,7 +118,7 @@ def creased(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     return split, label.reshape(-1, 3).astype(np.int64)
 
 
-def _write_visual(path: Path, meshes: list[Mesh]) -> None:
+def write_visual(path: Path, meshes: list[Mesh]) -> None:
     """One GLB of a link, one primitive a look: colours travel in the file, so that no URDF material is needed."""
     by_look: dict[Look, list[Mesh]] = {}
     for mesh in meshes:
@@ -154,7 +155,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
         "    </inertial>",
     ]
     if geometry.meshes:
-        _write_visual(folder / "visual" / f"{name}.glb", geometry.meshes)
+        write_visual(folder / "visual" / f"{name}.glb", geometry.meshes)
         lines.append(f'    <visual><geometry><mesh filename="visual/{name}.glb"/></geometry></visual>')
     for number, hull in enumerate(geometry.hulls):
         box = box_of(hull)
@@ -166,7 +167,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
             )
             continue
         file = f"collision/{name}_{number}.obj"
-        _write_hull(folder / file, hull)
+        write_hull(folder / file, hull)
         lines.append(f'    <collision><geometry><mesh filename="{file}"/></geometry></collision>')
     return [*lines, "  </link>"]
 
@@ -176,7 +177,7 @@ def prepare(model: Model, folder: Path) -> Instance:
     rule = class_rule(model.asset_class)
     placement = place(model, rule)
     body, moving = (inertial(part.hulls, rule.density) for part in (model.body, model.moving))
-    R_world_root = trimesh.transformations.quaternion_matrix(placement.quaternion)[:3, :3]
+    R_world_root = placement.rotation
     gravity = (R_world_root @ model.T_root_link[:3, :3]).T @ GRAVITY
     friction, damping = joint_resistance(
         model.joint_type, model.axis, np.zeros(3), moving, model.lower, model.upper, gravity

@@ -67,6 +67,18 @@ class Placement:
     position: Array
     quaternion: Array
 
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) of the quaternion, root to world."""
+        w, x, y, z = self.quaternion / np.linalg.norm(self.quaternion)
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
 
 @dataclass(frozen=True)
 class Instance:

@@ -9,6 +9,7 @@ import click
 from gensim2.cli import options
 from gensim2.cli.assets_files import export, import_
 from gensim2.cli.assets_pictures import gallery, render
+from gensim2.cli.assets_rigid import rigid
 from gensim2.cli.assets_validate import prepare, validate
 from gensim2.cli.output import line, report, table
 
@@ -24,6 +25,7 @@ assets.add_command(export)
 assets.add_command(import_)
 assets.add_command(render)
 assets.add_command(gallery)
+assets.add_command(rigid)
 
 
 @assets.command("list")
