@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gensim2.assets import Library
@@ -71,8 +71,10 @@ def test_class_is_one_of_the_paper(name: str) -> None:
     assert blueprint(name, 0).joint_type == known.joint_type
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.sampled_from(CLASSES), st.integers(0, 10**6))
+@pytest.mark.parametrize("name", CLASSES)
+@settings(max_examples=4, deadline=None)
+@given(number=st.integers(0, 10**6))
+@example(number=10**6)
 def test_any_number_gives_a_valid_object(name: str, number: int) -> None:
     model = generate(name, number)
     hulls = model.body.hulls + model.moving.hulls
@@ -92,8 +94,9 @@ def test_any_number_gives_a_valid_object(name: str, number: int) -> None:
         assert point.description
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.sampled_from(CLASSES), st.integers(0, 10**6))
+@pytest.mark.parametrize("name", CLASSES)
+@settings(max_examples=2, deadline=None)
+@given(number=st.integers(0, 10**6))
 def test_prepared_object_passes_the_geometric_checks(library: Library, name: str, number: int) -> None:
     assert geometric_findings(library.load(name, str(number))) == []
 
