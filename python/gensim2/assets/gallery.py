@@ -5,19 +5,23 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 
 from gensim2.assets import pictures
 from gensim2.assets.library import Library
+from gensim2.assets.rigid import RigidLibrary, RigidObject
 from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.progress import NULL_PROGRESS, Progress
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 VIEWS = 8
 SIZE = 176  # pixels, edge of one view
@@ -57,6 +61,7 @@ class _Card:
     id: str
     picture: str | None
     facts: str
+    rows: tuple[str, ...] = ()  # captions of the picture's rows
     keypoints: list[tuple[str, str, str]] = field(default_factory=list)  # name, colour, description
     notes: tuple[str, ...] = ()
     findings: list[dict[str, Any]] | None = None  # None: not validated
@@ -68,6 +73,7 @@ def build_gallery(
     out: Path,
     *,
     classes: Sequence[str] | None = None,
+    rigid: Sequence[RigidLibrary] = (),
     findings: Sequence[Path] = (),
     views: int = VIEWS,
     size: int = SIZE,
@@ -82,6 +88,7 @@ def build_gallery(
         libraries: whose instances to show.
         out: folder for ``index.html`` and ``pictures/``.
         classes: only these; None: all.
+        rigid: libraries of rigid objects, shown after the others.
         findings: JSON files of ``gensim2 assets validate --json``.
         views: pictures around an object.
         size: edge of each in pixels.
@@ -93,50 +100,96 @@ def build_gallery(
     """
     wanted = _wanted(libraries, classes)
     verdicts = [_verdicts(path) for path in findings]
-    studio: pictures.Studio | None = None
-    made = kept = 0
-    refused: list[tuple[str, str, str]] = []
+    maker = _Maker(out, views, size)
     sections = []
     for library, names in wanted:
-        folder = f"pictures/{library.name}"
         cards: list[_Card] = []
         progress.start(f"pictures of {library.name}", sum(len(library.instances(name)) for name in names))
         for name in names:
             for instance_id in library.instances(name):
-                try:
-                    instance = library.load(name, instance_id)
-                except InputError as error:
-                    refused.append((name, instance_id, str(error)))
-                    cards.append(_Card(name, instance_id, None, "cannot be loaded", error=str(error)))
-                    progress.advance()
-                    continue
-                picture = f"{folder}/{name}/{instance_id}-{_mark_of(instance, views, size)}.webp"
-                if (out / picture).is_file():
-                    kept += 1
-                else:
-                    studio = studio or pictures.Studio(size)
-                    stream = io.BytesIO()
-                    pictures.turntable(studio, instance, views).save(stream, "WEBP", quality=82, method=4)
-                    for outdated in (out / picture).parent.glob(f"{instance_id}-*.webp"):
-                        outdated.unlink()
-                    write_atomic(out / picture, stream.getvalue())
-                    made += 1
-                cards.append(_card(instance, picture))
+                cards.append(maker.card(library, name, instance_id))
                 progress.advance()
         for card in cards:
             card.findings = _findings_of(verdicts, library.name, card.asset_class, card.id)
         sections.append({"library": library.name, "license": library.license, "cards": cards})
+    for shelf in rigid:
+        cards = []
+        progress.start(f"pictures of {shelf.name}, rigid objects", len(shelf.names()))
+        for name in shelf.names():
+            cards.append(maker.rigid_card(shelf, name))
+            progress.advance()
+        for card in cards:
+            card.findings = _findings_of(verdicts, shelf.name, card.asset_class, card.id)
+        sections.append({"library": f"{shelf.name}, rigid", "license": shelf.license, "cards": cards})
+    describe = {name: library.describe(name) for library, names in wanted for name in names}
     page = _TEMPLATES.get_template("gallery.html.j2").render(
         sections=sections,
-        classes=sorted({name for _, names in wanted for name in names}),
-        describe={name: library.describe(name) for library, names in wanted for name in names},
-        openness=[f"{share:g}" for share in pictures.OPENNESS],
+        classes=[*sorted({name for _, names in wanted for name in names}), *(["rigid"] if rigid else [])],
+        describe={**describe, "rigid": "objects without a joint"},
         views=views,
         size=size,
         validated=bool(verdicts),
     )
     write_atomic(out / "index.html", page)
-    return Gallery(out / "index.html", made, kept, tuple(refused))
+    return Gallery(out / "index.html", maker.made, maker.kept, tuple(maker.refused))
+
+
+class _Maker:
+    """Makes cards and the pictures that are not there yet; the studio is set up for the first of them."""
+
+    def __init__(self, out: Path, views: int, size: int) -> None:
+        self.made = self.kept = 0
+        self.refused: list[tuple[str, str, str]] = []
+        self._out, self._views, self._size = out, views, size
+        self._studio: pictures.Studio | None = None
+
+    def card(self, library: Library, name: str, instance_id: str) -> _Card:
+        try:
+            instance = library.load(name, instance_id)
+        except InputError as error:
+            return self._refuse(name, instance_id, error)
+        place = f"pictures/{library.name}/{name}/{instance_id}"
+        picture = self._picture(
+            place, instance.urdf.parent.name, lambda studio: pictures.turntable(studio, instance, self._views)
+        )
+        return _card(instance, picture)
+
+    def rigid_card(self, library: RigidLibrary, name: str) -> _Card:
+        try:
+            rigid = library.load(name)
+        except InputError as error:
+            return self._refuse("rigid", name, error)
+        picture = self._picture(
+            f"pictures/{library.name}/rigid/{name}",
+            rigid.folder.name,
+            lambda studio: pictures.rigid_turntable(studio, rigid, self._views),
+        )
+        return _rigid_card(rigid, picture)
+
+    def _refuse(self, asset_class: str, name: str, error: InputError) -> _Card:
+        self.refused.append((asset_class, name, str(error)))
+        return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
+
+    def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
+        """The picture's path in the page's folder, drawn unless it is there; outdated ones are removed.
+
+        Args:
+            content: names what is shown: the prepared object's folder, named by content and code.
+        """
+        text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
+        picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
+        file = self._out / picture
+        if file.is_file():
+            self.kept += 1
+            return picture
+        self._studio = self._studio or pictures.Studio(self._size)
+        stream = io.BytesIO()
+        draw(self._studio).save(stream, "WEBP", quality=82, method=4)
+        for outdated in file.parent.glob(f"{Path(place).name}-*.webp"):
+            outdated.unlink()
+        write_atomic(file, stream.getvalue())
+        self.made += 1
+        return picture
 
 
 def _wanted(libraries: Sequence[Library], classes: Sequence[str] | None) -> list[tuple[Library, tuple[str, ...]]]:
@@ -150,12 +203,6 @@ def _wanted(libraries: Sequence[Library], classes: Sequence[str] | None) -> list
     return [(library, names) for library, names in chosen if names]
 
 
-def _mark_of(instance: Instance, views: int, size: int) -> str:
-    """Eight hex digits of what a picture shows: the prepared object, its folder named by content and code."""
-    text = f"{FORMAT_VERSION}/{views}/{size}/{instance.urdf.parent.name}"
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
 def _card(instance: Instance, picture: str) -> _Card:
     joint = instance.joint
     unit, scale = ("°", 57.29578) if joint.type == "revolute" else ("mm", 1000.0)
@@ -166,11 +213,29 @@ def _card(instance: Instance, picture: str) -> _Card:
         picture,
         f"{joint.type}, {scale * joint.lower:.0f} to {scale * joint.upper:.0f} {unit}, "
         f"{instance.mass:.2g} kg, {hulls} hulls",
+        tuple(f"openness {share:g}" for share in pictures.OPENNESS),
         [
             (pictures.short_name(name), pictures.mark_colour(instance, name), keypoint.description)
             for name, keypoint in sorted(instance.keypoints.items())
         ],
         instance.warnings,
+    )
+
+
+def _rigid_card(rigid: RigidObject, picture: str) -> _Card:
+    size = " x ".join(f"{1000 * s:.0f}" for s in rigid.size)
+    held = f"held at {1000 * rigid.grip.width:.0f} mm"
+    return _Card(
+        "rigid",
+        rigid.name,
+        picture,
+        f"{size} mm, {1000 * rigid.inertial.mass:.0f} g, {len(rigid.hulls)} hulls, {held}",
+        ("at rest",),
+        [
+            (pictures.short_name(name), pictures.mark_colour(rigid, name), keypoint.description)
+            for name, keypoint in sorted(rigid.keypoints.items())
+        ],
+        rigid.warnings,
     )
 
 

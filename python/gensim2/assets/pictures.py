@@ -278,6 +278,18 @@ def turntable(studio: Studio, instance: Instance, views: int) -> Image.Image:
     return sheet
 
 
+def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
+    """All views of a rigid object in one row, the robot's side first."""
+    from PIL import Image
+
+    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
+    studio.put_rigid(rigid, azimuths)
+    sheet = Image.new("RGB", (views * studio.size, studio.size), PAPER)
+    for column, azimuth in enumerate(azimuths):
+        sheet.paste(annotated(studio.shoot(azimuth=azimuth), rigid, names=False), (column * studio.size, 0))
+    return sheet
+
+
 def strip(studio: Studio, instance: Instance) -> Image.Image:
     """An object at openness 0, 0.5 and 1 beside each other, its keypoints named, under a title."""
     from PIL import Image, ImageDraw, ImageFont

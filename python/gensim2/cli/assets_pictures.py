@@ -85,9 +85,11 @@ def gallery(
         from gensim2.assets.gallery import build_gallery
 
         chosen = where or ("builtin", *filter(None, [os.environ.get("GENSIM2_ASSETS")]))
+        places = list(dict.fromkeys(chosen))
         built = build_gallery(
-            [open_library(place) for place in dict.fromkeys(chosen)],
+            [open_library(place) for place in places],
             out,
+            rigid=_rigid_libraries(places) if classes is None else (),
             classes=None if classes is None else [name.strip() for name in classes.split(",") if name.strip()],
             findings=findings,
             views=views,
@@ -103,6 +105,13 @@ def gallery(
                 "refused": [{"class": c, "id": i, "reason": why} for c, i, why in built.refused],
             }
         )
+
+
+def _rigid_libraries(places: list[str]) -> list[Any]:
+    """Those of the libraries that have rigid objects."""
+    from gensim2.assets.rigid import has_rigid_objects, open_rigid_library
+
+    return [open_rigid_library(place) for place in places if place == "builtin" or has_rigid_objects(Path(place))]
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -265,6 +265,11 @@ def maniskill_ycb() -> Path:
     return root / "data" / "assets" / "mani_skill2_ycb"
 
 
+def has_rigid_objects(folder: Path) -> bool:
+    """Whether a folder in the layout of the GenSim2 release holds rigid objects beside the articulated ones."""
+    return any((folder.expanduser() / "rigidbody_objs" / "models").glob("*/collision.obj"))
+
+
 def open_rigid_library(where: Path | str | None = None) -> RigidLibrary:
     """Open a library of rigid objects.
 
