@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -127,3 +132,28 @@ def test_export_writes_a_library_that_opens(capfd: pytest.CaptureFixture[str], t
     assert capfd.readouterr().out.splitlines() == [str(folders[2]), "license: Apache-2.0"]
     assert cli.run(["assets", "export", "--out", str(out)]) == 2
     assert "--all" in capfd.readouterr().err
+
+
+def test_ctrl_c_ends_validation_and_its_workers_at_once() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gensim2.cli", "assets", "validate", "--all", "--no-physics", "--workers", "2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "GENSIM2_ASSETS": "", "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    deadline = time.monotonic() + 60
+    while len(children.read_text().split()) < 2:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    workers = children.read_text().split()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=15)
+    assert (process.returncode, out) == (130, "")
+    assert "interrupted" in err
+    deadline = time.monotonic() + 5
+    while any(Path(f"/proc/{worker}").exists() for worker in workers):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
