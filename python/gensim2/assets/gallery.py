@@ -111,7 +111,7 @@ def build_gallery(
                 progress.advance()
         for card in cards:
             card.findings = _findings_of(verdicts, library.name, card.asset_class, card.id)
-        sections.append({"library": library.name, "license": library.license, "cards": cards})
+        sections.append({"library": library.name, "license": library.license, "cards": cards, "rigid": False})
     for shelf in rigid:
         cards = []
         progress.start(f"pictures of {shelf.name}, rigid objects", len(shelf.names()))
@@ -120,7 +120,7 @@ def build_gallery(
             progress.advance()
         for card in cards:
             card.findings = _findings_of(verdicts, shelf.name, card.asset_class, card.id)
-        sections.append({"library": f"{shelf.name}, rigid", "license": shelf.license, "cards": cards})
+        sections.append({"library": f"{shelf.name}, rigid", "license": shelf.license, "cards": cards, "rigid": True})
     describe = {name: library.describe(name) for library, names in wanted for name in names}
     page = _TEMPLATES.get_template("gallery.html.j2").render(
         sections=sections,
@@ -212,7 +212,7 @@ def _card(instance: Instance, picture: str) -> _Card:
         instance.id,
         picture,
         f"{joint.type}, {scale * joint.lower:.0f} to {scale * joint.upper:.0f} {unit}, "
-        f"{instance.mass:.2g} kg, {hulls} hulls",
+        f"{instance.mass:.2g} kg, {_count(hulls)}",
         tuple(f"openness {share:g}" for share in pictures.OPENNESS),
         [
             (pictures.short_name(name), pictures.mark_colour(instance, name), keypoint.description)
@@ -222,6 +222,10 @@ def _card(instance: Instance, picture: str) -> _Card:
     )
 
 
+def _count(hulls: int) -> str:
+    return f"{hulls} hull{'' if hulls == 1 else 's'}"
+
+
 def _rigid_card(rigid: RigidObject, picture: str) -> _Card:
     size = " x ".join(f"{1000 * s:.0f}" for s in rigid.size)
     held = f"held at {1000 * rigid.grip.width:.0f} mm"
@@ -229,7 +233,7 @@ def _rigid_card(rigid: RigidObject, picture: str) -> _Card:
         "rigid",
         rigid.name,
         picture,
-        f"{size} mm, {1000 * rigid.inertial.mass:.0f} g, {len(rigid.hulls)} hulls, {held}",
+        f"{size} mm, {1000 * rigid.inertial.mass:.0f} g, {_count(len(rigid.hulls))}, {held}",
         ("at rest",),
         [
             (pictures.short_name(name), pictures.mark_colour(rigid, name), keypoint.description)
