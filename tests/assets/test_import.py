@@ -124,6 +124,19 @@ def test_size_joint_and_keypoints(partnet: Path, tmp_path: Path, asset_class: st
         assert tail < 0.3 * instance.lever_arm("articulated_object_head")
 
 
+def test_what_is_pushed_is_touched_from_behind(partnet: Path, tmp_path: Path) -> None:
+    change(partnet, 'name="handle-7"', 'name="board-7"')
+    pulled, pushed = (
+        json.loads((import_object(partnet, tmp_path / "lib", c, "a", joint="joint_1").folder / "info.json").read_text())
+        for c in ("drawer", "box_move")
+    )
+    for one, other in (("head", "tail"), ("tail", "head")):
+        assert pulled["keypoints"][f"articulated_object_{one}"] == pushed["keypoints"][f"articulated_object_{other}"]
+    assert pulled["keypoints"]["articulated_object_head"][2] == 0.47
+    assert "leads" in pulled["keypoint_descriptions"]["articulated_object_head"]
+    assert "trails" in pushed["keypoint_descriptions"]["articulated_object_head"]
+
+
 def test_what_the_user_edits_counts(partnet: Path, tmp_path: Path) -> None:
     file = import_object(partnet, tmp_path / "lib", "drawer", "a", scale=0.2).folder / "info.json"
     info = json.loads(file.read_text())

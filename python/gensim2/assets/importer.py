@@ -9,8 +9,9 @@ number of joints, no size (its bounding box has a diagonal of 2) and no keypoint
 - a joint that rests at its upper limit and opens downwards is turned around, so that openness 0 is at rest;
 - ``auto`` scale: the longest side is as long as that of the generated objects of the class, 0.3 m where there are none;
 - the head keypoint: the middle of the meshes named "handle", else of what lies farthest from the axis (revolute) or of
-  the end that leads the motion (prismatic); the tail: of what lies nearest to the axis, or of the other end; both moved
-  to the nearest point of the surface.
+  the end that leads the motion (prismatic; the other end where the class is one that is pushed: ``..._move``,
+  ``..._push``); the tail: of what lies nearest to the axis, or of the other end; both moved to the nearest point of the
+  surface. On the released objects that is 12 mm from the annotated head in the median, and within 5 cm for 85 %.
 
 Everything but the joint is in ``info.json``, for the user to edit.
 """
@@ -47,6 +48,7 @@ Array = npt.NDArray[np.float64]
 
 OTHER_SIZE = 0.3  # m, longest side of an object of a class that is not generated
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
+PUSHED = ("_move", "_push")  # how the names of classes end whose objects are pushed from behind
 MOVABLE = ("revolute", "prismatic", "continuous")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
@@ -302,13 +304,17 @@ class _Source:
         axis = joint.axis / float(np.linalg.norm(joint.axis))
         vertices = [m.vertices for m in self.geometry["moving"]]
         what = " ".join(self._meaning(joint.child)).replace("_", " ") or joint.child
-        head = derived_head(vertices, joint.type, axis)
-        head_text = f"the end of the {what} that leads the motion"
         if joint.type == "revolute":
-            head_text = f"the middle of the edge of the {what} farthest from its hinge"
+            head, head_text = (
+                derived_head(vertices, joint.type, axis),
+                f"the edge of the {what} farthest from its hinge",
+            )
             tail, tail_text = _near_axis(np.concatenate(vertices), axis), f"the middle of the {what} at its hinge"
         else:
-            tail, tail_text = derived_head(vertices, joint.type, -axis), f"the end of the {what} that trails the motion"
+            way = -axis if self.asset_class.endswith(PUSHED) else axis
+            ends = (f"the end of the {what} that leads the motion", f"the end of the {what} that trails the motion")
+            head_text, tail_text = ends if way is axis else ends[::-1]
+            head, tail = (derived_head(vertices, joint.type, sign * way) for sign in (1, -1))
         if self.handles:
             corners = np.concatenate([m.vertices for m in self.handles])
             head, head_text = (corners.min(axis=0) + corners.max(axis=0)) / 2, f"the middle of the handle of the {what}"
@@ -327,7 +333,7 @@ class _Source:
             "keypoint_descriptions": {"articulated_object_head": head_text, "articulated_object_tail": tail_text},
             "scale": scale,
             "axis": object_axis({}, self.folder, axis, self._T_link_object),
-            "joint_position_range": [lower * length, upper * length],
+            "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
             "license": LICENSE,
             "imported": {"joint": joint.name, "fixed": self.fixed, "notes": self.notes},
         }
