@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from gensim2.assets.placement import ROBOT_BASE
 from gensim2.assets.shapes import pose, transform
 from gensim2.assets.types import Instance
 
@@ -21,7 +20,6 @@ BASE_GAP = 1.0  # mm between the lowest point and the table
 SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
 MASS = (0.02, 80.0)  # kg
 PUSH = 40.0  # N at the keypoint to overcome friction
-REACH = (0.25, 0.85)  # m from the robot's base to the head keypoint, horizontally
 MOST_HULLS = 64  # a link
 FREE = ("above", "inside", "base")  # parts of the names of keypoints in free space
 SAMPLE_SPACING = 0.006  # m between points that stand for a hull's surface
@@ -144,7 +142,6 @@ def geometric_findings(instance: Instance) -> list[Finding]:
     R, position = world_rotation(instance), instance.placement.position
     still = [h for link, hulls in instance.hulls.items() if link != joint.child_link for h in hulls]
     lowest = np.inf
-    path = []
     head = (
         "articulated_object_head" if "articulated_object_head" in instance.keypoints else next(iter(instance.keypoints))
     )
@@ -152,14 +149,7 @@ def geometric_findings(instance: Instance) -> list[Finding]:
         T = link_pose(instance, share)
         points = np.concatenate(still + [transform(T, h) for h in instance.hulls[joint.child_link]])
         lowest = min(lowest, float((points @ R.T)[:, 2].min()) + float(position[2]))
-        keypoint = instance.keypoints[head]
-        local = keypoint.position if keypoint.link != joint.child_link else transform(T, keypoint.position[None])[0]
-        path.append(R @ local + position)
     at_most("base above the table, mm", 1000 * abs(lowest), BASE_GAP)
-    reach = np.linalg.norm((np.array(path) - ROBOT_BASE)[:, :2], axis=1)
-    at_most("farthest keypoint, m", float(reach.max()), REACH[1])
-    if reach.min() < REACH[0]:
-        found.append(Finding("nearest keypoint, m", round(float(reach.min()), 4), REACH[0]))
     for name in instance.keypoints:
         if not any(word in name for word in FREE):
             at_most(f"{name} from its link, mm", 1000 * distance_to_link(instance, name), SURFACE_GAP)

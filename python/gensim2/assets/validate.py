@@ -61,7 +61,7 @@ def check_object(library: Library, asset_class: str, instance_id: str, physics: 
         instance = library.load(asset_class, instance_id)
         findings = geometric_findings(instance)
         if physics:
-            findings += physical_findings(instance)
+            findings += physical_findings(instance) + reaching(instance)
     except InputError as error:
         findings = [Finding("loads", str(error), "no error")]
     return ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
@@ -89,6 +89,13 @@ def validate(
                 yield outcome.unwrap()
 
 
+def reaching(instance: Instance) -> list[Finding]:
+    """Where the robot does not get to the head keypoint; needs the robot's model, which comes with the simulator."""
+    from gensim2.assets.reach import reach_findings
+
+    return reach_findings(instance)
+
+
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
     """Plain values of several reports: ``objects``, how many are ``sound``, and how many have which finding."""
     checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
@@ -103,7 +110,7 @@ def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]
 
 def family(check: str) -> str:
     """A check's name without the number of what it was made on."""
-    return re.sub(r"\b\d+\b ?", "", check).strip()
+    return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
 
 
 def load_all(
