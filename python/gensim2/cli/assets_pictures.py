@@ -11,9 +11,10 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report
 
 
-@click.command("render", short_help="Picture of one object.")
-@click.argument("object_", metavar="CLASS[/ID]")
+@click.command("render", cls=options.TaskCommand, short_help="Picture of one object.")
+@click.argument("object_", metavar="CLASS[/WHICH]")
 @options.assets
+@options.seed
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="PNG", help="The picture."
 )
@@ -21,25 +22,25 @@ from gensim2.cli.output import line, report
     "--size", type=click.IntRange(64, 2048), default=420, show_default=True, help="Edge of each view in pixels."
 )
 @options.json_file
-def render(object_: str, assets: str | None, out: Path, size: int, json_file: str | None) -> None:
+def render(object_: str, assets: str | None, seed: int, out: Path, size: int, json_file: str | None) -> None:
     """Draw one object at openness 0, 0.5 and 1, its keypoints named.
 
-    Without an ID the first of the class.
+    WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
     """
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
 
         from gensim2.assets import open_library
         from gensim2.assets.pictures import Studio, strip
+        from gensim2.assets.selection import select_one
         from gensim2.files import write_atomic
 
         library = open_library(assets)
-        name, _, chosen = object_.partition("/")
-        instance = library.load(name, chosen or library.instances(name)[0])
+        instance = library.load(*select_one(library, object_, seed=seed))
         stream = io.BytesIO()
         strip(Studio(size), instance).save(stream, "PNG")
         write_atomic(out, stream.getvalue())
-        give({"schema_version": 1, "class": name, "id": instance.id, "picture": str(out)})
+        give({"schema_version": 1, "class": instance.asset_class, "id": instance.id, "picture": str(out)})
 
 
 @click.command("gallery", short_help="Page with pictures of every object.")
