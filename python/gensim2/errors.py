@@ -39,3 +39,7 @@ class MissingExtraError(GenSim2Error):
     def __init__(self, module: str, extra: str) -> None:
         super().__init__(f"{module} is not installed (pip install 'gensim2[{extra}]')")
         self.module, self.extra = module, extra
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+        """Survive the way from a worker process."""
+        return type(self), (self.module, self.extra)
