@@ -19,6 +19,12 @@ from gensim2.cli import main as cli
 from gensim2.pipeline.single import task_and_config
 
 
+@pytest.fixture(autouse=True)
+def generated_objects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the generated library where ``--assets`` is not given, whatever the tests on real objects are told."""
+    monkeypatch.delenv("GENSIM2_ASSETS", raising=False)
+
+
 def run_json(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, Any]:
     code = cli.run([*arguments, "--json"])
     out, err = capfd.readouterr()
