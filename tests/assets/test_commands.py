@@ -114,7 +114,7 @@ def test_validate_ends_with_one_and_names_what_is_wrong(
     assert any("left.obj" in str(finding["value"]) for finding in three["findings"])
     assert cli.run(["assets", "validate", "box_rotate", *where]) == 1
     assert "FAULT  box_rotate/3: " in capfd.readouterr().out
-    code, result = run_json(capfd, "assets", "prepare", "--assets", str(tmp_path / "lib"), "--workers", "2")
+    code, result = run_json(capfd, "assets", "prepare", "--assets", str(tmp_path / "lib"), "--workers", "1")
     assert (code, result["prepared"]) == (1, 2)
     assert [entry["id"] for entry in result["refused"]] == ["2"]
 
