@@ -13,10 +13,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gensim2.assets import Library
-from gensim2.assets.checks import Block, depth_inside, geometric_findings, link_pose
+from gensim2.assets.checks import geometric_findings
 from gensim2.assets.classes import object_classes
+from gensim2.assets.convexes import Block, depth_inside
 from gensim2.assets.generate import blueprint, blueprint_hash, generate
 from gensim2.assets.known import JOINT_TYPES
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.physics import hull_moments
 from gensim2.assets.shapes import transform
 from gensim2.assets.validate import physical_findings

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from gensim2.assets import open_library
-from gensim2.assets.checks import Block, depth_inside, link_pose
+from gensim2.assets.convexes import Block, depth_inside
 from gensim2.assets.importer import import_object
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.shapes import transform
 
 pytestmark = pytest.mark.real

@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.assets.voidspace import VoidSpace
+from gensim2.assets.voidspace import NEEDED_VOLUME, VoidSpace
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -27,6 +27,7 @@ THINNEST = 0.003  # m: thinner pieces are thickened; physics cannot cook or hold
 SMALLEST = 0.001  # m: pieces smaller than this in every direction are dropped
 MAX_VERTICES = 64
 MAX_HULLS = 40  # a link
+MOST_HULLS = 60  # a link, where fewer would stand in the other link's way
 FREE_SHARE = 0.01  # of a hull's volume that it may fill
 FREE_VOLUME = 1e-6  # m³ that a hull may fill at most, where the number of hulls allows
 PATCH_ANGLE = np.cos(np.radians(15))
@@ -261,6 +262,8 @@ class _Merger:
                 continue
             if cost > allowance(volume, self.space.cell) and len(self.alive) <= limit:
                 continue
+            if cost >= NEEDED_VOLUME and len(self.alive) <= MOST_HULLS:
+                continue
             union = self._tried[a, b]
             for k in (a, b):
                 del self.alive[k]
@@ -289,17 +292,24 @@ class Decomposition:
     opened: int
 
 
-def decompose(meshes: Sequence[tuple[Array, Faces]], limit: int = MAX_HULLS) -> Decomposition:
-    """Convex hulls of the meshes of one link.
+def connected_pieces(meshes: Sequence[tuple[Array, Faces]]) -> list[tuple[Array, Faces]]:
+    """Connected pieces of several meshes, each (vertices (N, 3), faces (M, 3))."""
+    return [piece for vertices, faces in meshes for piece in components(*weld(vertices, faces))]
+
+
+def decompose(
+    pieces: Sequence[tuple[Array, Faces]], space: VoidSpace | None = None, limit: int = MAX_HULLS
+) -> Decomposition:
+    """Convex hulls of the connected pieces of one link.
 
     Args:
-        meshes: (vertices (N, 3) in metres, faces (M, 3)).
+        pieces: (vertices (N, 3) in metres, faces (M, 3)).
+        space: the space around them; None: it is worked out.
         limit: most hulls, if need be at the price of filled space.
     """
-    pieces = [piece for vertices, faces in meshes for piece in components(*weld(vertices, faces))]
     if not pieces:
         return Decomposition([], 0, 0)
-    space = VoidSpace(pieces)
+    space = space or VoidSpace(list(pieces))
     hulls: list[Hull] = []
     concave: list[tuple[Array, Faces]] = []
     dropped = 0

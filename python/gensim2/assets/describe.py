@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.assets.checks import link_pose
 from gensim2.assets.library import Library
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Instance
 

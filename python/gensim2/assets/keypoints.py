@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from gensim2.assets.checks import surface_samples
+from gensim2.assets.convexes import surface_samples
 from gensim2.assets.errors import AssetError
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Keypoint

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.assets.checks import link_pose, world_rotation
+from gensim2.assets.checks import world_rotation
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.rigid.types import RigidObject
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Instance

@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.assets.checks import Finding, link_pose, world_rotation
+from gensim2.assets.checks import Finding, world_rotation
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.placement import ROBOT_BASE
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Array, Instance

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from gensim2.assets.cache import cached_hulls, source_digest
-from gensim2.assets.decompose import decompose
+from gensim2.assets.clearance import Motion, decompose_pair
 from gensim2.assets.errors import AssetError
 from gensim2.assets.keypoints import object_axis, read_keypoints
 from gensim2.assets.model import LinkGeometry, Model
@@ -39,8 +39,8 @@ Array = npt.NDArray[np.float64]
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
 SOLID_CORNERS = 4  # a collision file with fewer has no volume
-HULL_MODULES = ("decompose", "voidspace")
-READER_MODULES = (*HULL_MODULES, "checks", "keypoints", "objfile", "real")
+HULL_MODULES = ("clearance", "convexes", "decompose", "voidspace")
+READER_MODULES = (*HULL_MODULES, "keypoints", "objfile", "real")
 
 
 @dataclass(frozen=True)
@@ -88,10 +88,7 @@ def mesh_elements(link: ET.Element, kind: str, file: Path) -> list[MeshElement]:
         if mesh is None or not mesh.get("filename"):
             raise AssetError("only mesh geometry is read", file=file, field=f"link {link.get('name')}: {kind}")
         where = _origin(element.find("origin"), file, f"link {link.get('name')}: {kind}.origin")
-        name = Path(str(mesh.get("filename")))
-        if name.is_absolute() or ".." in name.parts or "\0" in str(name):
-            raise AssetError(f"{name} lies outside the folder", file=file, field=f"link {link.get('name')}: {kind}")
-        found.append(MeshElement(file.parent / name, where))
+        found.append(MeshElement(file.parent / str(mesh.get("filename")), where))
     return found
 
 
@@ -186,20 +183,27 @@ class MeshReader:
         ]
 
 
-def _hulls(meshes: list[Mesh], warnings: list[str], link: str) -> list[Array]:
-    """Convex parts of a link, from the cache where the same meshes were taken apart before."""
+def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
+    """Convex parts of both links, from the cache where the same meshes were taken apart before."""
     digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
-    for mesh in meshes:
-        digest.update(mesh.vertices.tobytes() + b"/" + mesh.faces.tobytes() + b"/")
+    for meshes in solid.values():
+        for mesh in meshes:
+            digest.update(mesh.vertices.tobytes() + b"/" + mesh.faces.tobytes() + b"/")
+        digest.update(b"//")
+    digest.update(np.round(motion.T_root_link, 9).tobytes() + np.round(motion.axis, 9).tobytes())
+    digest.update(repr((motion.revolute, round(motion.lower, 9), round(motion.upper, 9))).encode())
 
     def make() -> tuple[list[Array], dict[str, int]]:
-        result = decompose([(mesh.vertices, mesh.faces) for mesh in meshes])
-        return result.hulls, {"dropped": result.dropped}
+        pieces = {link: [(mesh.vertices, mesh.faces) for mesh in meshes] for link, meshes in solid.items()}
+        pair = decompose_pair(pieces["body"], pieces["moving"], motion)
+        counts = {"body": pair.dropped_body, "moving": pair.dropped_moving, "of_body": len(pair.body)}
+        return [*pair.body, *pair.moving], counts
 
     hulls, counts = cached_hulls(digest.hexdigest()[:24], make)
-    if counts["dropped"]:
-        warnings.append(f"{link}: {counts['dropped']} collision pieces under a millimetre left out")
-    return hulls
+    for link in solid:
+        if counts[link]:
+            warnings.append(f"{link}: {counts[link]} collision pieces under a millimetre left out")
+    return {"body": hulls[: counts["of_body"]], "moving": hulls[counts["of_body"] :]}
 
 
 def _engines_drop(meshes: list[Mesh]) -> bool:
@@ -291,16 +295,15 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
 
     frames = fixed_frames(links, joints, joint, file)
     meshes = MeshReader(folder)
-    geometry: dict[str, LinkGeometry] = {}
+    seen: dict[str, list[Mesh]] = {group: [] for group in frames}
+    solid: dict[str, list[Mesh]] = {group: [] for group in frames}
     first_collision: MeshElement | None = None
     flat: list[str] = []
     convex = _declares_convex(info, folder)
     for group, members in frames.items():
-        seen: list[Mesh] = []
-        solid: list[Mesh] = []
         for name, T in members.items():
             for element in mesh_elements(links[name], "visual", file):
-                seen += meshes.get(element, scale, T)
+                seen[group] += meshes.get(element, scale, T)
             collisions = mesh_elements(links[name], "collision", file)
             if name == joint.child and collisions:
                 first_collision = collisions[0]
@@ -308,9 +311,7 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
                 read = meshes.get(element, scale, T)
                 if _engines_drop(read):
                     flat.append(element.file.relative_to(folder).as_posix())
-                solid += read
-        hulls = _declared_hulls(solid, folder) if convex else _hulls(solid, warnings, group)
-        geometry[group] = LinkGeometry(hulls, seen)
+                solid[group] += read
     if flat:
         warnings.append(
             f"{len(flat)} collision files are one slanted triangle, which PhysX drops, made a plate: {', '.join(flat)}"
@@ -322,24 +323,27 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
             warnings.append(f"{len(missing)} mesh files missing: {', '.join(missing)}")
         if broken:
             warnings.append(f"{len(broken)} mesh files unreadable: {', '.join(broken)}")
-    if not geometry["moving"].hulls:
-        raise AssetError("the moving link has no collision geometry", file=file, field=f"link {joint.child}")
-
     axis = joint.axis / max(float(np.linalg.norm(joint.axis)), 1e-12)
     if np.linalg.norm(joint.axis) < 1e-9:
         raise AssetError("zero axis", file=file, field=f"joint {joint.name}: axis")
     lower, upper = _limits(folder, info, joint, scale, warnings)
     T_root_link = frames["body"][joint.parent] @ joint.T
     T_root_link[:3, 3] *= scale
+    if convex:
+        hulls = {group: _declared_hulls(meshes_of, folder) for group, meshes_of in solid.items()}
+    else:
+        hulls = _hulls(solid, Motion(T_root_link, axis, kind == "revolute", lower, upper), warnings)
+    if not hulls["moving"]:
+        raise AssetError("the moving link has no collision geometry", file=file, field=f"link {joint.child}")
     T_link_object = np.eye(4) if first_collision is None else first_collision.T.copy()
     T_link_object[:3, 3] *= scale
-    keypoints = read_keypoints(info, scale, T_link_object, joint.child, kind, axis, geometry["moving"].hulls, warnings)
+    keypoints = read_keypoints(info, scale, T_link_object, joint.child, kind, axis, hulls["moving"], warnings)
     return Model(
         asset_class=asset_class,
         id=folder.name,
         source="real",
-        body=geometry["body"],
-        moving=geometry["moving"],
+        body=LinkGeometry(hulls["body"], seen["body"]),
+        moving=LinkGeometry(hulls["moving"], seen["moving"]),
         joint_name=joint.name,
         joint_type=kind,
         moving_link=joint.child,

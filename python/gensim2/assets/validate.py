@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.assets.checks import Finding, geometric_findings, link_pose, world_rotation
+from gensim2.assets.checks import Finding, geometric_findings, world_rotation
 from gensim2.assets.library import Library
+from gensim2.assets.overlap import link_pose
 from gensim2.assets.physics import GRAVITY, class_rule, inertial
 from gensim2.assets.types import Instance
 from gensim2.demos.pool import JobError, WorkerPool
