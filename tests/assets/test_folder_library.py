@@ -98,6 +98,16 @@ def test_what_cannot_be_used_names_file_and_field(load: Load, file: str, text: s
         load(lambda folder: (folder / file).write_text(text))
 
 
+@pytest.mark.parametrize("name", ["../left.obj", "/left.obj", "textured_objs/../../left.obj"])
+def test_meshes_outside_the_folder_are_refused(load: Load, name: str) -> None:
+    def point_outside(folder: Path) -> None:
+        urdf = folder / "mobility.urdf"
+        urdf.write_text(urdf.read_text().replace("textured_objs/left.obj", name))
+
+    with pytest.raises(AssetError, match=r"mobility\.urdf: link link_1: visual: .*left\.obj lies outside the folder"):
+        load(point_outside)
+
+
 def test_two_joints_are_refused(load: Load) -> None:
     def free_the_other(folder: Path) -> None:
         urdf = folder / "mobility.urdf"
@@ -110,3 +120,8 @@ def test_two_joints_are_refused(load: Load) -> None:
 def test_broken_mesh_is_counted(load: Load) -> None:
     instance = load(lambda folder: (folder / "textured_objs" / "left.obj").write_text("v 1 2 x\n"))
     assert "1 mesh files unreadable: textured_objs/left.obj" in instance.warnings[0]
+
+
+def test_a_colour_that_is_no_number_is_counted(load: Load) -> None:
+    instance = load(lambda folder: (folder / "textured_objs" / "left.mtl").write_text("newmtl paint\nKd 0.2 nan 0.1\n"))
+    assert "left.mtl: material paint has a colour that is no number" in instance.warnings[0]

@@ -265,10 +265,7 @@ class _Source:
         _replace(element, "limit", limit)
 
     def _note_file(self, file: Path) -> None:
-        name = os.path.relpath(file, self.folder)
-        if name.startswith("..") or Path(name).is_absolute():
-            raise AssetError("lies outside the folder", file=self.file, field=f"mesh {name}")
-        self.files[name] = None
+        self.files[file.relative_to(self.folder).as_posix()] = None
 
     def copy_files(self, target: Path) -> None:
         """Copy meshes with their materials and pictures, and what says what the model is; a mesh that is missing

@@ -13,7 +13,12 @@ DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
 
 
 def read_materials(path: Path) -> dict[str, Look]:
-    """Materials of an MTL file by name; empty where the file is missing."""
+    """Materials of an MTL file by name; empty where the file is missing.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a colour is not a finite number.
+    """
     if not path.is_file():
         return {}
     looks: dict[str, Look] = {}
@@ -35,6 +40,8 @@ def read_materials(path: Path) -> dict[str, Look]:
             alpha = float(rest[-1])
         elif word == "Ks" and rest:
             specular = float(rest[0])
+        if not np.isfinite([*colour, alpha, specular]).all():
+            raise ValueError(f"{path.name}: material {name} has a colour that is no number")
     keep()
     return looks
 

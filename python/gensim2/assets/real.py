@@ -88,7 +88,10 @@ def mesh_elements(link: ET.Element, kind: str, file: Path) -> list[MeshElement]:
         if mesh is None or not mesh.get("filename"):
             raise AssetError("only mesh geometry is read", file=file, field=f"link {link.get('name')}: {kind}")
         where = _origin(element.find("origin"), file, f"link {link.get('name')}: {kind}.origin")
-        found.append(MeshElement(file.parent / str(mesh.get("filename")), where))
+        name = Path(str(mesh.get("filename")))
+        if name.is_absolute() or ".." in name.parts or "\0" in str(name):
+            raise AssetError(f"{name} lies outside the folder", file=file, field=f"link {link.get('name')}: {kind}")
+        found.append(MeshElement(file.parent / name, where))
     return found
 
 
