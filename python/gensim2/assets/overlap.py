@@ -81,16 +81,11 @@ def links_overlap(instance: Instance, threshold: float) -> Overlap:
     in_root = np.concatenate([points for _, points, _ in common])
     in_child = np.concatenate([transform(np.asarray(np.linalg.inv(T), float), points) for T, points, _ in common])
     added = ~(body.encloses(in_root) & child.encloses(in_child))
-    meshes = 0.0
-    for share in OPENNESS:
-        T = link_pose(instance, share)
-        for points, other, back in (
-            (transform(T, child.points), body, np.eye(4)),
-            (body.points, child, np.asarray(np.linalg.inv(T), float)),
-        ):
-            kept = _off_hinge(instance, points)
-            if len(kept):
-                meshes = max(meshes, other.depth(transform(back, kept)))
+    poses = [link_pose(instance, share) for share in OPENNESS]
+    theirs = [_off_hinge(instance, transform(T, child.points)) for T in poses]
+    ours = _off_hinge(instance, body.points)
+    back = [transform(np.asarray(np.linalg.inv(T), float), ours) for T in poses]
+    meshes = max(body.depth(np.concatenate(theirs)), child.depth(np.concatenate(back)))
     return Overlap(float(depths.max()), float(depths[added].max(initial=0.0)), meshes)
 
 
@@ -153,15 +148,18 @@ class _Enclosed:
         inside = inside[~self._space.is_free(inside)]
         if not len(inside):
             return 0.0
-        rough, nearest = self._tree.query(inside, k=min(NEAREST, len(self.points)))
-        rough, nearest = rough.reshape(len(inside), -1), nearest.reshape(len(inside), -1)
-        deep = np.flatnonzero(rough[:, 0] > 0.0005)
-        deep = deep[~self._space.is_free_finely(inside[deep], GAP)] if len(deep) else deep
-        if not len(deep):
+        inside = inside[~self._space.is_free_finely(inside, GAP)]
+        if not len(inside):
             return 0.0
+        deep = self._tree.query(inside)[0] > 0.5 * MESH_SPACING
+        inside = inside[deep]
+        if not len(inside):
+            return 0.0
+        _, nearest = self._tree.query(inside, k=min(NEAREST, len(self.points)))
+        nearest = nearest.reshape(len(inside), -1)
         width = nearest.shape[1]
-        triangles = self._triangles[self._owner[nearest[deep]].ravel()]
-        repeated = np.repeat(inside[deep], width, axis=0)
+        triangles = self._triangles[self._owner[nearest].ravel()]
+        repeated = np.repeat(inside, width, axis=0)
         closest = trimesh.triangles.closest_point(triangles, repeated)
         return float(np.linalg.norm(closest - repeated, axis=1).reshape(-1, width).min(axis=1).max())
 
