@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gensim2.assets import AssetError, Instance, open_library
-from gensim2.assets.checks import geometric_findings
+from gensim2.assets.checks import clearance_of, geometric_findings
 from gensim2.assets.convexes import Block, depth_inside
 
 Load = Callable[..., Instance]
@@ -125,3 +125,30 @@ def test_broken_mesh_is_counted(load: Load) -> None:
 def test_a_colour_that_is_no_number_is_counted(load: Load) -> None:
     instance = load(lambda folder: (folder / "textured_objs" / "left.mtl").write_text("newmtl paint\nKd 0.2 nan 0.1\n"))
     assert "left.mtl: material paint has a colour that is no number" in instance.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scale": 1e3}, r"info\.json: scale: its geometry reaches to 800"),
+        ({"joint_position_range": [0, 1e6]}, r"joint_position_range: its joint reaches to 1e\+06"),
+    ],
+)
+def test_what_no_table_holds_is_refused(load: Load, change: dict[str, object], message: str) -> None:
+    with pytest.raises(AssetError, match=message):
+        load(**change)
+
+
+@pytest.mark.parametrize(
+    ("height", "clearance", "findings"),
+    [
+        (0.0, 62.5, []),  # the floor is 0.25 units below, the walls are farther away, the lid is open
+        (-0.22, 7.5, ["clearance of articulated_object_inside_base when open, mm"]),
+        (-0.27, -5.0, ["clearance of articulated_object_inside_base when open, mm"]),
+    ],
+)
+def test_clearance_is_that_of_the_open_object(load: Load, height: float, clearance: float, findings: list[str]) -> None:
+    inside = "articulated_object_inside_base"
+    instance = load(keypoints={"articulated_object_head": [0.0, 0.25, 0.4], inside: [0.0, 0.0, height]})
+    assert 1000 * clearance_of(instance, inside) == pytest.approx(clearance, abs=1.0)
+    assert [finding.check for finding in geometric_findings(instance)] == findings

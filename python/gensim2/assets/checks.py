@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 OVERLAP = 1.0  # mm of the moving link inside the body, outside the hinge
 BASE_GAP = 1.0  # mm between the lowest point and the table
+FREE_GAP = 10.0  # mm between a keypoint in free space and either link, the object open
 SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
 MASS = (0.02, 80.0)  # kg
 PUSH = 40.0  # N at the keypoint to overcome friction
@@ -77,7 +78,9 @@ def geometric_findings(instance: Instance) -> list[Finding]:
         if not any(word in name for word in FREE):
             at_most(f"{name} from its link, mm", 1000 * distance_to_link(instance, name), SURFACE_GAP)
         else:
-            at_most(f"{name} inside its link, mm", 1000 * _depth_of_free_point(instance, name), 0.0)
+            clearance = 1000 * clearance_of(instance, name)
+            if not clearance >= FREE_GAP:
+                found.append(Finding(f"clearance of {name} when open, mm", round(clearance, 4), FREE_GAP))
     if not MASS[0] <= instance.mass <= MASS[1]:
         found.append(Finding("mass, kg", round(instance.mass, 3), f"{MASS[0]}..{MASS[1]}"))
     lever = instance.lever_arm(head) if joint.type == "revolute" else 1.0
@@ -98,10 +101,18 @@ def overlap_findings(instance: Instance) -> list[Finding]:
     return found
 
 
-def _depth_of_free_point(instance: Instance, name: str) -> float:
-    """How deep a free-space keypoint lies in its own link's hulls, metres; 0 where it is clear."""
-    keypoint = instance.keypoints[name]
-    hulls = instance.hulls.get(keypoint.link, ())
-    if not hulls:
-        return 0.0
-    return float(depth_inside(keypoint.position[None], [Block.of(h) for h in hulls])[0])
+def clearance_of(instance: Instance, name: str) -> float:
+    """Distance in metres of a keypoint from the hulls of both links of the open object; negative inside one."""
+    keypoint, child = instance.keypoints[name], instance.joint.child_link
+    T = link_pose(instance, 1.0)
+    point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]
+    nearest = np.inf
+    for link, hulls in instance.hulls.items():
+        if not hulls:
+            continue
+        local = transform(np.asarray(np.linalg.inv(T), float), point) if link == child else point
+        inside = float(depth_inside(local, [Block.of(hull) for hull in hulls])[0])
+        samples = np.concatenate([surface_samples(hull, 0.004) for hull in hulls])
+        gap = -inside if inside > 0 else float(np.linalg.norm(samples - local, axis=1).min())
+        nearest = min(nearest, gap)
+    return nearest

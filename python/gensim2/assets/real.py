@@ -38,6 +38,7 @@ Array = npt.NDArray[np.float64]
 
 LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
 FALLBACK_SCALE = 0.25
+FARTHEST = 10.0  # m or rad from the origin: what is beyond is a mistake, and no grid could hold it
 SOLID_CORNERS = 4  # a collision file with fewer has no volume
 HULL_MODULES = ("clearance", "convexes", "decompose", "voidspace")
 READER_MODULES = (*HULL_MODULES, "keypoints", "objfile", "real")
@@ -332,6 +333,18 @@ def read_model(folder: Path, asset_class: str, content_hash: str, expected_type:
     lower, upper = _limits(folder, info, joint, scale, warnings)
     T_root_link = frames["body"][joint.parent] @ joint.T
     T_root_link[:3, 3] *= scale
+    extent = max(
+        (float(np.abs(m.vertices).max()) for part in (*solid.values(), *seen.values()) for m in part), default=0
+    )
+    reach = max(float(np.abs(T_root_link[:3, 3]).max()), abs(lower), abs(upper))
+    for what, value, field in (("geometry", extent, "scale"), ("joint", reach, "joint_position_range")):
+        if not value <= FARTHEST:
+            raise AssetError(
+                f"its {what} reaches to {value:.3g}, which nothing on a table does",
+                file=folder / "info.json",
+                field=field,
+                remedy=f"stay within {FARTHEST:g} m or rad: see the scale, the range and the joint's origin",
+            )
     if convex:
         hulls = {group: _declared_hulls(meshes_of, folder) for group, meshes_of in solid.items()}
     else:
