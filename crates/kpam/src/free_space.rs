@@ -1,7 +1,8 @@
 //! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
 //! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
 
-use crate::contact::{Hit, Judge, Margins, TOUCH};
+use crate::contact::{Hit, Judge, TOUCH};
+use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 
 /// Longest edge that a tree grows by (weighted rad).

@@ -5,10 +5,10 @@ use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
 use crate::KeypointProblem;
+use crate::curve::{Curve, Limits};
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
-use crate::trajectory::{Curve, Limits};
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;

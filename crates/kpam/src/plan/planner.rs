@@ -3,14 +3,16 @@
 use super::{Plan, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::contact::{Hit, Judge, Margins, TOUCH};
+use crate::contact::{Hit, Judge, TOUCH};
+use crate::curve::{Curve, Limits, length, rounded};
 use crate::free_space;
 use crate::hand_path::Follower;
+use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::motion::{Motions, motions};
 use crate::options::Timing;
 use crate::problem::Resolved;
-use crate::trajectory::{Builder, Curve, Limits, Trajectory};
+use crate::trajectory::{Builder, Trajectory};
 
 /// Why a candidate's motion ends before its end.
 #[derive(Debug, Clone)]
@@ -316,7 +318,7 @@ impl<'p> Planner<'p> {
             upper[v] = upper[v].max(begin[v]).max(goal[v]);
         }
         for spacing in [0.5, 0.2, 0.08] {
-            let curve = crate::trajectory::rounded(n, &corners, spacing);
+            let curve = rounded(n, &corners, spacing);
             let course = Curve::new(n, &curve, &self.limits);
             if course.keeps_within(&lower, &upper)
                 && self.judge.sweep_along(&course.along(0.05), 1, &margins.eased(1e-3)).is_none()
@@ -376,7 +378,7 @@ impl<'p> Planner<'p> {
             Failure::TooFast { keyframe, allowed, needed }
         };
         let pieces = attempt.approach.len();
-        let lengths: Vec<f64> = attempt.approach.iter().map(|p| crate::trajectory::length(self.model.n(), p)).collect();
+        let lengths: Vec<f64> = attempt.approach.iter().map(|p| length(self.model.n(), p)).collect();
         let total: f64 = lengths.iter().sum();
         let begin = builder.now();
         let mut gone = 0.0;
