@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.assets.convexes import HINGE, Block, depth_inside, surface_samples
+from gensim2.assets.convexes import HINGE, Block, depth_inside, in_box, surface_samples
 from gensim2.assets.decompose import THINNEST, Faces, connected_pieces, decompose, make_hull
 from gensim2.assets.shapes import pose, transform
 from gensim2.assets.voidspace import VoidSpace
@@ -103,7 +103,7 @@ def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
 
 def _needed(space: VoidSpace, points: Array) -> Array:
     """Those of (N, 3) points in and on the other link where this link's mesh leaves space, thinned to a grid."""
-    points = points[((points > space.low) & (points < space.high)).all(axis=1)]
+    points = points[in_box(points, space.low, space.high)]
     points = points[_first_in_cells(points, SPACING)]
     return points[space.is_free_finely(points, FINE)]
 
@@ -142,6 +142,7 @@ class _Parts:
         self.hulls = list(hulls)
         self.blocks = [Block.of(hull) for hull in hulls]
         self._owned = [surface[_near(surface, block)] for block in self.blocks]
+        self._settled = [False] * len(self.hulls)  # found clear once: the other link's hulls only get smaller
 
     def cut_free(
         self, others: _Parts, poses: Sequence[Array], counts: Callable[[Array, int], npt.NDArray[np.bool_]]
@@ -154,11 +155,15 @@ class _Parts:
             counts: which of (N, 3) points in this link's frame count at a joint value, by its number; else hinge.
         """
         samples = [surface_samples(hull) for hull in others.hulls]
+        placed = [[transform(T, points) for points in samples] for T in poses]
         changed = False
         for index in reversed(range(len(self.hulls))):
+            if self._settled[index]:
+                continue
             hull, block = self.hulls[index], self.blocks[index]
-            intruders = _intruders(hull, block, samples, others.blocks, poses, counts)
+            intruders = _intruders(hull, block, placed, others.blocks, poses, counts)
             if not len(intruders):
+                self._settled[index] = True
                 continue
             rest = [other for k, other in enumerate(self.blocks) if k != index]
             own = self._owned[index]
@@ -167,7 +172,7 @@ class _Parts:
                 continue
             changed = True
             if part is None:
-                del self.hulls[index], self.blocks[index], self._owned[index]
+                del self.hulls[index], self.blocks[index], self._owned[index], self._settled[index]
             else:
                 self.hulls[index], self.blocks[index] = part, Block.of(part)
         return changed
@@ -176,7 +181,7 @@ class _Parts:
 def _near(points: Array, block: Block) -> npt.NDArray[np.bool_]:
     """Which of (N, 3) points lie in a hull or within half a millimetre of it."""
     margin = 0.0005
-    around = np.flatnonzero(((points > block.low - margin) & (points < block.high + margin)).all(axis=1))
+    around = np.flatnonzero(in_box(points, block.low - margin, block.high + margin))
     found = np.zeros(len(points), bool)
     found[around] = block.depth(points[around]) > -margin
     return found
@@ -185,12 +190,15 @@ def _near(points: Array, block: Block) -> npt.NDArray[np.bool_]:
 def _intruders(
     hull: Array,
     block: Block,
-    samples: Sequence[Array],
+    placed: Sequence[Sequence[Array]],
     shapes: Sequence[Block],
     poses: Sequence[Array],
     counts: Callable[[Array, int], npt.NDArray[np.bool_]],
 ) -> Array:
-    """(N, 3) points in this link's frame that lie in ``hull`` and in the other link, where one is deep enough."""
+    """(N, 3) points in this link's frame that lie in ``hull`` and in the other link, where one is deep enough.
+
+    ``placed``: samples of the other link's hulls in this link's frame, at each of ``poses``.
+    """
     own = surface_samples(hull)
     found = []
     worst = 0.0
@@ -198,14 +206,14 @@ def _intruders(
         back = np.asarray(np.linalg.inv(T), float)
         local = transform(back, own)
         low, high = local.min(axis=0), local.max(axis=0)
-        for points, shape in zip(samples, shapes, strict=True):
+        for points, shape in zip(placed[number], shapes, strict=True):
             if (shape.low > high).any() or (shape.high < low).any():
                 continue
-            theirs = transform(T, points)
-            theirs = theirs[((theirs > block.low) & (theirs < block.high)).all(axis=1)]
-            ours = own[((local > shape.low) & (local < shape.high)).all(axis=1)]
+            theirs = points[in_box(points, block.low, block.high)]
+            near = in_box(local, shape.low, shape.high)
+            ours = own[near]
             depth_theirs = block.depth(theirs) if len(theirs) else np.zeros(0)
-            depth_ours = shape.depth(transform(back, ours)) if len(ours) else np.zeros(0)
+            depth_ours = shape.depth(local[near]) if len(ours) else np.zeros(0)
             points_in = np.concatenate([theirs[depth_theirs > 0], ours[depth_ours > 0]])
             depths = np.concatenate([depth_theirs[depth_theirs > 0], depth_ours[depth_ours > 0]])
             if len(points_in):

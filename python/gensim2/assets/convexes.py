@@ -32,6 +32,15 @@ def surface_samples(hull: Array, spacing: float = SAMPLE_SPACING) -> Array:
     return np.concatenate(samples)
 
 
+def in_box(points: Array, low: Array, high: Array) -> npt.NDArray[np.bool_]:
+    """Which of (N, 3) points lie between two corners; by columns, which is quicker than ``all`` over rows of three."""
+    found = (points[:, 0] > low[0]) & (points[:, 0] < high[0])
+    for i in (1, 2):
+        found &= points[:, i] > low[i]
+        found &= points[:, i] < high[i]
+    return np.asarray(found, bool)
+
+
 @dataclass(frozen=True)
 class Block:
     """A convex hull ready for queries: corners of its bounding box, outward planes (M, 4)."""
@@ -54,7 +63,7 @@ def depth_inside(points: Array, blocks: Sequence[Block]) -> Array:
     """(K,) how deep points lie inside the deepest of several hulls; 0 outside of all."""
     deepest = np.zeros(len(points))
     for block in blocks:
-        near = np.flatnonzero(((points > block.low) & (points < block.high)).all(axis=1))
+        near = np.flatnonzero(in_box(points, block.low, block.high))
         if len(near):
             deepest[near] = np.maximum(deepest[near], block.depth(points[near]))
     return deepest

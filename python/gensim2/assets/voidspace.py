@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from gensim2.assets.convexes import in_box
+
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
@@ -120,7 +122,7 @@ class VoidSpace:
         low, high = points.min(axis=0), points.max(axis=0)
         needed = 0
         if len(self._needed):
-            near = self._needed[((self._needed > low) & (self._needed < high)).all(axis=1)]
+            near = self._needed[in_box(self._needed, low, high)]
             if len(near):
                 needed = int(((near @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -NEEDED_DEPTH).sum())
         return self._void(points, planes, low, high) + needed * NEEDED_VOLUME

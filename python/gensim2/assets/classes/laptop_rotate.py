@@ -6,12 +6,12 @@ import numpy as np
 
 from gensim2.assets.blueprint import Blueprint, ObjectClass
 from gensim2.assets.classes import _common as c
-from gensim2.assets.shapes import Solid, Vec3, box, rod, rounded_box
+from gensim2.assets.shapes import Look, Solid, Vec3, box, rod, rounded_box
 
 GAP = 0.001
 
 
-def keyboard(width: float, depth: float, top: float) -> list[Solid]:
+def keyboard(width: float, depth: float, top: float, keys: Look) -> list[Solid]:
     """Keys and touch pad to look at, on the surface at height ``top``."""
     rows, columns = 5, 13
     field_w, field_d = 0.88 * width, 0.42 * depth
@@ -21,7 +21,7 @@ def keyboard(width: float, depth: float, top: float) -> list[Solid]:
         box(
             (-field_w / 2 + (i + 0.5) * pitch_x, top + 0.0006, z0 + (j + 0.5) * pitch_z),
             (0.82 * pitch_x, 0.0012, 0.82 * pitch_z),
-            c.BLACK,
+            keys,
             0.0,
         ).visual_only()
         for j in range(rows)
@@ -29,7 +29,7 @@ def keyboard(width: float, depth: float, top: float) -> list[Solid]:
         if not (j == rows - 1 and 3 <= i <= 8)
     ]
     space = (-field_w / 2 + 6 * pitch_x, top + 0.0006, z0 + (rows - 0.5) * pitch_z)
-    parts.append(box(space, (5.8 * pitch_x, 0.0012, 0.82 * pitch_z), c.BLACK, 0.0).visual_only())
+    parts.append(box(space, (5.8 * pitch_x, 0.0012, 0.82 * pitch_z), keys, 0.0).visual_only())
     pad = box((0, top + 0.0003, 0.5 * depth - 0.2 * depth), (0.3 * width, 0.0006, 0.26 * depth), c.DARK_METAL, 0.0)
     return [*parts, pad.visual_only()]
 
@@ -57,7 +57,10 @@ def build(rng: np.random.Generator) -> Blueprint:
 
     top = base / 2
     back = -depth / 2
-    body = [rounded_box((0, 0, 0), (width, base, depth), look, 0.012), *keyboard(width, depth, top)]
+    body = [
+        rounded_box((0, 0, 0), (width, base, depth), look, 0.012),
+        *keyboard(width, depth, top, c.STEEL if sum(look.rgba[:3]) < 0.2 else c.BLACK),
+    ]
     body += [part.visual_only() for part in c.feet(width, depth, -top + 0.0015, 0.0015, 0.006)]
     origin = np.array([0.0, top + GAP, back + 0.001])
     length = depth + lip
