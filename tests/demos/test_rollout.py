@@ -49,7 +49,7 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
         def instances(self, asset_class: str, /) -> tuple[str, ...]:
             return library.instances(asset_class)[:1]
 
-        def split(self, asset_class: str, which: str, /) -> tuple[str, ...]:
+        def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
             return self.instances(asset_class)
 
         def load(self, asset_class: str, instance_id: str, /) -> Instance:
