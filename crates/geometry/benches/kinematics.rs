@@ -53,7 +53,7 @@ fn distances(c: &mut Criterion) {
         let shapes = [0.0, 0.13].map(|at| Convex::hull(&ring(corners / 2, at)).unwrap().moved(&Pose::identity()));
         let [a, b] = shapes.map(|s| Corners::of(s.points()));
         c.bench_function(&format!("signed distance, {corners} corners each"), |bench| {
-            bench.iter(|| signed_distance((&a, 0.0), (&b, 0.0), black_box(&Vector3::x()), 1.0));
+            bench.iter(|| signed_distance((&a, 0.0), (&b, 0.0), black_box(&mut Vector3::x()), 1.0));
         });
     }
 }

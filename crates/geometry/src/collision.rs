@@ -1,6 +1,6 @@
 //! Distances of a posed robot to a scene and to itself.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Bvh, Contact, Convex, Corners, Pose, Robot, signed_distance};
 
@@ -97,6 +97,22 @@ pub struct Scratch {
     corners: Vec<Corners>,
     placed: Vec<bool>,
     best: Vec<f64>,
+    /// Directions from pieces to what is near them, as last found.
+    hints: Vec<Vector3<f64>>,
+}
+
+/// Directions are remembered in a table of this size. Pairs may share a place there: any direction is a guess.
+const HINTS: usize = 4096;
+
+impl Scratch {
+    /// Place of the direction from a piece to something else; one that is not in use yet takes a guess.
+    fn hint(&mut self, piece: usize, other: usize, guess: impl FnOnce(&Aabb) -> Vector3<f64>) -> usize {
+        let place = (piece * 257 + other) % HINTS;
+        if self.hints[place] == Vector3::zeros() {
+            self.hints[place] = guess(&self.boxes[piece]);
+        }
+        place
+    }
 }
 
 impl RobotShapes {
@@ -177,6 +193,7 @@ impl RobotShapes {
         scratch.placed.clear();
         scratch.placed.resize(self.pieces.len(), false);
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
+        scratch.hints.resize(HINTS, Vector3::zeros());
     }
 
     fn ensure(&self, piece: usize, scratch: &mut Scratch) {
@@ -231,11 +248,11 @@ impl RobotShapes {
                         }
                         self.ensure(piece, scratch);
                         let mine = &self.pieces[piece].shape;
-                        let toward = element.center - nalgebra::center(&bounds.min, &bounds.max);
+                        let hint = scratch.hint(piece, e, |b| element.center - nalgebra::center(&b.min, &b.max));
                         let found = signed_distance(
                             (&scratch.corners[piece], mine.radius()),
                             (&element.corners, element.radius),
-                            &toward,
+                            &mut scratch.hints[hint],
                             limit.max(0.0),
                         );
                         if let Some(contact) = found
@@ -290,12 +307,14 @@ impl RobotShapes {
                     }
                     self.ensure(i, scratch);
                     self.ensure(j, scratch);
-                    let toward = nalgebra::center(&scratch.boxes[j].min, &scratch.boxes[j].max)
-                        - nalgebra::center(&scratch.boxes[i].min, &scratch.boxes[i].max);
+                    let other = scratch.boxes[j];
+                    let hint = scratch.hint(i, HINTS - 1 - j, |b| {
+                        nalgebra::center(&other.min, &other.max) - nalgebra::center(&b.min, &b.max)
+                    });
                     let found = signed_distance(
                         (&scratch.corners[i], self.pieces[i].shape.radius()),
                         (&scratch.corners[j], self.pieces[j].shape.radius()),
-                        &toward,
+                        &mut scratch.hints[hint],
                         limit.max(0.0),
                     );
                     if let Some(contact) = found
@@ -325,7 +344,7 @@ impl RobotShapes {
 /// A lower bound of the distance of two shapes, from their boxes.
 fn between_boxes(a: &Aabb, b: &Aabb, apart: f64) -> Contact {
     let (on_first, on_second) = (nalgebra::center(&a.min, &a.max), nalgebra::center(&b.min, &b.max));
-    let normal = (on_second - on_first).try_normalize(0.0).unwrap_or_else(nalgebra::Vector3::x);
+    let normal = (on_second - on_first).try_normalize(0.0).unwrap_or_else(Vector3::x);
     Contact { distance: apart, on_first, on_second, normal }
 }
 

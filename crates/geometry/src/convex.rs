@@ -271,23 +271,32 @@ impl SupportMap for Corners {
 
 /// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
 ///
-/// `toward` is a guess of the direction from the first to the second; any vector will do.
+/// `toward` is a guess of the direction from the first to the second, any vector will do; it is replaced by what was
+/// found. Handed in again after a small motion, it often shows at once that the two are out of reach.
 #[must_use]
 pub fn signed_distance(
     first: (&Corners, f64),
     second: (&Corners, f64),
-    toward: &Vector3<f64>,
+    toward: &mut Vector3<f64>,
     reach: f64,
 ) -> Option<Contact> {
     let (a, b) = (first.0, second.0);
     let rounding = first.1 + second.1;
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
+    // Their ends along any direction tell how far apart they are at least.
+    let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
+    if -extreme.point.coords.dot(&direction) > reach + rounding {
+        return None;
+    }
     let mut simplex = VoronoiSimplex::new();
-    simplex.reset(CSOPoint::from_shapes(&same, a, b, &direction));
+    simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        GJKResult::NoIntersection(_) => None,
+        GJKResult::NoIntersection(n) => {
+            *toward = n.into_inner();
+            None
+        }
         GJKResult::Proximity(_) | GJKResult::Intersection => {
             let (p, q, n) = EPA::new().closest_points(&same, a, b, &simplex).unwrap_or((
                 a.local_support_point(&direction),
@@ -298,6 +307,7 @@ pub fn signed_distance(
         }
     };
     let (p, q, normal, core) = found?;
+    *toward = normal;
     Some(Contact {
         distance: core - rounding,
         on_first: p + normal * first.1,
@@ -313,7 +323,7 @@ mod tests {
 
     fn between(a: &Convex, b: &Convex) -> Contact {
         let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
-        signed_distance((&p, a.radius()), (&q, b.radius()), &(b.center() - a.center()), 10.0).unwrap()
+        signed_distance((&p, a.radius()), (&q, b.radius()), &mut (b.center() - a.center()), 10.0).unwrap()
     }
 
     fn cube(half: f64, at: [f64; 3]) -> Convex {
@@ -348,6 +358,24 @@ mod tests {
             let shift = Pose::from(nalgebra::Translation3::from(d.normal * step));
             let e = between(&a.moved(&shift), &b);
             prop_assert!((d.distance - e.distance - step).abs() < 1e-7, "{d:?} {e:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_direction_will_do(at in prop::array::uniform3(-0.8..0.8f64), guess in prop::array::uniform3(-1.0..1.0f64)) {
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b);
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            let mut toward = Vector3::from(guess);
+            // Twice: the second time from what the first has found.
+            for _ in 0..2 {
+                let found = signed_distance((&p, 0.0), (&q, 0.0), &mut toward, 0.2);
+                prop_assert_eq!(found.is_some(), wanted.distance <= 0.2);
+                if let Some(contact) = found {
+                    prop_assert!((contact.distance - wanted.distance).abs() < 1e-7, "{contact:?} {wanted:?}");
+                }
+            }
         }
     }
 

@@ -10,6 +10,9 @@ use crate::problem::Role;
 
 /// Distances beyond this (m) are not measured: so far at most can one step of a sweep go.
 const REACH: f64 = 0.12;
+/// Next to something a step is short, and what is this many times further away, or this much (m), does not matter.
+const AHEAD: f64 = 3.0;
+const NARROW: f64 = 0.006;
 /// Finest step of a sweep: no point of the robot moves more than this between two checks (m).
 const FINEST: f64 = 0.0015;
 /// Shapes whose boxes are further apart than this (m) count as that far apart.
@@ -249,10 +252,26 @@ impl<'p> Judge<'p> {
         found.map(|p| self.hit(&p))
     }
 
+    /// A judged pair nearer than its margin at any waypoint but the first, where there is one. The middle is looked at
+    /// first, then the middles of what is left: what blocks a path shows soon.
+    pub fn at_any(&mut self, waypoints: &[Row], stage: usize, margins: &Margins) -> Option<Hit> {
+        let mut stride = waypoints.len().next_power_of_two();
+        while stride > 1 {
+            let half = stride / 2;
+            for k in (half..waypoints.len()).step_by(stride) {
+                if let Some(hit) = self.at(&waypoints[k], stage, margins) {
+                    return Some(hit);
+                }
+            }
+            stride = half;
+        }
+        None
+    }
+
     /// Joint vectors around `x` that are surely free (Quinlan's bubble), or the pair that is nearer than its margin
-    /// already. The bound: a point at distance r from a joint's axis moves at most r + d per radian while it stays
-    /// within d of where it is.
-    fn bubble(&mut self, x: &Row, stage: usize, margins: &Margins) -> Result<Bubble, Hit> {
+    /// already. What is further than `reach` (m) counts as that far. The bound: a point at distance r from a joint's
+    /// axis moves at most r + d per radian while it stays within d of where it is.
+    fn bubble(&mut self, x: &Row, stage: usize, margins: &Margins, reach: f64) -> Result<Bubble, Hit> {
         self.place(x);
         let n = self.model.n();
         let links = self.problem.robot.links();
@@ -283,8 +302,8 @@ impl<'p> Judge<'p> {
         }
         let mut blocked = None;
         let mut scratch = std::mem::take(&mut self.scratch);
-        let reach = |link: usize, body: usize| if self.judged(link, body, stage) { REACH } else { f64::NEG_INFINITY };
-        self.shapes.near_bodies(&self.scene, &mut scratch, COARSE, reach, |p| {
+        let within = |link: usize, body: usize| if self.judged(link, body, stage) { reach } else { f64::NEG_INFINITY };
+        self.shapes.near_bodies(&self.scene, &mut scratch, COARSE, within, |p| {
             let Target::Body(b) = p.target else { return true };
             let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
             if gap < 0.0 {
@@ -299,7 +318,7 @@ impl<'p> Judge<'p> {
             self.shapes.near_self(
                 &mut scratch,
                 COARSE,
-                |_| REACH,
+                |_| reach,
                 |index, p| {
                     let gap = p.contact.distance - margins.itself(&self.start_self, index);
                     if gap < 0.0 {
@@ -314,7 +333,7 @@ impl<'p> Judge<'p> {
         // What is not near is at least this far.
         for (l, link) in links.iter().enumerate() {
             if !link.shapes.is_empty() {
-                bubble.pairs.push(Near { gap: REACH - margins.clearance, link: l, other: None });
+                bubble.pairs.push(Near { gap: reach - margins.clearance, link: l, other: None });
             }
         }
         self.scratch = scratch;
@@ -347,23 +366,33 @@ impl<'p> Judge<'p> {
         };
         let end = last as f64;
         let mut t = 0.0;
+        let mut reach = REACH;
         loop {
-            let bubble = match self.bubble(&at(t), stage, margins) {
+            let bubble = match self.bubble(&at(t), stage, margins, reach) {
                 Ok(bubble) => bubble,
-                Err(hit) => return Some((t as usize, hit)),
+                Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
             };
+            let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
+            reach = (AHEAD * gap).max(margins.clearance + NARROW).min(REACH);
             if t >= end {
                 self.spare = bubble;
                 return None;
             }
             // Whole segments while their far ends are inside, then a part of the next: a bubble is convex, so what
             // leads to a point inside is inside.
-            let mut k = t as usize;
+            let from = t as usize;
+            let mut k = from;
             while k < last && bubble.holds(&self.moves, &waypoints[k + 1]) {
                 k += 1;
             }
             let mut next = t.max(k as f64);
-            if k < last {
+            if k < last && k == from {
+                let mut step = [0.0; MOST_JOINTS];
+                for v in 0..n {
+                    step[v] = waypoints[k + 1][v] - waypoints[k][v];
+                }
+                next = (t + bubble.times(&self.moves, &step)).min((k + 1) as f64);
+            } else if k < last {
                 let (mut low, mut high) = (next, (k + 1) as f64);
                 for _ in 0..6 {
                     let middle = 0.5 * (low + high);

@@ -44,6 +44,14 @@ pub(crate) struct Curve {
     second: Vec<Vec<f64>>,
 }
 
+/// A place on a curve: its interval, that one's length, and the weights of its ends.
+pub(crate) struct Place {
+    i: usize,
+    h: f64,
+    a: f64,
+    b: f64,
+}
+
 impl Curve {
     /// Natural cubic spline of `n` joints. Its knots lie as far apart as the limits make the way between them last, so
     /// that a sharp bend is driven slowly and the rest is not.
@@ -87,22 +95,24 @@ impl Curve {
     fn speeds(&self, limits: &Limits) -> Vec<f64> {
         let count = self.knots.len();
         let n = self.values.len();
-        let mut speeds = vec![f64::INFINITY; count];
+        // Least of what the limits on velocity, acceleration and jerk allow: the speed, its square, its cube.
+        let mut allowed = vec![[f64::INFINITY; 3]; count];
         // Gain of speed (1/s^2), and of that gain (1/s^3).
         let mut gains = vec![[f64::INFINITY; 2]; count];
         for i in 0..count - 1 {
             for (k, u) in [(i, self.knots[i]), (i + 1, self.knots[i + 1])] {
+                let place = self.place(i, u);
                 for v in 0..n {
-                    let [_, q1, q2, q3] = self.joint(v, i, u).map(f64::abs);
-                    speeds[k] = speeds[k]
-                        .min(limits.velocity[v] / q1)
-                        .min((limits.acceleration[v] / q2).sqrt())
-                        .min((limits.jerk[v] / q3).cbrt());
+                    let [_, q1, q2, q3] = self.joint(v, &place).map(f64::abs);
+                    allowed[k][0] = allowed[k][0].min(limits.velocity[v] / q1);
+                    allowed[k][1] = allowed[k][1].min(limits.acceleration[v] / q2);
+                    allowed[k][2] = allowed[k][2].min(limits.jerk[v] / q3);
                     gains[k][0] = gains[k][0].min(limits.acceleration[v] / q1);
                     gains[k][1] = gains[k][1].min(limits.jerk[v] / q1);
                 }
             }
         }
+        let mut speeds: Vec<f64> = allowed.iter().map(|[v, a, j]| v.min(a.sqrt()).min(j.cbrt())).collect();
         let reach = |gain: &mut f64, from: f64, to: f64, gains: [f64; 2], way: f64| {
             *gain = (*gain + gains[1] * way / from).min(gains[0]);
             let speed = to.min((from * from + 2.0 * *gain * way).sqrt());
@@ -131,15 +141,23 @@ impl Curve {
         out
     }
 
-    /// Value and first three derivatives of joint `v` in interval `i` at `u`.
-    pub fn joint(&self, v: usize, i: usize, u: f64) -> [f64; 4] {
-        let (y, m) = (&self.values[v], &self.second[v]);
+    /// A place in interval `i`, at `u`.
+    pub fn place(&self, i: usize, u: f64) -> Place {
         if self.knots.len() < 2 {
-            return [y[0], 0.0, 0.0, 0.0];
+            return Place { i: 0, h: 0.0, a: 1.0, b: 0.0 };
         }
         let h = self.knots[i + 1] - self.knots[i];
-        let (a, b) = ((self.knots[i + 1] - u) / h, (u - self.knots[i]) / h);
-        let value = a * y[i] + b * y[i + 1] + ((a.powi(3) - a) * m[i] + (b.powi(3) - b) * m[i + 1]) * h * h / 6.0;
+        Place { i, h, a: (self.knots[i + 1] - u) / h, b: (u - self.knots[i]) / h }
+    }
+
+    /// Value and first three derivatives of joint `v` at a place.
+    pub fn joint(&self, v: usize, place: &Place) -> [f64; 4] {
+        let (y, m) = (&self.values[v], &self.second[v]);
+        let Place { i, h, a, b } = *place;
+        if h == 0.0 {
+            return [y[0], 0.0, 0.0, 0.0];
+        }
+        let value = a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * h * h / 6.0;
         let first = (y[i + 1] - y[i]) / h + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * h / 6.0;
         [value, first, a * m[i] + b * m[i + 1], (m[i + 1] - m[i]) / h]
     }
@@ -156,8 +174,9 @@ impl Curve {
             None => 0.0,
         };
         let mut x = [0.0; MOST_JOINTS];
+        let place = self.place(i, u);
         for (v, value) in x.iter_mut().enumerate().take(self.values.len()) {
-            *value = self.joint(v, i, u)[0];
+            *value = self.joint(v, &place)[0];
         }
         x
     }
@@ -165,8 +184,8 @@ impl Curve {
     /// Least and greatest value of joint `v` in interval `i`.
     pub fn range(&self, v: usize, i: usize) -> (f64, f64) {
         let (start, end) = (self.knots[i], self.knots[i + 1]);
-        let [first, slope, bend, change] = self.joint(v, i, start);
-        let last = self.joint(v, i, end)[0];
+        let [first, slope, bend, change] = self.joint(v, &self.place(i, start));
+        let last = self.joint(v, &self.place(i, end))[0];
         let (mut low, mut high) = (first.min(last), first.max(last));
         // Where slope + bend t + change t^2 / 2 vanishes inside.
         let (a, b, c) = (0.5 * change, bend, slope);
@@ -174,7 +193,7 @@ impl Curve {
         let q = -0.5 * (b + root.copysign(b));
         for t in [q / a, c / q] {
             if t > 0.0 && t < end - start {
-                let value = self.joint(v, i, start + t)[0];
+                let value = self.joint(v, &self.place(i, start + t))[0];
                 (low, high) = (low.min(value), high.max(value));
             }
         }

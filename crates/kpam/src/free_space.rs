@@ -158,6 +158,12 @@ pub(crate) fn way_out(judge: &mut Judge<'_>, model: &Model, start: &Row, stage: 
     None
 }
 
+/// Whether the straight segment between two free joint vectors is free. What blocks one mostly shows at a few places.
+fn is_free(judge: &mut Judge<'_>, n: usize, a: &Row, b: &Row, stage: usize, margins: &Margins) -> bool {
+    let blocked = |s: &f64| judge.at(&between(n, a, b, *s), stage, margins).is_some();
+    ![0.5, 0.25, 0.75].iter().any(blocked) && judge.sweep(a, b, stage, margins).is_none()
+}
+
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
 fn grow(
     judge: &mut Judge<'_>,
@@ -174,7 +180,7 @@ fn grow(
         return None;
     }
     let end = if length <= EDGE { *goal } else { between(n, &start, goal, EDGE / length) };
-    if judge.at(&end, stage, margins).is_some() || judge.sweep(&start, &end, stage, margins).is_some() {
+    if judge.at(&end, stage, margins).is_some() || !is_free(judge, n, &start, &end, stage, margins) {
         return None;
     }
     tree.nodes.push((end, from));
@@ -187,7 +193,7 @@ fn shorten(judge: &mut Judge<'_>, n: usize, path: &mut Vec<Row>, stage: usize, m
     while i + 2 < path.len() {
         let mut j = path.len() - 1;
         while j > i + 1 {
-            if judge.sweep(&path[i], &path[j], stage, margins).is_none() {
+            if is_free(judge, n, &path[i], &path[j], stage, margins) {
                 path.drain(i + 1..j);
                 break;
             }
@@ -212,7 +218,7 @@ fn shorten(judge: &mut Judge<'_>, n: usize, path: &mut Vec<Row>, stage: usize, m
         let along: f64 = squared(n, &a, &path[i + 1]).sqrt()
             + (i + 1..j).map(|k| squared(n, &path[k], &path[k + 1]).sqrt()).sum::<f64>()
             + squared(n, &path[j], &b).sqrt();
-        if squared(n, &a, &b).sqrt() < 0.98 * along && judge.sweep(&a, &b, stage, margins).is_none() {
+        if squared(n, &a, &b).sqrt() < 0.98 * along && is_free(judge, n, &a, &b, stage, margins) {
             path.splice(i + 1..=j, [a, b]);
         }
     }

@@ -8,7 +8,7 @@ use crate::KeypointProblem;
 use crate::curve::{Curve, Limits};
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
-use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;
@@ -140,28 +140,21 @@ impl<'p> Follower<'p> {
                 let jumped = (0..n).any(|v| (x[v] - from[v]).abs() > JUMP);
                 return (!jumped).then_some(x);
             }
-            self.bounds.clear();
-            let rows = self.placed.point_rows(&hand.translation.vector);
-            for k in 0..3 {
-                self.bounds.push(Bound { row: rows[k], low: way[k], high: way[k] });
-                let row = self.placed.angular_row(&Vector3::ith(k, 1.0));
-                self.bounds.push(Bound { row, low: turn[k], high: turn[k] });
-            }
-            let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+            let [x_row, y_row, z_row] = self.placed.point_rows(&hand.translation.vector);
+            let [roll, pitch, yaw] = [0, 1, 2].map(|k| self.placed.angular_row(&Vector3::ith(k, 1.0)));
+            let rows = [x_row, y_row, z_row, roll, pitch, yaw];
+            let values = [way.x, way.y, way.z, turn.x, turn.y, turn.z];
             let mut gradient = [0.0; MOST_JOINTS];
-            for v in 0..n {
-                hessian[v][v] = 1.0;
-                let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
-                let mut row = [0.0; MOST_JOINTS];
-                row[v] = 1.0;
-                // A start at or outside its margin may stay there, not leave further.
-                self.bounds.push(Bound { row, low: low.min(x[v]) - x[v], high: high.max(x[v]) - x[v] });
-                if round == 0 {
+            if round == 0 {
+                for v in 0..n {
                     gradient[v] = -drift[v] - push * self.limit_push(v, &x);
                 }
             }
-            let qp = Qp { n, hessian: &hessian[..n], gradient: &gradient, bounds: &self.bounds };
-            let QpOutcome::Solved { step, .. } = self.qp.solve(&qp) else { return None };
+            // Most steps meet no joint limit: those need no active set.
+            let step = match smallest_step(n, &rows, &values, &gradient) {
+                Some(step) if self.within_limits(&x, &step) => step,
+                _ => self.limited_step(&x, &rows, &values, &gradient)?,
+            };
             if step[..n].iter().any(|s| s.is_nan() || s.abs() > 2.0 * JUMP) {
                 return None;
             }
@@ -170,6 +163,39 @@ impl<'p> Follower<'p> {
             }
         }
         None
+    }
+
+    /// How far joint `v` may go from `x` either way. A start at or outside its margin may stay there, not leave further.
+    fn room(&self, v: usize, x: &Row) -> (f64, f64) {
+        let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
+        (low.min(x[v]) - x[v], high.max(x[v]) - x[v])
+    }
+
+    fn within_limits(&self, x: &Row, step: &Row) -> bool {
+        (0..self.model.n()).all(|v| {
+            let (low, high) = self.room(v, x);
+            low <= step[v] && step[v] <= high
+        })
+    }
+
+    /// The smallest step that meets `rows . step = values` within joint limits.
+    fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
+        let n = self.model.n();
+        self.bounds.clear();
+        self.bounds.extend(rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: *b, high: *b }));
+        let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        for v in 0..n {
+            hessian[v][v] = 1.0;
+            let (low, high) = self.room(v, x);
+            let mut row = [0.0; MOST_JOINTS];
+            row[v] = 1.0;
+            self.bounds.push(Bound { row, low, high });
+        }
+        let qp = Qp { n, hessian: &hessian[..n], gradient, bounds: &self.bounds };
+        match self.qp.solve(&qp) {
+            QpOutcome::Solved { step, .. } => Some(step),
+            QpOutcome::Infeasible | QpOutcome::Failed => None,
+        }
     }
 
     /// Direction and size of a joint's push from its limits towards the middle, growing near them.

@@ -32,22 +32,40 @@ impl Bubble {
     pub fn holds(&self, moves: &[Vec<bool>], x: &Row) -> bool {
         let mut step = [0.0; MOST_JOINTS];
         for v in 0..self.n {
-            step[v] = (x[v] - self.center[v]).abs();
+            step[v] = x[v] - self.center[v];
         }
-        self.pairs.iter().all(|p| {
-            let mut way = 0.0;
-            let mut turn = 0.0;
-            for v in 0..self.n {
-                let (mine, other) = (self.levers[p.link][v], p.other.map_or(0.0, |o| self.levers[o][v]));
-                // A joint that carries both links does not move one against the other.
-                let carries_both = p.other.is_some_and(|o| moves[p.link][v] && moves[o][v]);
-                if !carries_both {
-                    way += step[v] * mine.max(other);
-                    turn += step[v];
+        self.pairs.iter().all(|p| self.used(moves, p, &step) <= p.gap)
+    }
+
+    /// How many times `step` one can go from the centre and stay inside.
+    pub fn times(&self, moves: &[Vec<bool>], step: &Row) -> f64 {
+        self.pairs.iter().map(|p| p.gap / self.used(moves, p, step)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// What a step uses of a pair's gap, at most.
+    fn used(&self, moves: &[Vec<bool>], p: &Near, step: &Row) -> f64 {
+        let mut way = 0.0;
+        let mut turn = 0.0;
+        let mine = &self.levers[p.link];
+        match p.other {
+            None => {
+                for v in 0..self.n {
+                    way += step[v].abs() * mine[v];
+                    turn += step[v].abs();
                 }
             }
-            way + turn * p.gap <= p.gap
-        })
+            Some(other) => {
+                let theirs = &self.levers[other];
+                for v in 0..self.n {
+                    // A joint that carries both links does not move one against the other.
+                    if !(moves[p.link][v] && moves[other][v]) {
+                        way += step[v].abs() * mine[v].max(theirs[v]);
+                        turn += step[v].abs();
+                    }
+                }
+            }
+        }
+        way + turn * p.gap
     }
 
     /// Most that a point of the robot moves from `a` to `b`, to first order.

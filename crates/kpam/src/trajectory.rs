@@ -21,7 +21,7 @@ fn quintic(t: f64) -> [f64; 4] {
 /// The time at which the law is at `s`.
 fn time_of(s: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..30 {
+    for _ in 0..8 {
         let middle = 0.5 * (low + high);
         if quintic(middle)[0] < s {
             low = middle;
@@ -29,7 +29,12 @@ fn time_of(s: f64) -> f64 {
             high = middle;
         }
     }
-    0.5 * (low + high)
+    let mut t = 0.5 * (low + high);
+    for _ in 0..4 {
+        let [value, slope, ..] = quintic(t);
+        t = (t - (value - s) / slope).clamp(low, high);
+    }
+    t
 }
 
 /// Part of a trajectory.
@@ -117,18 +122,19 @@ impl Builder {
     fn least_time(&self, curve: &Curve) -> f64 {
         const EVEN: usize = 64;
         const PARTS: usize = 4;
-        let mut least: f64 = 0.0;
+        // Greatest shares of the limits on velocity, acceleration and jerk that the motion in one second takes.
+        let mut shares = [0.0_f64; 3];
         let mut look = |t: f64, i: usize| {
             let [s, s1, s2, s3] = quintic(t);
+            let place = curve.place(i, s);
             for v in 0..self.n {
-                let [_, q1, q2, q3] = curve.joint(v, i, s);
+                let [_, q1, q2, q3] = curve.joint(v, &place);
                 let velocity = (q1 * s1).abs();
                 let acceleration = (q2 * s1 * s1 + q1 * s2).abs();
-                let jerk = (q3 * s1.powi(3) + 3.0 * q2 * s1 * s2 + q1 * s3).abs();
-                least = least
-                    .max(velocity / self.limits.velocity[v])
-                    .max((acceleration / self.limits.acceleration[v]).sqrt())
-                    .max((jerk / self.limits.jerk[v]).cbrt());
+                let jerk = (q3 * s1 * s1 * s1 + 3.0 * q2 * s1 * s2 + q1 * s3).abs();
+                shares[0] = shares[0].max(velocity / self.limits.velocity[v]);
+                shares[1] = shares[1].max(acceleration / self.limits.acceleration[v]);
+                shares[2] = shares[2].max(jerk / self.limits.jerk[v]);
             }
         };
         // Even steps of time for the peaks of the time law, parts of every interval for those of the curve, whose
@@ -144,7 +150,7 @@ impl Builder {
             }
         }
         // Between those a peak may be missed by a little.
-        1.02 * least
+        1.02 * shares[0].max(shares[1].sqrt()).max(shares[2].cbrt())
     }
 
     /// Appends a motion through waypoints; ends at `end` where that is given, as soon as the limits allow otherwise.
@@ -206,9 +212,9 @@ impl Trajectory {
         match &segment.law {
             Law::Move(curve) => {
                 let [s, s1, s2, _] = quintic(local);
-                let i = curve.interval(s);
+                let place = curve.place(curve.interval(s), s);
                 for (v, j) in self.indices.iter().enumerate() {
-                    let [q, q1, q2, _] = curve.joint(v, i, s);
+                    let [q, q1, q2, _] = curve.joint(v, &place);
                     out.position[*j] = q;
                     out.velocity[*j] = q1 * s1 / duration;
                     out.acceleration[*j] = (q2 * s1 * s1 + q1 * s2) / (duration * duration);

@@ -44,23 +44,13 @@ impl ActuationSearch<'_> {
                 }
                 milestone = norm;
             }
-            let mut gradient = [0.0; MOST_JOINTS];
-            let mut normal = [[0.0; MOST_JOINTS]; MOST_JOINTS];
-            for (row, r) in &rows {
-                for i in 0..n {
-                    gradient[i] += row[i] * r;
-                    for k in 0..=i {
-                        normal[i][k] += row[i] * row[k];
-                    }
-                }
-            }
-            // Joints at a limit that would be pushed further stay there.
-            let mut free = [true; MOST_JOINTS];
-            for v in 0..n {
-                free[v] =
-                    !((x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0));
-            }
-            let Some(step) = solve_damped(n, &normal, &gradient, &free, damping) else { break };
+            // Arms have six or seven joints: for those the compiler unrolls all loops.
+            let step = match n {
+                6 => self.gauss_newton(6, x, &rows, damping),
+                7 => self.gauss_newton(7, x, &rows, damping),
+                _ => self.gauss_newton(n, x, &rows, damping),
+            };
+            let Some(step) = step else { break };
             let longest = step[..n].iter().fold(0.0, |m: f64, s| m.max(s.abs()));
             let shrink = if longest > STEP { STEP / longest } else { 1.0 };
             let mut trial = *x;
@@ -84,6 +74,32 @@ impl ActuationSearch<'_> {
         self.residuals = rows;
         self.trial_residuals = trial_rows;
         self.violation(x)
+    }
+
+    /// The damped Gauss-Newton step from `x`.
+    #[inline(always)]
+    fn gauss_newton(&self, n: usize, x: &Row, rows: &Residuals, damping: f64) -> Option<Row> {
+        let mut gradient = [0.0; MOST_JOINTS];
+        let mut normal = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        for i in 0..n {
+            gradient[i] = rows.iter().map(|(row, r)| row[i] * r).sum();
+            for k in 0..=i {
+                normal[i][k] = rows.iter().map(|(row, _)| row[i] * row[k]).sum();
+            }
+        }
+        for v in 0..n {
+            let pushed_out =
+                (x[v] <= self.lower[v] && gradient[v] > 0.0) || (x[v] >= self.upper[v] && gradient[v] < 0.0);
+            if pushed_out {
+                // Joints at a limit that would be pushed further stay there.
+                gradient[v] = 0.0;
+                for k in 0..n {
+                    normal[v.max(k)][v.min(k)] = 0.0;
+                }
+                normal[v][v] = 1.0;
+            }
+        }
+        solve_damped(n, &normal, &gradient, damping)
     }
 
     /// Residuals that vanish well inside the constraints, with their gradients.
@@ -133,56 +149,40 @@ fn square_sum(rows: &[(Row, f64)]) -> f64 {
     rows.iter().map(|(_, r)| r * r).sum()
 }
 
-/// Solves `(N + damping I) d = -g` over the free variables; `N` is given by its lower triangle.
-fn solve_damped(
-    n: usize,
-    normal: &[Row; MOST_JOINTS],
-    gradient: &Row,
-    free: &[bool; MOST_JOINTS],
-    damping: f64,
-) -> Option<Row> {
+/// Solves `(N + damping I) d = -g` by an LDL factorization; `N` is given by its lower triangle.
+#[inline(always)]
+fn solve_damped(n: usize, normal: &[Row; MOST_JOINTS], gradient: &Row, damping: f64) -> Option<Row> {
     let n = n.min(MOST_JOINTS); // so that the compiler need not check each index
     let mut l = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+    // L times D.
+    let mut scaled = [[0.0; MOST_JOINTS]; MOST_JOINTS];
     let mut inverse = [1.0; MOST_JOINTS];
     let mut y = [0.0; MOST_JOINTS];
     for i in 0..n {
-        if !free[i] {
-            l[i][i] = 1.0;
-            continue;
-        }
-        for k in 0..=i {
-            if !free[k] {
-                continue;
-            }
-            let mut sum = normal[i][k] + if i == k { damping } else { 0.0 };
-            for m in 0..k {
-                sum -= l[i][m] * l[k][m];
-            }
-            if i == k {
-                if sum.is_nan() || sum <= 0.0 {
-                    return None;
-                }
-                l[i][i] = sum.sqrt();
-                inverse[i] = 1.0 / l[i][i];
-            } else {
-                l[i][k] = sum * inverse[k];
-            }
-        }
-        let mut sum = -gradient[i];
+        let mut rest = -gradient[i];
+        let mut pivot = normal[i][i] + damping;
         for k in 0..i {
-            sum -= l[i][k] * y[k];
+            let mut sum = normal[i][k];
+            for m in 0..k {
+                sum -= l[i][m] * scaled[k][m];
+            }
+            scaled[i][k] = sum;
+            l[i][k] = sum * inverse[k];
+            pivot -= l[i][k] * sum;
+            rest -= l[i][k] * y[k];
         }
-        y[i] = sum * inverse[i];
+        if pivot.is_nan() || pivot <= 0.0 {
+            return None;
+        }
+        inverse[i] = 1.0 / pivot;
+        y[i] = rest;
     }
     for i in (0..n).rev() {
-        let mut sum = y[i];
+        let mut sum = y[i] * inverse[i];
         for k in i + 1..n {
             sum -= l[k][i] * y[k];
         }
-        y[i] = sum * inverse[i];
-        if !free[i] {
-            y[i] = 0.0;
-        }
+        y[i] = sum;
     }
     Some(y)
 }

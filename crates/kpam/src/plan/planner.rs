@@ -1,5 +1,6 @@
 //! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
+use super::attempt::{Attempt, Failure};
 use super::{Plan, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
@@ -9,44 +10,9 @@ use crate::free_space;
 use crate::hand_path::Follower;
 use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
-use crate::motion::{Motions, motions};
 use crate::options::Timing;
 use crate::problem::Resolved;
 use crate::trajectory::{Builder, Trajectory};
-
-/// Why a candidate's motion ends before its end.
-#[derive(Debug, Clone)]
-pub(super) enum Failure {
-    /// The hand cannot follow the path to this keyframe beyond this fraction.
-    Unreachable { keyframe: usize, fraction: f64 },
-    /// Something is in the way on the path to this keyframe.
-    Blocked { keyframe: usize, hit: Hit },
-    /// The clock allows this much less than needed.
-    TooFast { keyframe: usize, allowed: f64, needed: f64 },
-}
-
-/// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
-pub(super) struct Attempt {
-    pub x: Row,
-    pub rank: usize,
-    pub motions: Motions,
-    /// Free motions to the first keyframe, each from rest to rest; empty where there is none.
-    pub approach: Vec<Vec<Row>>,
-    /// Waypoints of the path to keyframe i + 1, as far as it goes.
-    pub paths: Vec<Vec<Row>>,
-    /// Number of whole paths after the actuation and the fraction of the next one.
-    pub after: (usize, f64),
-    pub hits: Vec<(usize, Hit)>,
-    pub failure: Option<Failure>,
-    /// Whether approach and pre-actuation motions stand.
-    pub starts: bool,
-}
-
-impl Attempt {
-    fn score(&self) -> f64 {
-        if self.starts { 1.0 + self.after.0 as f64 + self.after.1 } else { 0.0 }
-    }
-}
 
 /// What has been tried, and the best of it.
 #[derive(Default)]
@@ -62,8 +28,9 @@ impl Trial {
         self.best.as_ref().is_some_and(|b| b.failure.is_none())
     }
 
-    fn score(&self) -> f64 {
-        self.best.as_ref().map_or(0.0, Attempt::score)
+    /// The score to beat, once there is one.
+    fn bar(&self) -> Option<f64> {
+        self.best.as_ref().map(Attempt::score)
     }
 
     fn keep(&mut self, attempt: Attempt) {
@@ -146,7 +113,7 @@ impl<'p> Planner<'p> {
             if trial.done() {
                 break;
             }
-            let attempt = self.attempt(&x, rank, samples, trial.score());
+            let attempt = self.attempt(&x, rank, samples, trial.bar());
             trial.keep(attempt);
         }
         let Trial { best, tried, .. } = trial;
@@ -175,7 +142,7 @@ impl<'p> Planner<'p> {
 
     /// Tries one pose; whether it was turned down at once, because it overlaps something itself.
     fn try_one(&mut self, x: &Row, samples: usize, trial: &mut Trial) -> bool {
-        let attempt = self.attempt(x, trial.tried, samples, trial.score());
+        let attempt = self.attempt(x, trial.tried, samples, trial.bar());
         trial.tried += 1;
         let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
         if blocked_approach && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES {
@@ -187,105 +154,9 @@ impl<'p> Planner<'p> {
         at_once
     }
 
-    /// The motion through the keyframes of one actuation pose, as far as it goes. The free approach is searched only
-    /// where the motion goes further than one of score `bar`.
-    fn attempt(&mut self, x: &Row, rank: usize, samples: usize, bar: f64) -> Attempt {
-        let hand = self.follower.hand(x);
-        let motions = motions(self.problem, &hand);
-        let act = motions.actuation;
-        let paths = vec![Vec::new(); motions.paths.len()];
-        let mut out = Attempt {
-            x: *x,
-            rank,
-            motions,
-            approach: Vec::new(),
-            paths,
-            after: (0, 0.0),
-            hits: Vec::new(),
-            failure: None,
-            starts: false,
-        };
-        let avoid = self.problem.options.avoid_collisions;
-        // What overlapped at the start has come apart on the approach.
-        let plain = Margins::plain(0.0).parted();
-        if let Some(hit) = self.judge.at(x, act + 1, &plain) {
-            out.hits.push((act, hit.clone()));
-            if avoid {
-                out.failure = Some(Failure::Blocked { keyframe: act, hit });
-                return out;
-            }
-        }
-        // Before the actuation everything must stand, or there is no motion at all.
-        let mut first = *x;
-        for i in (0..act).rev() {
-            let followed = self.follower.follow(&out.motions.paths[i], &first, true);
-            if followed.fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i, fraction: followed.fraction });
-                return out;
-            }
-            let mut waypoints = followed.waypoints;
-            waypoints.reverse();
-            if let Some((_, hit)) = self.judge.sweep_along(&waypoints, i + 2, &plain) {
-                out.hits.push((i + 1, hit.clone()));
-                if avoid {
-                    out.failure = Some(Failure::Blocked { keyframe: i + 1, hit });
-                    return out;
-                }
-            }
-            first = waypoints[0];
-            out.paths[i] = waypoints;
-        }
-        let mut last = *x;
-        for i in act..out.motions.paths.len() {
-            let followed = self.follower.follow(&out.motions.paths[i], &last, false);
-            let mut waypoints = followed.waypoints;
-            let mut fraction = followed.fraction;
-            if fraction < 1.0 {
-                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
-            }
-            if let Some((k, hit)) = self.judge.sweep_along(&waypoints, i + 2, &plain) {
-                out.hits.push((i + 1, hit.clone()));
-                if avoid {
-                    let steps = (waypoints.len() - 1).max(1) as f64;
-                    fraction *= k as f64 / steps;
-                    waypoints.truncate(k + 1);
-                    out.failure = Some(Failure::Blocked { keyframe: i + 1, hit });
-                }
-            }
-            last = waypoints[waypoints.len() - 1];
-            out.paths[i] = waypoints;
-            if out.failure.is_some() {
-                out.after.1 = fraction;
-                break;
-            }
-            out.after.0 += 1;
-        }
-        let further = 1.0 + out.after.0 as f64 + out.after.1 > bar;
-        if out.failure.is_some() && !(self.problem.options.allow_partial && further) {
-            // Still say how far it goes, but do not spend the free motion on it.
-            return out;
-        }
-        match self.approach(&first, samples) {
-            Ok((approach, hit)) => {
-                out.approach = approach;
-                out.hits.extend(hit.map(|h| (0, h)));
-                out.starts = true;
-                if let Some(failure) = self.too_fast(&out) {
-                    out.starts = false;
-                    out.failure = Some(failure);
-                }
-            }
-            Err(hit) => {
-                out.hits.push((0, hit.clone()));
-                out.failure = Some(Failure::Blocked { keyframe: 0, hit });
-            }
-        }
-        out
-    }
-
     /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not
     /// count.
-    fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
         let n = self.model.n();
         let start = self.start_after_brake();
         let near = self.model.pick(&self.model.rest);
@@ -405,7 +276,7 @@ impl<'p> Planner<'p> {
         Ok((builder.build(&self.model.indices, &self.model.rest), times))
     }
 
-    fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
+    pub(super) fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
         self.clock.as_ref()?;
         self.timed(attempt).err()
     }

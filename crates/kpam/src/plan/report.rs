@@ -2,7 +2,8 @@
 
 use gensim2_geometry::{Pose, pose_to_matrix};
 
-use super::planner::{Attempt, Failure, Planner};
+use super::attempt::{Attempt, Failure};
+use super::planner::Planner;
 use super::{Collision, KeyframeReport, Plan, Residual, Status, refused};
 use crate::model::Row;
 use crate::motion::{Motions, motions};

@@ -11,7 +11,8 @@ const MET: f64 = 1e-10;
 
 /// The solver with its factors.
 pub struct ActiveSet {
-    /// Inverse transpose of the Cholesky factor, turned so that the first `active` columns span the active rows.
+    /// Columns of the inverse transpose of the Cholesky factor, turned so that the first `active` of them span the
+    /// active rows.
     j: [Row; MOST_JOINTS],
     /// Upper triangular factor of the active rows, by column.
     r: [Row; MOST_JOINTS],
@@ -50,6 +51,7 @@ impl ActiveSet {
     fn start(&mut self, qp: &Qp<'_>) -> Option<Row> {
         let n = qp.n;
         let mut l = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut inverse = [0.0; MOST_JOINTS];
         for i in 0..n {
             for k in 0..=i {
                 let sum = qp.hessian[i][k] - dot(k, &l[i], &l[k]);
@@ -57,35 +59,42 @@ impl ActiveSet {
                     if sum.is_nan() || sum <= 1e-12 {
                         return None;
                     }
-                    l[i][i] = sum.sqrt();
+                    inverse[i] = 1.0 / sum.sqrt();
                 } else {
-                    l[i][k] = sum / l[k][k];
+                    l[i][k] = sum * inverse[k];
                 }
             }
         }
         // Column c of the inverse of L^T solves L^T y = e_c.
         self.j = [[0.0; MOST_JOINTS]; MOST_JOINTS];
         for c in 0..n {
-            for i in (0..=c).rev() {
-                let mut sum = if i == c { 1.0 } else { 0.0 };
-                for k in i + 1..=c {
-                    sum -= l[k][i] * self.j[k][c];
+            let column = &mut self.j[c];
+            column[c] = inverse[c];
+            for k in (1..=c).rev() {
+                let value = column[k];
+                for i in 0..k {
+                    column[i] -= l[k][i] * value;
                 }
-                self.j[i][c] = sum / l[i][i];
+                column[k - 1] *= inverse[k - 1];
             }
         }
         self.active.clear();
-        let mut y = [0.0; MOST_JOINTS];
+        let mut x = [0.0; MOST_JOINTS];
         for c in 0..n {
+            let y = dot(n, &self.j[c], qp.gradient);
             for i in 0..n {
-                y[c] += self.j[i][c] * qp.gradient[i];
+                x[i] -= self.j[c][i] * y;
             }
         }
-        let mut x = [0.0; MOST_JOINTS];
-        for i in 0..n {
-            x[i] = -dot(n, &self.j[i], &y);
-        }
         Some(x)
+    }
+
+    /// Turns columns `c` and `c + 1` of `j` in their plane.
+    fn turn(&mut self, n: usize, c: usize, cos: f64, sin: f64) {
+        let (head, tail) = self.j.split_at_mut(c + 1);
+        for (u, v) in head[c].iter_mut().zip(&mut tail[0]).take(n) {
+            (*u, *v) = (cos * *u + sin * *v, cos * *v - sin * *u);
+        }
     }
 
     /// Adds the row whose image under J^T is `d`; false where it depends on those already active.
@@ -96,15 +105,10 @@ impl ActiveSet {
             if b == 0.0 {
                 continue;
             }
-            let h = a.hypot(b);
-            let (c, s) = (a / h, b / h);
+            let h = (a * a + b * b).sqrt();
             d[k - 1] = h;
             d[k] = 0.0;
-            for i in 0..n {
-                let (u, v) = (self.j[i][k - 1], self.j[i][k]);
-                self.j[i][k - 1] = c * u + s * v;
-                self.j[i][k] = c * v - s * u;
-            }
+            self.turn(n, k - 1, a / h, b / h);
         }
         if q >= n || d[q].abs() < 1e-13 {
             return false;
@@ -122,7 +126,7 @@ impl ActiveSet {
         }
         for c in at..q {
             let (a, b) = (self.r[c][c], self.r[c][c + 1]);
-            let h = a.hypot(b);
+            let h = (a * a + b * b).sqrt();
             if h == 0.0 {
                 continue;
             }
@@ -132,11 +136,7 @@ impl ActiveSet {
                 column[c] = cos * u + sin * v;
                 column[c + 1] = cos * v - sin * u;
             }
-            for i in 0..n {
-                let (u, v) = (self.j[i][c], self.j[i][c + 1]);
-                self.j[i][c] = cos * u + sin * v;
-                self.j[i][c + 1] = cos * v - sin * u;
-            }
+            self.turn(n, c, cos, sin);
         }
     }
 
@@ -151,15 +151,13 @@ impl ActiveSet {
         for _ in 0..4 * MOST_JOINTS {
             let q = self.active.len();
             let mut d = [0.0; MOST_JOINTS];
-            for (c, value) in d.iter_mut().enumerate().take(n) {
-                for i in 0..n {
-                    *value += self.j[i][c] * normal[i];
-                }
+            for c in 0..n {
+                d[c] = dot(n, &self.j[c], &normal);
             }
             let mut z = [0.0; MOST_JOINTS];
-            for i in 0..n {
-                for c in q..n {
-                    z[i] += self.j[i][c] * d[c];
+            for c in q..n {
+                for i in 0..n {
+                    z[i] += self.j[c][i] * d[c];
                 }
             }
             let mut r = [0.0; MOST_JOINTS];

@@ -1,9 +1,11 @@
 //! Small dense quadratic programs behind one trait.
 
 mod active_set;
+mod equalities;
 mod interior_point;
 
 pub use active_set::ActiveSet;
+pub(crate) use equalities::smallest_step;
 pub use interior_point::InteriorPoint;
 
 use crate::model::Row;

@@ -1,0 +1,97 @@
+//! The smallest step under equalities alone: what most steps along a path of the hand need.
+
+use crate::model::{MOST_JOINTS, Row};
+
+/// Pivots smaller than this part of their row's square say that rows depend on each other.
+const DEPENDENT: f64 = 1e-6;
+
+/// The minimizer of `d' d / 2 + g' d` under `rows . d = values`, by the normal equations of the rows; `None` where
+/// those nearly depend on each other.
+pub(crate) fn smallest_step<const M: usize>(
+    n: usize,
+    rows: &[Row; M],
+    values: &[f64; M],
+    gradient: &Row,
+) -> Option<Row> {
+    // d = A' y - g with A A' y = b + A g.
+    let dot = |a: &Row, b: &Row| -> f64 { (0..n).map(|v| a[v] * b[v]).sum() };
+    let mut l = [[0.0; M]; M];
+    let mut scaled = [[0.0; M]; M];
+    let mut inverse = [0.0; M];
+    let mut y = [0.0; M];
+    for i in 0..M {
+        let square = dot(&rows[i], &rows[i]);
+        let mut pivot = square;
+        let mut rest = values[i] + dot(&rows[i], gradient);
+        for k in 0..i {
+            let mut sum = dot(&rows[i], &rows[k]);
+            for m in 0..k {
+                sum -= l[i][m] * scaled[k][m];
+            }
+            scaled[i][k] = sum;
+            l[i][k] = sum * inverse[k];
+            pivot -= l[i][k] * sum;
+            rest -= l[i][k] * y[k];
+        }
+        if pivot.is_nan() || pivot <= DEPENDENT * square {
+            return None;
+        }
+        inverse[i] = 1.0 / pivot;
+        y[i] = rest;
+    }
+    for i in (0..M).rev() {
+        let mut sum = y[i] * inverse[i];
+        for k in i + 1..M {
+            sum -= l[k][i] * y[k];
+        }
+        y[i] = sum;
+    }
+    let mut step = [0.0; MOST_JOINTS];
+    for v in 0..n {
+        step[v] = (0..M).map(|i| rows[i][v] * y[i]).sum::<f64>() - gradient[v];
+    }
+    Some(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn agrees_with_the_active_set(
+            entries in prop::array::uniform3(prop::array::uniform7(-1.0..1.0f64)),
+            values in prop::array::uniform3(-1.0..1.0f64),
+            slope in prop::array::uniform7(-1.0..1.0f64),
+        ) {
+            let row = |e: &[f64; 7]| {
+                let mut out = [0.0; MOST_JOINTS];
+                out[..7].copy_from_slice(e);
+                out
+            };
+            let (rows, gradient) = (entries.map(|e| row(&e)), row(&slope));
+            let Some(step) = smallest_step(7, &rows, &values, &gradient) else { return Ok(()) };
+            let mut hessian = [[0.0; MOST_JOINTS]; 7];
+            (0..7).for_each(|v| hessian[v][v] = 1.0);
+            let bounds: Vec<Bound> =
+                rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: b, high: b }).collect();
+            let qp = Qp { n: 7, hessian: &hessian, gradient: &gradient, bounds: &bounds };
+            let QpOutcome::Solved { step: wanted, .. } = ActiveSet::default().solve(&qp) else {
+                return Err(TestCaseError::fail("the active set finds no solution"));
+            };
+            for v in 0..7 {
+                prop_assert!((step[v] - wanted[v]).abs() < 1e-6 * (1.0 + wanted[v].abs()), "{step:?} {wanted:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn dependent_rows_are_refused() {
+        let mut row = [0.0; MOST_JOINTS];
+        row[0] = 1.0;
+        assert_eq!(smallest_step(7, &[row, row], &[0.0, 0.0], &[0.0; MOST_JOINTS]), None);
+        assert_eq!(smallest_step(7, &[[0.0; MOST_JOINTS]], &[0.0], &[0.0; MOST_JOINTS]), None);
+    }
+}
