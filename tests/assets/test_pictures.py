@@ -13,6 +13,7 @@ from PIL import Image
 
 from gensim2.assets import Instance, Library, open_library, pictures
 from gensim2.assets.gallery import build_gallery
+from gensim2.assets.rigid import RigidLibrary, RigidObject, open_rigid_library
 from gensim2.errors import InputError
 from gensim2.sim.rendering import can_render
 
@@ -24,14 +25,20 @@ class Pretend:
 
     def __init__(self, size: int) -> None:
         self.size = size
+        self.keypoint = ""
 
     def put(self, instance: Instance, openness: object = (), azimuths: object = ()) -> None:
         """Any object will do."""
+        self.keypoint = "articulated_object_head"
+
+    def put_rigid(self, rigid: RigidObject, azimuths: object = ()) -> None:
+        """Any object will do."""
+        self.keypoint = min(rigid.keypoints)
 
     def shoot(self, openness: float = 0.0, azimuth: float = 0.0) -> pictures.Shot:
-        """A grey picture with a head in its middle."""
+        """A grey picture with a keypoint in its middle."""
         mark = pictures.Mark(self.size / 2, self.size / 2, hidden=False)
-        return pictures.Shot(np.full((self.size, self.size, 3), 128, np.uint8), {"articulated_object_head": mark})
+        return pictures.Shot(np.full((self.size, self.size, 3), 128, np.uint8), {self.keypoint: mark})
 
 
 @pytest.fixture
@@ -66,6 +73,49 @@ def test_page_is_whole_and_keeps_its_pictures(library: Library, tmp_path: Path, 
     other = build_gallery([library], tmp_path / "out", classes=["switch"], views=3, size=40)
     assert (other.made, other.kept) == (2, 0), "other pictures than those that are there"
     assert len(list((tmp_path / "out").rglob("*.webp"))) == 2, "outdated ones are gone"
+
+
+class Shelf(RigidLibrary):
+    """A few of the generated rigid objects."""
+
+    name, license = "shelf", "generated"
+
+    def names(self) -> tuple[str, ...]:
+        """Two that there are and one that is broken."""
+        return ("apple", "broken", "mug")
+
+    def describe(self, name: str) -> str:
+        """Nothing more."""
+        return name
+
+    def _load(self, name: str) -> RigidObject:
+        if name == "broken":
+            raise InputError("no mesh", field="broken", remedy="mend it")
+        return open_rigid_library("builtin").load(name)
+
+
+def test_rigid_objects_stand_beside_the_others(library: Library, tmp_path: Path, pretend: None) -> None:
+    found = tmp_path / "findings.json"
+    wrong = {"check": "turns over when put down, degrees", "value": 40.0, "limit": 5.0}
+    found.write_text(json.dumps({"objects": [{"class": "rigid", "id": "mug", "sound": False, "findings": [wrong]}]}))
+    made = build_gallery(
+        [library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], findings=[found], views=2, size=40
+    )
+    assert made.made == 4
+    assert [(name, number) for name, number, _ in made.refused] == [("rigid", "broken")]
+    page = made.index.read_text()
+    for wanted in (
+        "rigid/apple",
+        "rigid/mug",
+        "held at",
+        "turns over when put down, degrees: 40.0 (limit 5.0)",
+        "no mesh",
+    ):
+        assert wanted in page, wanted
+    rows = {name: Image.open(made.index.parent / name).size for name in re.findall(r'data-picture="([^"]+)"', page)}
+    assert sorted(size for name, size in rows.items() if "/rigid/" in name) == [(80, 40), (80, 40)], "one row, at rest"
+    again = build_gallery([library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], views=2, size=40)
+    assert (again.made, again.kept) == (0, 4)
 
 
 def test_object_that_cannot_be_loaded_is_on_the_page(tmp_path: Path, pretend: None) -> None:
@@ -121,3 +171,16 @@ def test_pictures_show_the_object_its_motion_and_its_keypoints(library: Library,
     second = io.BytesIO()
     pictures.strip(studio, drawer).save(second, "PNG")
     assert first.getvalue() == second.getvalue(), "the same object, the same picture"
+
+
+@needs_driver
+def test_picture_of_a_rigid_object_shows_it_at_rest(library: Library) -> None:
+    studio = pictures.Studio(96)
+    mug = open_rigid_library("builtin").load("mug")
+    sheet = np.asarray(pictures.rigid_turntable(studio, mug, 3)).astype(float)
+    assert sheet.shape == (96, 3 * 96, 3)
+    views = [sheet[:, 96 * k : 96 * (k + 1)] for k in range(3)]
+    for view in views:
+        covered = np.abs(view - view[:6, :6].reshape(-1, 3).mean(axis=0)).max(axis=2) > 40
+        assert 0.05 < covered.mean() < 0.9, "the mug fills a good part of the picture"
+    assert np.abs(views[0] - views[1]).max(axis=2).mean() > 2, "its handle goes round"
