@@ -171,6 +171,21 @@ def test_a_blocked_goal_names_the_bodies(panda: kpam.Robot) -> None:
         assert kpam.plan(problem(panda, bodies=[table(), free])).status == "solved"
 
 
+def test_a_blocked_way_to_the_actuation_leaves_nothing_after_it(panda: kpam.Robot) -> None:
+    settings = config(pre_actuation_motions=["move-left"] * 5)
+    pose = np.eye(4)
+    pose[:3, 3] = [0.5, 0.42, 0.3]
+    screen = kpam.Body("screen", "object_body", [kpam.Shape.box([0.2, 0.005, 0.3])], pose)
+    assert kpam.plan(problem(panda, config=settings)).status == "solved"
+    plan = kpam.plan(problem(panda, config=settings, bodies=[table(), screen], options={"allow_partial": True}))
+    assert plan.status == "collision"
+    assert plan.trajectory is None
+    assert plan.reached_fraction == 0.0
+    reached = [frame["label"] for frame in plan.keyframes if frame["reached"]]
+    assert reached[-1] == "actuation", "what comes after it cannot be reached either"
+    assert plan.collisions[0]["toward"] in {f"pre_{k}" for k in range(5)}, plan.collisions
+
+
 def test_contact_windows_replace_the_rules(panda: kpam.Robot) -> None:
     pose = np.eye(4)
     pose[:3, 3] = [0.5, 0.1, 0.2]

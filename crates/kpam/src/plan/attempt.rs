@@ -62,10 +62,13 @@ impl Attempt {
         (0..act).rev().chain(act..self.paths.len())
     }
 
-    /// Something is in the way on a path. Before the actuation that leaves no motion at all.
+    /// Something is in the way on a path. Before the actuation that leaves no motion but what lies between it and there.
     fn block(&mut self, path: usize, hit: Hit) {
-        if path < self.motions.actuation {
-            self.paths.iter_mut().for_each(Vec::clear);
+        let act = self.motions.actuation;
+        if path < act {
+            self.paths[..=path].iter_mut().for_each(Vec::clear);
+            self.paths[act..].iter_mut().for_each(Vec::clear);
+            self.after = (0, 0.0);
         }
         self.hits.push((path + 1, hit.clone()));
         self.failure = Some(Failure::Blocked { keyframe: path + 1, hit });
