@@ -204,11 +204,14 @@ def _intruders(
     worst = 0.0
     for number, T in enumerate(poses):
         back = np.asarray(np.linalg.inv(T), float)
+        corners = transform(back, hull)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        touching = [k for k, shape in enumerate(shapes) if (shape.low <= high).all() and (shape.high >= low).all()]
+        if not touching:
+            continue
         local = transform(back, own)
-        low, high = local.min(axis=0), local.max(axis=0)
-        for points, shape in zip(placed[number], shapes, strict=True):
-            if (shape.low > high).any() or (shape.high < low).any():
-                continue
+        for k in touching:
+            points, shape = placed[number][k], shapes[k]
             theirs = points[in_box(points, block.low, block.high)]
             near = in_box(local, shape.low, shape.high)
             ours = own[near]

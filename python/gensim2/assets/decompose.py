@@ -216,7 +216,11 @@ def drop_contained(hulls: Sequence[Hull], tolerance: float = 1e-3) -> list[Hull]
 
 
 class _Merger:
-    """Hulls by number, with the heap of pairs to merge: least filled first, then the smallest."""
+    """Hulls by number, with the heap of pairs to merge: least filled first, then the smallest.
+
+    A pair waits under what its common hull fills and takes at least (nothing, and the bigger hull's volume), and is
+    measured when its turn comes: most pairs have lost a partner by then.
+    """
 
     def __init__(self, hulls: list[Hull], space: VoidSpace) -> None:
         self.space = space
@@ -225,7 +229,8 @@ class _Merger:
         self._low: Array = np.full((2 * len(hulls), 3), np.inf)
         self._high: Array = np.full((2 * len(hulls), 3), -np.inf)
         self._heap: list[tuple[float, float, int, int]] = []
-        self._tried: dict[tuple[int, int], Hull] = {}
+        self._paired: set[tuple[int, int]] = set()
+        self._unions: dict[tuple[int, int], Hull] = {}
         for hull in hulls:
             self._add(hull)
         for i in list(self.alive):
@@ -247,24 +252,30 @@ class _Merger:
         distance[i] = np.inf
         for j in np.argsort(distance, kind="stable")[:NEIGHBOURS].tolist():
             a, b = min(i, j), max(i, j)
-            if not np.isfinite(distance[j]) or (a, b) in self._tried:
-                continue
-            union = _solid_hull(np.concatenate([self.alive[a].points, self.alive[b].points]))
-            if union is not None:
-                self._tried[a, b] = union
-                more = self.space.filled(union.points, union.planes) - self._filled[a] - self._filled[b]
-                heapq.heappush(self._heap, (max(more, 0.0), union.volume, a, b))
+            if np.isfinite(distance[j]) and (a, b) not in self._paired:
+                self._paired.add((a, b))
+                heapq.heappush(self._heap, (0.0, max(self.alive[a].volume, self.alive[b].volume), a, b))
+
+    def _measure(self, a: int, b: int) -> None:
+        union = _solid_hull(np.concatenate([self.alive[a].points, self.alive[b].points]))
+        if union is not None:
+            self._unions[a, b] = union
+            more = self.space.filled(union.points, union.planes) - self._filled[a] - self._filled[b]
+            heapq.heappush(self._heap, (max(more, 0.0), union.volume, a, b))
 
     def run(self, limit: int) -> list[Hull]:
         while self._heap:
             cost, volume, a, b = heapq.heappop(self._heap)
             if a not in self.alive or b not in self.alive:
                 continue
+            if (a, b) not in self._unions:
+                self._measure(a, b)
+                continue
             if cost > allowance(volume, self.space.cell) and len(self.alive) <= limit:
                 continue
             if cost >= NEEDED_VOLUME and len(self.alive) <= MOST_HULLS:
                 continue
-            union = self._tried[a, b]
+            union = self._unions.pop((a, b))
             for k in (a, b):
                 del self.alive[k]
                 self._low[k], self._high[k] = np.inf, -np.inf

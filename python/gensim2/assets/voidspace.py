@@ -48,7 +48,8 @@ class VoidSpace:
                 crossed[index[:, 0], index[:, 1], index[:, 2]] = True
         label, _ = ndimage.label(~crossed)
         self._free = label == label[0, 0, 0]
-        self._needed = np.zeros((0, 3))
+        self._needed = np.zeros((0, 3))  # sorted along one axis
+        self._needed_axis = 0
 
     def occupied(self) -> Array:
         """(N, 3) centres of the cells that cannot be reached: what the meshes cross and what they enclose."""
@@ -96,7 +97,8 @@ class VoidSpace:
 
     def keep_clear(self, points: Array) -> None:
         """Make hulls over the (N, 3) ``points`` dear: something else moves there."""
-        self._needed = points
+        self._needed_axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
+        self._needed = points[np.argsort(points[:, self._needed_axis], kind="stable")]
 
     @staticmethod
     def _samples(triangles: Array, cell: float) -> list[Array]:
@@ -122,7 +124,10 @@ class VoidSpace:
         low, high = points.min(axis=0), points.max(axis=0)
         needed = 0
         if len(self._needed):
-            near = self._needed[in_box(self._needed, low, high)]
+            axis = self._needed_axis
+            start, end = np.searchsorted(self._needed[:, axis], [low[axis], high[axis]])
+            near = self._needed[start:end]
+            near = near[in_box(near, low, high)]
             if len(near):
                 needed = int(((near @ planes[:, :3].T + planes[:, 3]).max(axis=1) < -NEEDED_DEPTH).sum())
         return self._void(points, planes, low, high) + needed * NEEDED_VOLUME
