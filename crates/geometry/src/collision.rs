@@ -97,7 +97,7 @@ pub struct Scratch {
     corners: Vec<Corners>,
     placed: Vec<bool>,
     best: Vec<f64>,
-    /// Directions from pieces to what is near them, as last found.
+    /// Directions from pieces to what is near them, as last found; none where they are not remembered.
     hints: Vec<Vector3<f64>>,
 }
 
@@ -105,14 +105,29 @@ pub struct Scratch {
 const HINTS: usize = 4096;
 
 impl Scratch {
-    /// Place of the direction from a piece to something else; one that is not in use yet takes a guess.
-    fn hint(&mut self, piece: usize, other: usize, guess: impl FnOnce(&Aabb) -> Vector3<f64>) -> usize {
-        let place = (piece * 257 + other) % HINTS;
-        if self.hints[place] == Vector3::zeros() {
-            self.hints[place] = guess(&self.boxes[piece]);
-        }
-        place
+    /// Memory that keeps the directions of one query for the next: quicker where the robot moves little between them.
+    #[must_use]
+    pub fn remembering() -> Self {
+        Self { hints: vec![Vector3::zeros(); HINTS], ..Self::default() }
     }
+
+    /// Direction from a piece to something else as last found, or a guess.
+    fn toward(&self, piece: usize, other: usize, guess: impl FnOnce() -> Vector3<f64>) -> Vector3<f64> {
+        match self.hints.get(place(piece, other)) {
+            Some(hint) if *hint != Vector3::zeros() => *hint,
+            _ => guess(),
+        }
+    }
+
+    fn remember(&mut self, piece: usize, other: usize, direction: Vector3<f64>) {
+        if let Some(hint) = self.hints.get_mut(place(piece, other)) {
+            *hint = direction;
+        }
+    }
+}
+
+fn place(piece: usize, other: usize) -> usize {
+    (piece * 257 + other) % HINTS
 }
 
 impl RobotShapes {
@@ -193,7 +208,6 @@ impl RobotShapes {
         scratch.placed.clear();
         scratch.placed.resize(self.pieces.len(), false);
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
-        scratch.hints.resize(HINTS, Vector3::zeros());
     }
 
     fn ensure(&self, piece: usize, scratch: &mut Scratch) {
@@ -248,13 +262,15 @@ impl RobotShapes {
                         }
                         self.ensure(piece, scratch);
                         let mine = &self.pieces[piece].shape;
-                        let hint = scratch.hint(piece, e, |b| element.center - nalgebra::center(&b.min, &b.max));
+                        let mut toward =
+                            scratch.toward(piece, e, || element.center - nalgebra::center(&bounds.min, &bounds.max));
                         let found = signed_distance(
                             (&scratch.corners[piece], mine.radius()),
                             (&element.corners, element.radius),
-                            &mut scratch.hints[hint],
+                            &mut toward,
                             limit.max(0.0),
                         );
+                        scratch.remember(piece, e, toward);
                         if let Some(contact) = found
                             && contact.distance < limit
                         {
@@ -307,16 +323,17 @@ impl RobotShapes {
                     }
                     self.ensure(i, scratch);
                     self.ensure(j, scratch);
-                    let other = scratch.boxes[j];
-                    let hint = scratch.hint(i, HINTS - 1 - j, |b| {
-                        nalgebra::center(&other.min, &other.max) - nalgebra::center(&b.min, &b.max)
+                    let mut toward = scratch.toward(i, HINTS - 1 - j, || {
+                        nalgebra::center(&scratch.boxes[j].min, &scratch.boxes[j].max)
+                            - nalgebra::center(&scratch.boxes[i].min, &scratch.boxes[i].max)
                     });
                     let found = signed_distance(
                         (&scratch.corners[i], self.pieces[i].shape.radius()),
                         (&scratch.corners[j], self.pieces[j].shape.radius()),
-                        &mut scratch.hints[hint],
+                        &mut toward,
                         limit.max(0.0),
                     );
+                    scratch.remember(i, HINTS - 1 - j, toward);
                     if let Some(contact) = found
                         && contact.distance < limit
                     {

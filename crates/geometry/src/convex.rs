@@ -271,8 +271,9 @@ impl SupportMap for Corners {
 
 /// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
 ///
-/// `toward` is a guess of the direction from the first to the second, any vector will do; it is replaced by what was
-/// found. Handed in again after a small motion, it often shows at once that the two are out of reach.
+/// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
+/// after a small motion, it often shows at once that the two are out of reach. Any vector will do: whether and how far
+/// the two are apart does not depend on it, the depth of an overlap may a little.
 #[must_use]
 pub fn signed_distance(
     first: (&Corners, f64),
@@ -297,14 +298,7 @@ pub fn signed_distance(
             *toward = n.into_inner();
             None
         }
-        GJKResult::Proximity(_) | GJKResult::Intersection => {
-            let (p, q, n) = EPA::new().closest_points(&same, a, b, &simplex).unwrap_or((
-                a.local_support_point(&direction),
-                b.local_support_point(&-direction.into_inner()),
-                direction,
-            ));
-            Some((p, q, n.into_inner(), (q - p).dot(&n)))
-        }
+        GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
     };
     let (p, q, normal, core) = found?;
     *toward = normal;
@@ -313,6 +307,40 @@ pub fn signed_distance(
         on_first: p + normal * first.1,
         on_second: q - normal * second.1,
         normal,
+    })
+}
+
+/// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
+///
+/// Where that is flat, the expansion can end at once and say that they only touch. Then others are tried, that start
+/// from directions along which nothing man-made lies.
+fn deepest(
+    a: &Corners,
+    b: &Corners,
+    simplex: &VoronoiSimplex,
+    direction: &Unit<Vector3<f64>>,
+) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
+    const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
+    const TOUCHING: f64 = -1e-9;
+    let same = Isometry3::identity();
+    let expanded = |simplex: &VoronoiSimplex| {
+        let (p, q, n) = EPA::new().closest_points(&same, a, b, simplex)?;
+        Some((p, q, n.into_inner(), (q - p).dot(&n)))
+    };
+    let mut found = expanded(simplex);
+    for skew in SKEW {
+        if found.as_ref().is_some_and(|f| f.3 < TOUCHING) {
+            break;
+        }
+        let mut other = VoronoiSimplex::new();
+        other.reset(CSOPoint::from_shapes(&same, a, b, &Unit::new_normalize(Vector3::from(skew))));
+        if let GJKResult::Intersection = gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut other) {
+            found = expanded(&other).or(found);
+        }
+    }
+    found.unwrap_or_else(|| {
+        let (p, q) = (a.local_support_point(direction), b.local_support_point(&-direction.into_inner()));
+        (p, q, direction.into_inner(), (q - p).dot(direction))
     })
 }
 
@@ -375,6 +403,30 @@ mod tests {
                 if let Some(contact) = found {
                     prop_assert!((contact.distance - wanted.distance).abs() < 1e-7, "{contact:?} {wanted:?}");
                 }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn crossing_cylinders_in_one_plane_overlap(
+            turn in prop::array::uniform3(-1.5..1.5f64),
+            across in 0.3..1.5f64,
+            shift in -0.1..0.1f64,
+            guess in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            // Their centres and axes lie in one plane: what shows that they overlap is flat.
+            let plane = Pose::from_parts(Vector3::zeros().into(), nalgebra::Rotation3::new(Vector3::from(turn)));
+            let cylinder = |angle: f64, at: f64| {
+                let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle);
+                let place = plane * Pose::from_parts(Vector3::new(0.0, at, 0.0).into(), turned);
+                Convex::cylinder(0.03, 0.4, &place).unwrap()
+            };
+            let (a, b) = (cylinder(0.0, 0.0), cylinder(across, shift * 0.1));
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            for mut toward in [b.center() - a.center(), Vector3::from(guess)] {
+                let found = signed_distance((&p, 0.0), (&q, 0.0), &mut toward, 0.0).unwrap();
+                prop_assert!(found.distance < -0.01, "{found:?}");
             }
         }
     }

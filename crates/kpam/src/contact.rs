@@ -106,7 +106,7 @@ impl<'p> Judge<'p> {
             extents: Vec::new(),
             centers: Vec::new(),
             spare: Bubble::default(),
-            scratch: Scratch::default(),
+            scratch: Scratch::remembering(),
             q: Vec::new(),
         };
         judge.centers = (0..links.len()).map(|l| judge.shapes.middle(l)).collect();
@@ -252,8 +252,8 @@ impl<'p> Judge<'p> {
         found.map(|p| self.hit(&p))
     }
 
-    /// A judged pair nearer than its margin at any waypoint but the first, where there is one. The middle is looked at
-    /// first, then the middles of what is left: what blocks a path shows soon.
+    /// A judged pair nearer than its margin at any waypoint but the first, where there is one. One about the middle is
+    /// looked at first, then those about the middles of what is left: what blocks a path shows soon.
     pub fn at_any(&mut self, waypoints: &[Row], stage: usize, margins: &Margins) -> Option<Hit> {
         let mut stride = waypoints.len().next_power_of_two();
         while stride > 1 {
@@ -301,9 +301,11 @@ impl<'p> Judge<'p> {
             }
         }
         let mut blocked = None;
+        // What stands in for a distance has to be more than any margin asks for.
+        let coarse = COARSE.max(margins.clearance + NARROW);
         let mut scratch = std::mem::take(&mut self.scratch);
         let within = |link: usize, body: usize| if self.judged(link, body, stage) { reach } else { f64::NEG_INFINITY };
-        self.shapes.near_bodies(&self.scene, &mut scratch, COARSE, within, |p| {
+        self.shapes.near_bodies(&self.scene, &mut scratch, coarse, within, |p| {
             let Target::Body(b) = p.target else { return true };
             let gap = p.contact.distance - margins.body(&self.start_bodies, p.link, b);
             if gap < 0.0 {
@@ -317,7 +319,7 @@ impl<'p> Judge<'p> {
         if blocked.is_none() {
             self.shapes.near_self(
                 &mut scratch,
-                COARSE,
+                coarse,
                 |_| reach,
                 |index, p| {
                     let gap = p.contact.distance - margins.itself(&self.start_self, index);
@@ -373,7 +375,7 @@ impl<'p> Judge<'p> {
                 Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
             };
             let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
-            reach = (AHEAD * gap).max(margins.clearance + NARROW).min(REACH);
+            reach = (margins.clearance + (AHEAD * gap).max(NARROW)).min(REACH);
             if t >= end {
                 self.spare = bubble;
                 return None;
@@ -404,11 +406,12 @@ impl<'p> Judge<'p> {
                 }
                 next = low;
             }
-            // Where something is close, go on by the finest step: no point moves further than that unseen.
+            // Where something is close, go on by the finest step, no further than the next waypoint: no point moves
+            // further than that unseen.
             let k = (next as usize).min(last.saturating_sub(1));
             let fastest = bubble.fastest(&waypoints[k], &waypoints[k + 1]);
             let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
-            t = next.max(t + finest).min(end);
+            t = next.max((t + finest).min((next as usize + 1) as f64)).min(end);
             self.spare = bubble;
         }
     }

@@ -72,7 +72,10 @@ impl Curve {
             let speeds = out.speeds(limits);
             let durations: Vec<f64> =
                 out.knots.windows(2).zip(speeds.windows(2)).map(|(u, s)| 2.0 * (u[1] - u[0]) / (s[0] + s[1])).collect();
-            out = Self::through(out.values, &durations);
+            // Joints without a limit on their speed may say nothing of how long the way takes.
+            if durations.iter().all(|d| d.is_finite() && *d > 0.0) {
+                out = Self::through(out.values, &durations);
+            }
         }
         out
     }
@@ -154,7 +157,7 @@ impl Curve {
     pub fn joint(&self, v: usize, place: &Place) -> [f64; 4] {
         let (y, m) = (&self.values[v], &self.second[v]);
         let Place { i, h, a, b } = *place;
-        if h == 0.0 {
+        if self.knots.len() < 2 {
             return [y[0], 0.0, 0.0, 0.0];
         }
         let value = a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * h * h / 6.0;
@@ -257,4 +260,22 @@ fn natural_second_derivatives(knots: &[f64], y: &[f64]) -> Vec<f64> {
         m[i] -= upper[i] * m[i + 1];
     }
     m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joints_without_a_speed_limit_still_move() {
+        let free = [f64::INFINITY; MOST_JOINTS];
+        let limits = Limits { velocity: free, acceleration: free, jerk: free };
+        let waypoints: Vec<Row> = (0..4).map(|k| [0.1 * f64::from(k); MOST_JOINTS]).collect();
+        let curve = Curve::new(2, &waypoints, &limits);
+        assert_eq!(curve.knots(), 4);
+        for (i, wanted) in [0.05, 0.15, 0.25].into_iter().enumerate() {
+            let x = curve.at(i, 0.5);
+            assert!((x[0] - wanted).abs() < 1e-12 && (x[1] - wanted).abs() < 1e-12, "{x:?}");
+        }
+    }
 }

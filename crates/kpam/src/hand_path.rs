@@ -1,5 +1,5 @@
-//! Joint motion along a given path of the hand: small steps, each a QP that meets the next hand pose exactly within
-//! joint limits and spends what freedom is left on staying away from them.
+//! Joint motion along a given path of the hand: small steps, each of which meets the next hand pose exactly within joint
+//! limits and spends what freedom is left on staying away from them.
 
 use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
@@ -201,7 +201,7 @@ impl<'p> Follower<'p> {
     /// Direction and size of a joint's push from its limits towards the middle, growing near them.
     fn limit_push(&self, v: usize, x: &Row) -> f64 {
         let (low, high) = (self.model.lower[v], self.model.upper[v]);
-        if !(low.is_finite() && high.is_finite()) {
+        if !(low.is_finite() && high.is_finite() && low < high) {
             return 0.0;
         }
         let half = 0.5 * (high - low);

@@ -40,6 +40,8 @@ pub(super) struct Attempt {
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
+    /// Whether the pose itself overlaps something, so that no motion was looked for.
+    pub overlaps: bool,
     /// Whether approach and pre-actuation motions stand.
     pub starts: bool,
 }
@@ -92,6 +94,7 @@ impl Planner<'_> {
             after: (0, 0.0),
             hits: Vec::new(),
             failure: None,
+            overlaps: false,
             starts: false,
         };
         // What overlapped at the start has come apart on the approach.
@@ -100,6 +103,7 @@ impl Planner<'_> {
             out.hits.push((act, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: act, hit });
+                out.overlaps = true;
                 return out;
             }
         }

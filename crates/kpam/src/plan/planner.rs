@@ -105,9 +105,9 @@ impl<'p> Planner<'p> {
                 break;
             }
             let Some(c) = search.sample(seed) else { continue };
-            let at_once = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
+            let overlaps = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
             // Poses that overlap something themselves cost next to nothing to turn down.
-            extra += usize::from(!at_once);
+            extra += usize::from(!overlaps);
         }
         for (x, rank) in std::mem::take(&mut trial.again) {
             if trial.done() {
@@ -145,13 +145,13 @@ impl<'p> Planner<'p> {
         let attempt = self.attempt(x, trial.tried, samples, trial.bar());
         trial.tried += 1;
         let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
-        if blocked_approach && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES {
+        let overlaps = attempt.overlaps;
+        if blocked_approach && !overlaps && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES
+        {
             trial.again.push((*x, attempt.rank));
         }
-        let at_once = matches!(attempt.failure, Some(Failure::Blocked { keyframe, .. })
-            if keyframe == attempt.motions.actuation && attempt.paths.iter().all(Vec::is_empty));
         trial.keep(attempt);
-        at_once
+        overlaps
     }
 
     /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not

@@ -106,8 +106,11 @@ impl ActiveSet {
                 continue;
             }
             let h = (a * a + b * b).sqrt();
-            d[k - 1] = h;
             d[k] = 0.0;
+            if h == 0.0 {
+                continue;
+            }
+            d[k - 1] = h;
             self.turn(n, k - 1, a / h, b / h);
         }
         if q >= n || d[q].abs() < 1e-13 {
