@@ -312,8 +312,9 @@ pub fn signed_distance(
 
 /// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
 ///
-/// Where that is flat, the expansion can end at once and say that they only touch. Then others are tried, that start
-/// from directions along which nothing man-made lies.
+/// Where that is flat or nearly so, the expansion can end inside, with too little depth or none. Moving one hull by the
+/// depth along the normal must part them; where it does not, the expansion starts anew from directions along which
+/// nothing man-made lies. Failing all, the shortest of those ways that part them is taken.
 fn deepest(
     a: &Corners,
     b: &Corners,
@@ -321,27 +322,31 @@ fn deepest(
     direction: &Unit<Vector3<f64>>,
 ) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
     const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
-    const TOUCHING: f64 = -1e-9;
+    const SLACK: f64 = 1e-7;
     let same = Isometry3::identity();
-    let expanded = |simplex: &VoronoiSimplex| {
-        let (p, q, n) = EPA::new().closest_points(&same, a, b, simplex)?;
-        Some((p, q, n.into_inner(), (q - p).dot(&n)))
+    let parting = |n: &Vector3<f64>| (a.furthest(n) - b.furthest(&-n)).dot(n);
+    let fallback = (a.furthest(direction), b.furthest(&-direction.into_inner()), direction.into_inner());
+    let mut best = (fallback, parting(direction));
+    let mut look = |simplex: &VoronoiSimplex| {
+        let Some((p, q, n)) = EPA::new().closest_points(&same, a, b, simplex) else { return false };
+        let (n, way) = (n.into_inner(), parting(&n));
+        if way < best.1 {
+            best = ((p, q, n), way);
+        }
+        way <= (p - q).dot(&n) + SLACK
     };
-    let mut found = expanded(simplex);
+    let mut found = look(simplex);
     for skew in SKEW {
-        if found.as_ref().is_some_and(|f| f.3 < TOUCHING) {
+        if found {
             break;
         }
         let mut other = VoronoiSimplex::new();
         other.reset(CSOPoint::from_shapes(&same, a, b, &Unit::new_normalize(Vector3::from(skew))));
-        if let GJKResult::Intersection = gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut other) {
-            found = expanded(&other).or(found);
-        }
+        let shown = gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut other);
+        found = matches!(shown, GJKResult::Intersection) && look(&other);
     }
-    found.unwrap_or_else(|| {
-        let (p, q) = (a.local_support_point(direction), b.local_support_point(&-direction.into_inner()));
-        (p, q, direction.into_inner(), (q - p).dot(direction))
-    })
+    let ((p, q, n), way) = best;
+    (p, q, n, -way)
 }
 
 #[cfg(test)]

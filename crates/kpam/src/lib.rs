@@ -12,6 +12,7 @@ mod curve;
 mod error;
 mod free_space;
 mod hand_path;
+mod ldl;
 mod margins;
 pub mod model;
 mod motion;

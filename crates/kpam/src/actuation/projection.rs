@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::ActuationSearch;
 use super::bands::any_across;
+use crate::ldl::solve_ldl;
 use crate::model::{MOST_JOINTS, Row};
 
 /// Most iterations of the projection.
@@ -99,7 +100,11 @@ impl ActuationSearch<'_> {
                 normal[v][v] = 1.0;
             }
         }
-        solve_damped(n, &normal, &gradient, damping)
+        for v in 0..n {
+            normal[v][v] += damping;
+            gradient[v] = -gradient[v];
+        }
+        solve_ldl(n, &normal, &gradient, |_| 0.0)
     }
 
     /// Residuals that vanish well inside the constraints, with their gradients.
@@ -147,42 +152,4 @@ impl ActuationSearch<'_> {
 
 fn square_sum(rows: &[(Row, f64)]) -> f64 {
     rows.iter().map(|(_, r)| r * r).sum()
-}
-
-/// Solves `(N + damping I) d = -g` by an LDL factorization; `N` is given by its lower triangle.
-#[inline(always)]
-fn solve_damped(n: usize, normal: &[Row; MOST_JOINTS], gradient: &Row, damping: f64) -> Option<Row> {
-    let n = n.min(MOST_JOINTS); // so that the compiler need not check each index
-    let mut l = [[0.0; MOST_JOINTS]; MOST_JOINTS];
-    // L times D.
-    let mut scaled = [[0.0; MOST_JOINTS]; MOST_JOINTS];
-    let mut inverse = [1.0; MOST_JOINTS];
-    let mut y = [0.0; MOST_JOINTS];
-    for i in 0..n {
-        let mut rest = -gradient[i];
-        let mut pivot = normal[i][i] + damping;
-        for k in 0..i {
-            let mut sum = normal[i][k];
-            for m in 0..k {
-                sum -= l[i][m] * scaled[k][m];
-            }
-            scaled[i][k] = sum;
-            l[i][k] = sum * inverse[k];
-            pivot -= l[i][k] * sum;
-            rest -= l[i][k] * y[k];
-        }
-        if pivot.is_nan() || pivot <= 0.0 {
-            return None;
-        }
-        inverse[i] = 1.0 / pivot;
-        y[i] = rest;
-    }
-    for i in (0..n).rev() {
-        let mut sum = y[i] * inverse[i];
-        for k in i + 1..n {
-            sum -= l[k][i] * y[k];
-        }
-        y[i] = sum;
-    }
-    Some(y)
 }

@@ -1,5 +1,6 @@
 //! The smallest step under equalities alone: what most steps along a path of the hand need.
 
+use crate::ldl::solve_ldl;
 use crate::model::{MOST_JOINTS, Row};
 
 /// Pivots smaller than this part of their row's square say that rows depend on each other.
@@ -15,37 +16,15 @@ pub(crate) fn smallest_step<const M: usize>(
 ) -> Option<Row> {
     // d = A' y - g with A A' y = b + A g.
     let dot = |a: &Row, b: &Row| -> f64 { (0..n).map(|v| a[v] * b[v]).sum() };
-    let mut l = [[0.0; M]; M];
-    let mut scaled = [[0.0; M]; M];
-    let mut inverse = [0.0; M];
-    let mut y = [0.0; M];
+    let mut a = [[0.0; M]; M];
+    let mut b = [0.0; M];
     for i in 0..M {
-        let square = dot(&rows[i], &rows[i]);
-        let mut pivot = square;
-        let mut rest = values[i] + dot(&rows[i], gradient);
-        for k in 0..i {
-            let mut sum = dot(&rows[i], &rows[k]);
-            for m in 0..k {
-                sum -= l[i][m] * scaled[k][m];
-            }
-            scaled[i][k] = sum;
-            l[i][k] = sum * inverse[k];
-            pivot -= l[i][k] * sum;
-            rest -= l[i][k] * y[k];
+        for k in 0..=i {
+            a[i][k] = dot(&rows[i], &rows[k]);
         }
-        if pivot.is_nan() || pivot <= DEPENDENT * square {
-            return None;
-        }
-        inverse[i] = 1.0 / pivot;
-        y[i] = rest;
+        b[i] = values[i] + dot(&rows[i], gradient);
     }
-    for i in (0..M).rev() {
-        let mut sum = y[i] * inverse[i];
-        for k in i + 1..M {
-            sum -= l[k][i] * y[k];
-        }
-        y[i] = sum;
-    }
+    let y = solve_ldl(M, &a, &b, |i| DEPENDENT * a[i][i])?;
     let mut step = [0.0; MOST_JOINTS];
     for v in 0..n {
         step[v] = (0..M).map(|i| rows[i][v] * y[i]).sum::<f64>() - gradient[v];
