@@ -113,20 +113,20 @@ impl Scratch {
 
     /// Direction from a piece to something else as last found, or a guess.
     fn toward(&self, piece: usize, other: usize, guess: impl FnOnce() -> Vector3<f64>) -> Vector3<f64> {
-        match self.hints.get(place(piece, other)) {
+        match self.hints.get(slot(piece, other)) {
             Some(hint) if *hint != Vector3::zeros() => *hint,
             _ => guess(),
         }
     }
 
     fn remember(&mut self, piece: usize, other: usize, direction: Vector3<f64>) {
-        if let Some(hint) = self.hints.get_mut(place(piece, other)) {
+        if let Some(hint) = self.hints.get_mut(slot(piece, other)) {
             *hint = direction;
         }
     }
 }
 
-fn place(piece: usize, other: usize) -> usize {
+fn slot(piece: usize, other: usize) -> usize {
     (piece * 257 + other) % HINTS
 }
 
@@ -323,7 +323,9 @@ impl RobotShapes {
                     }
                     self.ensure(i, scratch);
                     self.ensure(j, scratch);
-                    let mut toward = scratch.toward(i, HINTS - 1 - j, || {
+                    // Bodies count from the start of the table, links from its end.
+                    let other = HINTS - 1 - j;
+                    let mut toward = scratch.toward(i, other, || {
                         nalgebra::center(&scratch.boxes[j].min, &scratch.boxes[j].max)
                             - nalgebra::center(&scratch.boxes[i].min, &scratch.boxes[i].max)
                     });
@@ -333,7 +335,7 @@ impl RobotShapes {
                         &mut toward,
                         limit.max(0.0),
                     );
-                    scratch.remember(i, HINTS - 1 - j, toward);
+                    scratch.remember(i, other, toward);
                     if let Some(contact) = found
                         && contact.distance < limit
                     {

@@ -103,24 +103,19 @@ impl Margins {
         out
     }
 
-    /// Rounding is forgiven, and an overlap at the start may persist.
+    /// What is asked of a link and a body of the scene; `start` holds the overlaps at the start.
     pub fn body(&self, start: &[Vec<f64>], link: usize, body: usize) -> f64 {
-        let asked = self
-            .bodies
-            .iter()
-            .filter(|(key, _)| *key == (link, body))
-            .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
-        let start = start[link][body];
-        if start < 0.0 && self.forgiving { asked.min(start - TOUCH) } else { asked }
+        self.asked(&self.bodies, (link, body), start[link][body])
     }
 
+    /// What is asked of a pair of links.
     pub fn itself(&self, start: &[f64], pair: usize) -> f64 {
-        let asked = self
-            .pairs
-            .iter()
-            .filter(|(key, _)| *key == pair)
-            .fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
-        let start = start[pair];
+        self.asked(&self.pairs, pair, start[pair])
+    }
+
+    /// Rounding is forgiven, and an overlap at the start may persist.
+    fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, start: f64) -> f64 {
+        let asked = less.iter().filter(|(k, _)| *k == key).fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
         if start < 0.0 && self.forgiving { asked.min(start - TOUCH) } else { asked }
     }
 }

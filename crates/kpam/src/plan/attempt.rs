@@ -2,6 +2,7 @@
 
 use super::planner::Planner;
 use crate::contact::Hit;
+use crate::hand_path::Followed;
 use crate::margins::Margins;
 use crate::model::Row;
 use crate::motion::{Motions, motions};
@@ -56,6 +57,11 @@ impl Attempt {
     fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
+    }
+
+    /// Fraction of a path after the actuation that was followed.
+    fn followed(&self, path: usize) -> f64 {
+        if path - self.motions.actuation < self.after.0 { 1.0 } else { self.after.1 }
     }
 
     /// Paths in the order in which they are looked at: from the actuation pose to the start, then to the end.
@@ -140,28 +146,24 @@ impl Planner<'_> {
     /// motion at all.
     fn follow_all(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
-        let (mut first, mut last) = (out.x, out.x);
-        for i in out.outwards() {
-            let before = i < act;
-            let from = if before { first } else { last };
-            let followed = self.follower.follow(&out.motions.paths[i], &from, before);
-            let (mut waypoints, fraction) = (followed.waypoints, followed.fraction);
+        let mut at = out.x;
+        for i in (0..act).rev() {
+            let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
             if fraction < 1.0 {
-                let keyframe = if before { i } else { i + 1 };
-                out.failure = Some(Failure::Unreachable { keyframe, fraction });
-                if before {
-                    return;
-                }
+                out.failure = Some(Failure::Unreachable { keyframe: i, fraction });
+                return;
             }
-            if before {
-                waypoints.reverse();
-                first = waypoints[0];
-                out.paths[i] = waypoints;
-                continue;
-            }
-            last = waypoints[waypoints.len() - 1];
+            waypoints.reverse();
+            at = waypoints[0];
+            out.paths[i] = waypoints;
+        }
+        at = out.x;
+        for i in act..out.paths.len() {
+            let Followed { waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, false);
+            at = waypoints[waypoints.len() - 1];
             out.paths[i] = waypoints;
             if fraction < 1.0 {
+                out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
                 out.after.1 = fraction;
                 return;
             }
@@ -186,8 +188,7 @@ impl Planner<'_> {
             let most = if i < act || !partial {
                 steps
             } else {
-                let followed = if i - act < out.after.0 { 1.0 } else { out.after.1 };
-                let left = (bar - 1.0 - (i - act) as f64) / followed;
+                let left = (bar - 1.0 - (i - act) as f64) / out.followed(i);
                 if left < 0.0 { 0 } else { ((left * steps as f64 + 1e-9) as usize + 1).min(steps) }
             };
             if most > 0
@@ -217,8 +218,7 @@ impl Planner<'_> {
                 return;
             }
             let steps = (out.paths[i].len() - 1).max(1) as f64;
-            let followed = if i - act < out.after.0 { 1.0 } else { out.after.1 };
-            out.after = (i - act, followed * k as f64 / steps);
+            out.after = (i - act, out.followed(i) * k as f64 / steps);
             out.paths[i].truncate(k + 1);
             out.paths[i + 1..].iter_mut().for_each(Vec::clear);
             return;

@@ -1,7 +1,7 @@
 //! Dual active-set method of Goldfarb and Idnani (1983): starts at the unconstrained minimum and adds violated bounds
 //! one by one. At a dozen variables it needs no allocation in its loop, and it tells infeasible from unsolved.
 
-use super::{Bound, Qp, QpOutcome, QpSolver};
+use super::{Bound, Qp, QpOutcome, QpSolver, dot};
 use crate::model::{MOST_JOINTS, Row};
 
 /// Bounds narrower than this are equalities.
@@ -36,14 +36,6 @@ impl Default for ActiveSet {
             active: Vec::with_capacity(MOST_JOINTS),
         }
     }
-}
-
-fn dot(n: usize, a: &Row, b: &Row) -> f64 {
-    let mut sum = 0.0;
-    for i in 0..n {
-        sum += a[i] * b[i];
-    }
-    sum
 }
 
 impl ActiveSet {

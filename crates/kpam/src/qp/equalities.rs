@@ -1,5 +1,6 @@
 //! The smallest step under equalities alone: what most steps along a path of the hand need.
 
+use super::dot;
 use crate::ldl::solve_ldl;
 use crate::model::{MOST_JOINTS, Row};
 
@@ -15,14 +16,13 @@ pub(crate) fn smallest_step<const M: usize>(
     gradient: &Row,
 ) -> Option<Row> {
     // d = A' y - g with A A' y = b + A g.
-    let dot = |a: &Row, b: &Row| -> f64 { (0..n).map(|v| a[v] * b[v]).sum() };
     let mut a = [[0.0; M]; M];
     let mut b = [0.0; M];
     for i in 0..M {
         for k in 0..=i {
-            a[i][k] = dot(&rows[i], &rows[k]);
+            a[i][k] = dot(n, &rows[i], &rows[k]);
         }
-        b[i] = values[i] + dot(&rows[i], gradient);
+        b[i] = values[i] + dot(n, &rows[i], gradient);
     }
     let y = solve_ldl(M, &a, &b, |i| DEPENDENT * a[i][i])?;
     let mut step = [0.0; MOST_JOINTS];

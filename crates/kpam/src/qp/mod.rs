@@ -56,6 +56,14 @@ pub trait QpSolver {
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome;
 }
 
+fn dot(n: usize, a: &Row, b: &Row) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..n {
+        sum += a[i] * b[i];
+    }
+    sum
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
