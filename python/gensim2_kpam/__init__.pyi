@@ -151,7 +151,8 @@ class KeypointProblem:
                 motion after the actuation pose, with status "partial".
             finger_width: value of the finger joints while planning, m; default as in q_start.
             seeds, candidates, harvest, samples: budgets (starts, poses tried, further starts, tree growths).
-            contacts: list of {links, bodies, from, to} windows in place of the default contact rules.
+            contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
+                keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end".
         """
 
 class Trajectory:
@@ -199,8 +200,8 @@ class Plan:
         """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
     def keyframes(self) -> list[dict[str, Any]]:
-        """One a keyframe: ``label`` ("pre_0", "actuation", "post_0"), ``time`` (s or None), ``T_base_hand`` (4, 4),
-        ``reached``."""
+        """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0"), ``time`` (s or None),
+        ``T_base_hand`` (4, 4), ``reached``."""
     @property
     def trajectory(self) -> Trajectory | None: ...
     @property

@@ -197,7 +197,7 @@ impl<'p> Judge<'p> {
         match body.role {
             Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => true,
             Role::Target => !self.on_hand[link],
-            // Stage `before + 1` leads to the actuation pose: from the last pre-actuation keyframe on.
+            // Stage `before + 1` leads to the actuation pose: from pre_0 on.
             Role::MovingLink => {
                 if stage > before + 1 {
                     false

@@ -64,7 +64,7 @@ impl HandPath {
     }
 }
 
-/// Keyframes (pre, actuation, post) and the paths between them: path i leads from keyframe i to i + 1.
+/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ...) and the paths between them: path i leads from keyframe i to i + 1.
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,
@@ -77,8 +77,8 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let before = config.pre.len();
     let mut keyframes = vec![Keyframe { label: "actuation".to_owned(), hand: *actuation }];
     let mut paths = Vec::new();
-    // Pre-actuation motions are offsets from the keyframe that comes next, so they chain backwards in time.
-    for (i, motion) in config.pre.iter().enumerate().rev() {
+    // Pre-actuation motions chain outwards from the actuation pose, backwards in time.
+    for (i, motion) in config.pre.iter().enumerate() {
         let next = keyframes[0].hand;
         let (hand, path) = match *motion {
             Motion::Rotate(angle) => {

@@ -40,7 +40,7 @@ pub struct ContactWindow {
     pub links: Vec<String>,
     /// Bodies of the scene.
     pub bodies: Vec<String>,
-    /// First keyframe of the window (`start`, `pre_0`, ..., `actuation`, `post_0`, ...).
+    /// First keyframe of the window (in time: `start`, ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...).
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,

@@ -252,7 +252,8 @@ impl KeypointProblem {
             }
             for end in [&window.from, &window.to] {
                 if self.keyframe_index(end).is_none() {
-                    let message = format!("{end:?} is not a keyframe: start, pre_0, ..., actuation, post_0, ..., end");
+                    let message =
+                        format!("{end:?} is not a keyframe: start, ..., pre_1, pre_0, actuation, post_0, ..., end");
                     return fail(&format!("contacts[{i}]"), message);
                 }
             }
@@ -260,7 +261,8 @@ impl KeypointProblem {
         Ok(())
     }
 
-    /// Index of a keyframe label among start, pre, actuation, post; `end` is one past the last.
+    /// Place in time of a keyframe label: start, pre_{n-1}, ..., pre_0, actuation, post_0, ...; `end` is one past the
+    /// last.
     pub(crate) fn keyframe_index(&self, label: &str) -> Option<usize> {
         let (before, after) = (self.config.pre.len(), self.config.post.len());
         let numbered = |prefix: &str, count: usize| {
@@ -270,7 +272,9 @@ impl KeypointProblem {
             "start" => Some(0),
             "actuation" => Some(1 + before),
             "end" => Some(2 + before + after),
-            _ => numbered("pre_", before).map(|i| 1 + i).or_else(|| numbered("post_", after).map(|i| 2 + before + i)),
+            _ => numbered("pre_", before)
+                .map(|i| before - i)
+                .or_else(|| numbered("post_", after).map(|i| 2 + before + i)),
         }
     }
 

@@ -61,7 +61,7 @@ pub struct Residual {
 /// A keyframe of the motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KeyframeReport {
-    /// `pre_0`, ..., `actuation`, `post_0`, ...
+    /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...; numbers are places in the config's lists.
     pub label: String,
     /// Time (s), where the motion has one.
     pub time: Option<f64>,
