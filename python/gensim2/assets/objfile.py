@@ -82,8 +82,9 @@ def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None)
         if not words:
             continue
         if words[0] == "v":
-            x, y, z = words[1:4]
-            vertices.append([float(x), float(y), float(z)])
+            if len(words) < 4:
+                raise ValueError("a vertex has under three numbers")
+            vertices.append([float(words[1]), float(words[2]), float(words[3])])
         elif words[0] == "f":
             corners = [_index(word, len(vertices)) for word in words[1:]]
             if len(corners) < 3:

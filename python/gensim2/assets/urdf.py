@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 URDF = "mobility.urdf"
 MOST_URDF = 16 * 2**20  # bytes
-MOST_ELEMENTS = 100_000
+MOST_ELEMENTS = 50_000
 DEEPEST = 64  # elements in each other
 LARGEST = 1e6  # units or radians: what is beyond is a mistake, and squares of it would lose all digits
 LONGEST_NAME = 100
