@@ -16,9 +16,9 @@ import numpy as np
 from gensim2.assets.cache import cached_hulls, file_name, source_digest
 from gensim2.assets.decompose import components, decompose, make_hull, weld
 from gensim2.assets.errors import AssetError, MissingFileError
-from gensim2.assets.folder import MOST_BYTES, ObjectFolder, existing_folder, shortened
+from gensim2.assets.folder import ObjectFolder, existing_folder, shortened
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
-from gensim2.assets.info import INFO, is_number, numbers, read_info
+from gensim2.assets.info import is_number, numbers, read_info
 from gensim2.assets.library import BUILTIN
 from gensim2.assets.meshes import listed
 from gensim2.assets.objfile import MOST_MESH, read_obj
@@ -216,12 +216,9 @@ def _from_meshes(
     """Collision: each connected piece as its hull where that fills no cavity, else taken apart."""
     warnings: list[str] = []
     file = folder.path / collision
-    digest = hashlib.sha256(source_digest(*_MODULES).encode())
-    for each in (collision, SEEN, INFO):
-        if folder.has(each):
-            digest.update(folder.read(each, MOST_BYTES))
     told = {key: point.position.tolist() for key, point in keypoints.items()}
-    digest.update(repr((scale, density, told, license)).encode())
+    made_of = (source_digest(*_MODULES), folder.fingerprint(), scale, density, told, license)
+    content = hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]
     try:
         pieces = [(scale * vertices, faces) for vertices, faces in _read(folder, collision)]
     except ValueError as error:
@@ -238,7 +235,6 @@ def _from_meshes(
             warnings.append(f"{len(missing)} material files missing: {listed(missing)}")
     except (ValueError, MissingFileError) as error:
         warnings.append(f"{SEEN} cannot be read, nothing to look at: {shortened(str(error))}")
-    content = digest.hexdigest()[:16]
     hulls, counts = cached_hulls(f"rigid-{content}", lambda: _hulls(pieces))
     if not hulls:
         raise AssetError("holds no part that can collide", file=file, remedy="see its size and the scale")
