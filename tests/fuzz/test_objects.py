@@ -10,7 +10,7 @@ from objects import attempt, bases, rough_hulls
 
 from gensim2.assets import real
 
-COUNT = 200
+COUNT = 160
 
 
 @pytest.fixture(scope="module")
