@@ -54,7 +54,11 @@ class PoolEvaluator:
         self.assets, self.instances = assets, instances
         self._progress, self._log = progress, log
         self._executor: Executor = WorkerPool(
-            workers, time_limit=time_limit, jobs_per_worker=jobs_per_worker, on_failure=self._failed
+            workers,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            preload=worker.PRELOAD,
+            on_failure=self._failed,
         )
 
     def __enter__(self) -> PoolEvaluator:

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from gensim2.demos.rollout import EpisodeResult
     from gensim2.sim.env import GenSim2Env
 
+#: What a worker needs and takes seconds to import.
+PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.env")
+
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
 
@@ -81,9 +84,12 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
 def _screen(problems: SceneProblems, config: Mapping[str, Any]) -> Screened:
     try:
         plan = kpam.plan(problems.problem(kpam.SolverConfig(config), SCREEN_OPTIONS))
-    except (KeyboardInterrupt, SystemExit, MemoryError):
+    except MemoryError:
         raise
-    except BaseException as error:  # noqa: BLE001 - also a panic of the solver: one candidate in hundreds ends no search
+    except BaseException as error:
+        # One candidate in hundreds ends no search, not even by a panic of the solver, which is no Exception.
+        if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
+            raise
         return 0.0, f"planner error: {type(error).__name__}: {error}"
     if plan.status == "solved":
         return 1.0, None

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import wait
 from typing import Any, TypeVar
 
 from gensim2.errors import GenSim2Error
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome
-from gensim2.processes.worker import Worker
+from gensim2.processes.worker import Worker, preload_modules
 
 Result = TypeVar("Result")
 
@@ -38,6 +38,8 @@ class WorkerPool:
             when debugging.
         time_limit: seconds after which a job counts as hung and its worker is replaced.
         jobs_per_worker: jobs after which a process is renewed.
+        preload: modules that jobs need and that take long to import; they are imported once for all workers. What
+            the first pool of this process says holds for those after it.
         on_failure: is told of each try that came to nothing, also where a later one succeeds.
     """
 
@@ -47,10 +49,12 @@ class WorkerPool:
         *,
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
+        preload: Sequence[str] = (),
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
         if workers < 0:
             raise ValueError(f"workers must not be negative, is {workers}")
+        preload_modules(preload)
         self._workers = [Worker(time_limit, jobs_per_worker) for _ in range(workers)]
         self._on_failure = on_failure
         self._ran = False
