@@ -248,11 +248,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         begin = time.monotonic()
         tally, wrong = kill_runs(options.kills, options.world, options.seed, options.out or Path(temporary))
-    kills = sum(tally.kills.values())
-    seconds = time.monotonic() - begin
-    print(
-        f"{kills} kills {dict(tally.kills)} in {tally.runs} runs, {tally.mid_collection} while collecting, {seconds:.0f} s"
-    )
+    print(f"{tally}, {time.monotonic() - begin:.0f} s")
     for name in wrong:
         print(f"differs: {name}")
     return 1 if wrong else 0
