@@ -121,7 +121,7 @@ def test_workers_are_renewed() -> None:
     assert len(set(pids)) == 3
 
 
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", [0, 1, 3])
 def test_what_is_submitted_may_depend_on_what_came_before(workers: int) -> None:
     done: set[int] = set()
 
@@ -130,6 +130,8 @@ def test_what_is_submitted_may_depend_on_what_came_before(workers: int) -> None:
             while len(done) < value:
                 yield None
             yield Job(value, (value, 0.0))
+        while True:  # none now: the end, where none is under way
+            yield None
 
     with WorkerPool(workers) as pool:
         for outcome in pool.map_unordered(jobs.square, one_after_the_other()):

@@ -11,11 +11,12 @@ ManiSkill's own command replays the result, since the environment's id names the
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,9 +119,12 @@ class TrajectoryStore:
             return None
 
     def entry(self, index: int) -> dict[str, Any]:
-        """What the JSON file says of a finished episode."""
-        with self._open(index) as file:
-            entry: dict[str, Any] = json.loads(file.attrs["episode"])
+        """What the JSON file says of a finished episode.
+
+        Raises:
+            InputError: there is no such episode, or it cannot be read.
+        """
+        with self._episode(index) as (_, entry):
             return entry
 
     def merge(self, provenance: Provenance, indices: Sequence[int]) -> Path:
@@ -139,20 +143,23 @@ class TrajectoryStore:
         # The data first: a JSON file never promises what is not there.
         with replacing(self.h5_path) as path, h5py.File(path, "w") as merged:
             for number, index in enumerate(indices):
-                with self._open(index) as file:
-                    file.copy("traj", merged, name=f"traj_{number}")
-                    entries.append({"episode_id": number, **json.loads(file.attrs["episode"])})
+                with self._episode(index) as (recorded, entry):
+                    recorded.file.copy(recorded, merged, name=f"traj_{number}")
+                    entries.append({"episode_id": number, **entry})
         write_json(self._folder / JSON_NAME, _document(provenance, entries))
         return self.h5_path
 
     def _path(self, index: int) -> Path:
         return self._episodes / f"{index:06d}.h5"
 
-    def _open(self, index: int) -> h5py.File:
+    @contextlib.contextmanager
+    def _episode(self, index: int) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
+        """The recording and the entry of an episode file."""
         path = self._path(index)
         try:
-            return h5py.File(path, "r")
-        except OSError as error:
+            with h5py.File(path, "r") as file:
+                yield file["traj"], json.loads(file.attrs["episode"])
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error
 
 

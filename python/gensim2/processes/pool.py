@@ -77,7 +77,10 @@ class WorkerPool:
             WorkerStartError: where worker processes cannot start at all.
         """
         if not self._workers:
-            yield from (_run_here(function, job) for job in jobs if job is not None)
+            for job in jobs:
+                if job is None:  # none now, and none under way that could change that
+                    return
+                yield _run_here(function, job)
             return
         source = _Source(jobs)
         finished: deque[Outcome[Result]] = deque()
