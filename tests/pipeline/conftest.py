@@ -11,22 +11,27 @@ import pytest
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "kill")]
 
-import fake_world
-import kill_runs
+import fake_world  # noqa: E402
+import kill_runs  # noqa: E402
 
-from gensim2.pipeline import demo, worker
-from gensim2.pipeline.single import DemoResult
+from gensim2.pipeline import demo, worker  # noqa: E402
+from gensim2.pipeline.single import DemoResult  # noqa: E402
 
 Contents = dict[str, Any]
 
 
 @pytest.fixture(autouse=True)
-def made_up_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No test of runs waits for physics; ``tests/pipeline/test_worker.py`` has its own."""
+def made_up_world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test of runs waits for physics, but in modules that say ``SIMULATOR = True``."""
+    if not getattr(request.module, "SIMULATOR", False):
+        _install(monkeypatch)
+
+
+def _install(patch: pytest.MonkeyPatch) -> None:
     for name in ("PRELOAD", "screen_scene", "attempt", "demonstrate"):
-        monkeypatch.setattr(worker, name, getattr(worker, name))
+        patch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
-    monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
+    patch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
 
 
 @pytest.fixture
@@ -45,6 +50,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Contents:
     """What those six leave where nothing happens."""
     out = tmp_path_factory.mktemp("undisturbed") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        made_up_world.__wrapped__(patch)  # type: ignore[attr-defined]
+        _install(patch)
         demo("OpenDrawer", episodes=6, seed=3, workers=0, assets="builtin", video=False, out=out)
     return kill_runs.contents(out)

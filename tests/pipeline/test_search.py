@@ -61,7 +61,8 @@ class FakeWorld:
 
     def _one(self, n: float, seed: int) -> Attempt:
         held = n % 1 > 0 or bool(seeding.rng(seed, str(n)).random() < n / 20)
-        return Attempt(seed, "0", "ab12", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", "")
+        cause = None if held else "stopped short"
+        return Attempt(seed, "0", "ab12", held, False, 0.5, 0.9, 100, cause, "solved", "")
 
 
 def test_it_finds_the_best_and_refines_it() -> None:
