@@ -43,3 +43,28 @@ class MissingExtraError(GenSim2Error):
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
         """Survive the way from a worker process."""
         return type(self), (self.module, self.extra)
+
+
+class NotRunError(GenSim2Error):
+    """Jobs that could not be run, after several tries each; whatever else was to be done is done and kept.
+
+    Args:
+        what: the jobs are, for example ``"OpenDrawer: demonstrations"``.
+        reasons: index of each job to why its last try came to nothing.
+        log: where every try is written down.
+    """
+
+    SHOWN = 20
+
+    def __init__(self, what: str, reasons: dict[int, str], log: Path | None = None) -> None:
+        indices = sorted(reasons)
+        named = ", ".join(str(index) for index in indices[: self.SHOWN])
+        if len(indices) > self.SHOWN:
+            named += f" and {len(indices) - self.SHOWN} more"
+        details = f"; every try is in {log}" if log is not None else ""
+        super().__init__(f"{what}: could not be run: {named} ({reasons[indices[0]]}{details}; --resume tries again)")
+        self.what, self.reasons, self.log = what, reasons, log
+
+    def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:
+        """Survive the way from a worker process."""
+        return type(self), (self.what, self.reasons, self.log)

@@ -20,6 +20,8 @@ from gensim2.cli.output import line, report
 @options.instance("Objects to draw from.  [default: all]")
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.workers
+@options.time_limit
+@options.jobs_per_worker
 @options.resume
 @options.video
 @options.json_file
@@ -33,6 +35,8 @@ def demo(
     instance: str | None,
     out: Path | None,
     workers: int,
+    time_limit: float,
+    jobs_per_worker: int,
     resume: bool,
     video: bool,
     json_file: str | None,
@@ -52,6 +56,8 @@ def demo(
             instance=instance,
             out=out,
             workers=workers,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
             resume=resume,
             video=video,
             progress=progress,
@@ -63,4 +69,6 @@ def demo(
 
 def _show(result: dict[str, Any]) -> None:
     line(f"{result['name']}: {result['demos']} demonstrations")
+    for note in result["notes"]:
+        line(f"note: {note}")
     line(f"in {result['run_dir']}")

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import click
 
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError
+from gensim2.cli.signals import Stopped, exit_code, stopping_signals
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError
 
-#: Exit codes; 0 is "ran to the end".
-FOUND_WRONG, BAD_INPUT, INTERRUPTED = 1, 2, 130
+#: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
+FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
@@ -55,7 +56,8 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.
 
-    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 130 interrupted.
+    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run (--resume
+    tries them again), 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
     """
 
 
@@ -67,8 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to the process's own."""
     try:
-        outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)
-        sys.stdout.flush()
+        with stopping_signals():
+            outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)
+            sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -85,10 +88,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if module not in EXTRAS:
             raise
         return _fail(f"gensim2: {MissingExtraError(module, EXTRAS[module])}", BAD_INPUT)
+    except NotRunError as error:
+        return _fail(f"gensim2: {error}", NOT_RUN)
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("gensim2: interrupted; what was finished is kept", INTERRUPTED)
+    except (KeyboardInterrupt, click.Abort, Stopped) as error:
+        return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
     except OSError as error:
         if error.errno != errno.EPIPE:
             raise

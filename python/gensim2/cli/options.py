@@ -50,6 +50,21 @@ workers = click.option(
     help="Simulator processes; the result does not depend on their number.",
 )
 resume = click.option("--resume", is_flag=True, help="Go on with the run that --out holds.")
+time_limit = click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    default=900.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="After which an episode counts as hung and is tried again in a fresh process.",
+)
+jobs_per_worker = click.option(
+    "--jobs-per-worker",
+    type=click.IntRange(min=1),
+    default=500,
+    show_default=True,
+    help="Jobs after which a simulator process is renewed.",
+)
 video = click.option(
     "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
 )

@@ -26,6 +26,8 @@ from gensim2.cli.output import line, report, table
 @options.assets
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.workers
+@options.time_limit
+@options.jobs_per_worker
 @options.resume
 @options.video
 @options.json_file
@@ -38,6 +40,8 @@ def run_pipeline(
     assets: str | None,
     out: Path | None,
     workers: int,
+    time_limit: float,
+    jobs_per_worker: int,
     resume: bool,
     video: bool,
     json_file: str | None,
@@ -58,6 +62,8 @@ def run_pipeline(
                 assets=assets,
                 out=out,
                 workers=workers,
+                time_limit=time_limit,
+                jobs_per_worker=jobs_per_worker,
                 target_task=target_task,
                 resume=resume,
                 designer=designer,

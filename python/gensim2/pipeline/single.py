@@ -14,9 +14,11 @@ from gensim2.files import write_json
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.report import write_report
-from gensim2.pipeline.runfolder import RunFolder, default_run_dir
+from gensim2.pipeline.report import reported
+from gensim2.pipeline.run import check_workers
+from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest
 from gensim2.planning.scene import Scene
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.library import load_config, load_config_file, load_task, load_task_file
 from gensim2.tasks.spec import TaskSpec
@@ -29,6 +31,7 @@ class DemoResult:
     name: str
     run_dir: str
     demos: int
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -37,6 +40,7 @@ class DemoResult:
             "name": self.name,
             "run_dir": self.run_dir,
             "demos": self.demos,
+            "notes": list(self.notes),
         }
 
 
@@ -83,6 +87,8 @@ def demo(
     workers: int = 2,
     resume: bool = False,
     video: bool = True,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
 ) -> DemoResult:
     """Record demonstrations of a task with its stored config.
@@ -97,48 +103,67 @@ def demo(
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
         video: film the first demonstration where this machine can render.
+        time_limit: seconds after which an episode counts as hung and is tried again.
+        jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener.
 
     Raises:
         InputError: an argument cannot be used.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
+    check_workers(time_limit, jobs_per_worker)
     if episodes < 1:
         raise InputError(f"must be at least 1, not {episodes}", field="episodes")
     spec, config = task_and_config(task)
     library = open_library(assets)
-    if instance is not None:
-        library.choose(spec.asset_class, instance)  # what is wrong with it is said before anything starts
-    folder = RunFolder(
-        Path(out) if out is not None else default_run_dir(),
-        {
-            "command": "demo",
-            "target_task": spec.name,
-            "episodes": episodes,
-            "seed": seed,
-            "assets": library.location,
-            "instance": instance,
-            "workers": workers,
-        },
-        resume,
-    )
-    files = folder.task(spec.name)
-    files.write_task(spec)
-    files.write_config(config)
-    with PoolEvaluator(library.location, workers, progress, instance or "all") as evaluator:
-        demos = collect(
+    ids = library.choose(spec.asset_class, instance or "all")
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {
+                "command": "demo",
+                "target_task": spec.name,
+                "episodes": episodes,
+                "seed": seed,
+                "assets": library.location,
+                "instance": instance,
+                "workers": workers,
+            },
+            {
+                "task": digest(spec.model_dump(mode="json")),
+                "config": digest(config),
+                "objects": digest(list(ids)),
+            },
+            resume,
+        ) as folder,
+        reported(folder.path),
+        PoolEvaluator(
+            library.location,
+            workers,
+            progress,
+            instance or "all",
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        files = folder.task(spec.name)
+        files.write_task(spec)
+        files.write_config(config)
+        collected = collect(
             spec,
             config,
             files,
             folder,
             evaluator,
+            library,
             episodes=episodes,
             seed=seed,
             video=video,
             progress=progress,
         )
-    result = DemoResult(spec.name, str(folder.path), demos)
-    folder.finish(result.to_dict())
-    write_report(folder.path)
+        result = DemoResult(spec.name, str(folder.path), collected.demos, collected.notes)
+        folder.finish(result.to_dict())
     return result
 
 
