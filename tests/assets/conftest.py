@@ -90,13 +90,13 @@ def write_chest(folder: Path, **info: object) -> Path:
     return folder
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def chest() -> Callable[..., Path]:
     """Writer of a real-looking instance: ``chest(folder, **info)``."""
     return write_chest
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def cube() -> Callable[..., None]:
     """Writer of a box as OBJ + MTL: ``cube(folder, name, low, high)``."""
     return write_cube

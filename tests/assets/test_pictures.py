@@ -133,7 +133,10 @@ def test_object_that_cannot_be_loaded_is_on_the_page(tmp_path: Path, pretend: No
     [
         (["no_such_class"], '{"objects": []}', "no class"),
         (["switch"], '{"objects": [{"id": "0"}]}', "holds no findings"),
-        (["switch"], "not JSON", "holds no findings"),
+        (["switch"], '{"objects": [{"class": "switch", "id": "0", "findings": [{}]}]}', "holds no findings"),
+        (["switch"], "[" * 100_000, "not JSON: nested too deeply"),
+        (["switch"], "[]", "holds no fields"),
+        (["switch"], "not JSON", "not JSON"),
     ],
 )
 def test_bad_input_is_named(

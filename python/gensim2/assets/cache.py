@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import io
 import json
 import os
+import re
 import shutil
+import struct
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -17,6 +22,8 @@ import numpy as np
 import numpy.typing as npt
 from platformdirs import user_cache_dir
 
+from gensim2.assets.errors import AssetError
+from gensim2.assets.folder import MOST_BYTES, ObjectFolder
 from gensim2.assets.types import Instance, Keypoint, MovingJoint, Placement
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
@@ -24,6 +31,20 @@ from gensim2.files import write_atomic
 Array = npt.NDArray[np.float64]
 
 SCHEMA_VERSION = 1
+MANIFEST = "files.json"
+#: What readers of NumPy's archives raise where bytes were flipped or are missing.
+DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def cache_dir() -> Path:
@@ -32,7 +53,12 @@ def cache_dir() -> Path:
 
 
 # What every prepared object passes through; a source adds its own modules.
-SHARED_MODULES = ("cache", "model", "physics", "placement", "prepare", "shapes", "types")
+SHARED_MODULES = ("cache", "folder", "model", "physics", "placement", "prepare", "shapes", "types")
+
+
+def file_name(word: str) -> str:
+    """A word as part of a file name: its first 40 letters, others than ``A-Za-z0-9_.-`` made ``_``."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
 
 
 @cache
@@ -49,23 +75,39 @@ def source_digest(*modules: str) -> str:
 def cached_hulls(
     key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
 ) -> tuple[list[Array], dict[str, int]]:
-    """Hulls, each (N, 3), and counts about them under ``key``; made where they are not there yet.
+    """Hulls, each (N, 3), and counts about them under ``key``; made where they are not there, or damaged.
 
     Raises:
         InputError: the cache folder cannot be written to.
     """
     file = cache_dir() / "hulls" / f"{key}.npz"
-    if file.is_file():
-        with np.load(file) as data:
-            counts = dict(zip(data["names"].tolist(), data["counts"].tolist(), strict=True))
-            return split_hulls(data["points"], data["sizes"]), counts
+    found = _whole_hulls(file)
+    if found is not None:
+        return found
     hulls, counts = make()
     stream = io.BytesIO()
     np.savez_compressed(
         stream, **join_hulls(hulls), names=np.array(list(counts), str), counts=np.array(list(counts.values()), np.int64)
     )
-    write_atomic(file, stream.getvalue())
+    try:
+        write_atomic(file, stream.getvalue())
+    except InputError as error:
+        raise _unwritable(file.parent, error.message) from error
     return hulls, counts
+
+
+def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
+    """What ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
+    try:
+        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MOST_BYTES))
+        with zipfile.ZipFile(stream) as archive:
+            if archive.testzip() is not None:
+                return None
+        with np.load(stream) as data:
+            counts = dict(zip(data["names"].tolist(), data["counts"].tolist(), strict=True))
+            return split_hulls(data["points"], data["sizes"]), counts
+    except (AssetError, *DAMAGE):
+        return None
 
 
 def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
@@ -80,51 +122,71 @@ def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
 
 
 def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
-    """The instance under ``key``, made by ``make(folder)`` where it is not there yet.
+    """The instance under ``key``, made by ``make(folder)`` where it is not there, or damaged.
 
     Raises:
         InputError: the cache folder cannot be written to.
     """
-    return read_instance(folder_once(key, "instance.json", lambda folder: write_instance(folder, make(folder))))
+    return read_instance(folder_once(key, lambda folder: write_instance(folder, make(folder))))
 
 
-def folder_once(key: str, last: str, make: Callable[[Path], None]) -> Path:
-    """The folder of an object in the cache, filled by ``make(folder)`` where it is not there yet.
+def folder_once(key: str, make: Callable[[Path], None]) -> Path:
+    """The folder of an object in the cache, filled by ``make(folder)`` where it is not there, or not as it was made.
 
     ``make`` writes into a folder of its own, which is then renamed: two processes may race, one wins, both get a whole
-    folder.
-
-    Args:
-        last: the file that tells a whole folder.
+    folder. ``MANIFEST`` in it holds a digest of every file; where one differs, the folder is thrown away. What other
+    programs put beside them does no harm.
 
     Raises:
         InputError: the cache folder cannot be written to.
     """
     folder = cache_dir() / "objects" / key
-    if (folder / last).is_file():
+    if _is_whole(folder):
         return folder
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise InputError(
-            f"cannot write to the cache: {error.strerror}",
-            file=folder.parent,
-            remedy="set GENSIM2_CACHE to a folder that can be written to",
-        ) from error
-    try:
-        make(scratch)
-        scratch.chmod(0o755)
         try:
-            scratch.rename(folder)
-        except OSError:
-            if not (folder / last).is_file():
-                raise
+            entry = scratch / "entry"
+            entry.mkdir()
+            make(entry)
+            files = ObjectFolder(entry)
+            digests = {name: _digest(files, name) for name in files.names()}
+            (entry / MANIFEST).write_text(json.dumps(digests))
+            _replace_damaged(entry, folder)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
-        raise InputError(f"cannot write to the cache: {error.strerror}", file=folder) from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+        raise _unwritable(folder.parent, f"cannot write: {error.strerror or error}") from error
     return folder
+
+
+def _replace_damaged(entry: Path, folder: Path) -> None:
+    """Rename ``entry`` to ``folder``, unless another process has made a whole one by now."""
+    with (cache_dir() / "objects.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if _is_whole(folder):
+            return
+        if os.path.lexists(folder):
+            folder.rename(entry.parent / "damaged")
+        entry.rename(folder)
+
+
+def _is_whole(folder: Path) -> bool:
+    files = ObjectFolder(folder)
+    try:
+        return all(_digest(files, name) == digest for name, digest in files.read_json(MANIFEST).items())
+    except AssetError:
+        return False
+
+
+def _digest(files: ObjectFolder, name: str) -> str:
+    return hashlib.sha256(files.read(name, MOST_BYTES)).hexdigest()
+
+
+def _unwritable(folder: Path, reason: str) -> InputError:
+    remedy = "set GENSIM2_CACHE to a folder that can be written to"
+    return InputError(f"the cache: {reason}", file=folder, remedy=remedy)
 
 
 def write_instance(folder: Path, instance: Instance) -> None:
@@ -211,7 +273,7 @@ def read_instance(folder: Path) -> Instance:
             content_hash=value["content_hash"],
             warnings=tuple(value["warnings"]),
         )
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
         raise InputError(
             f"damaged cache entry: {error}", file=folder, remedy="remove that folder; it is made again"
         ) from error

@@ -7,3 +7,7 @@ from gensim2.errors import InputError
 
 class AssetError(InputError):
     """An object that cannot be used."""
+
+
+class MissingFileError(AssetError):
+    """A file that an object names is not there."""

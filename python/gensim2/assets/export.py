@@ -8,6 +8,7 @@ filled in.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
@@ -53,22 +54,23 @@ def write_folder(target: Path, write: Callable[[Path], object], replace: bool) -
     Raises:
         InputError: ``target`` is there already and may not be replaced, or cannot be written to.
     """
-    if target.exists() and not replace:
-        raise InputError("is there already", file=target, remedy=OCCUPIED)
     try:
+        if os.path.lexists(target) and not replace:
+            raise InputError("is there already", file=target, remedy=OCCUPIED)
         target.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=".new."))
         try:
-            write(scratch)
-            scratch.chmod(0o755)
-            if target.exists():
-                shutil.rmtree(target)
-            scratch.rename(target)
+            folder = scratch / "object"
+            folder.mkdir()
+            write(folder)
+            if os.path.lexists(target):
+                target.rename(scratch / "replaced")
+            folder.rename(target)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
         raise InputError(
-            f"cannot write: {error.strerror}", file=target, remedy="choose another folder with --out"
+            f"cannot write: {error.strerror or error}", file=target, remedy="choose another folder with --out"
         ) from error
     return target
 

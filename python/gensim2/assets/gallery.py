@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
+import os
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from gensim2.assets import pictures
+from gensim2.assets.errors import AssetError
+from gensim2.assets.folder import ObjectFolder
 from gensim2.assets.library import Library
 from gensim2.assets.rigid import RigidLibrary, RigidObject
 from gensim2.assets.types import Instance
@@ -198,7 +201,9 @@ def _wanted(libraries: Sequence[Library], classes: Sequence[str] | None) -> list
     known = sorted({name for library in libraries for name in library.classes()})
     for name in classes:
         if name not in known:
-            raise InputError(f"no class {name!r}", field="--classes", remedy=f"there are {', '.join(known)}")
+            raise InputError(
+                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
+            )
     chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
     return [(library, names) for library, names in chosen if names]
 
@@ -252,13 +257,15 @@ def _verdicts(path: Path) -> _Verdicts:
     Raises:
         InputError: not a file of ``gensim2 assets validate --json``.
     """
+    file = Path(os.path.realpath(path))
     try:
-        value = json.loads(path.read_text())
-        found = {(str(entry["class"]), str(entry["id"])): list(entry["findings"]) for entry in value["objects"]}
+        value = ObjectFolder(file.parent).read_json(file.name)
+    except AssetError as error:
+        raise InputError(error.message, file=path, field="--findings", remedy=error.remedy) from error
+    try:
+        found = {(str(entry["class"]), str(entry["id"])): _findings(entry) for entry in value["objects"]}
         library = value.get("library")
-    except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=path, field="--findings") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             "holds no findings",
             file=path,
@@ -266,6 +273,13 @@ def _verdicts(path: Path) -> _Verdicts:
             remedy="give a file that `gensim2 assets validate --json` wrote",
         ) from error
     return (str(library) if library else None), found
+
+
+def _findings(entry: dict[str, Any]) -> list[dict[str, Any]]:
+    found = [dict(finding) for finding in entry["findings"]]
+    if not all({"check", "value"} <= finding.keys() for finding in found):
+        raise KeyError("check")
+    return found
 
 
 def _findings_of(

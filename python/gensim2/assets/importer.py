@@ -22,8 +22,9 @@ import json
 import math
 import os
 import re
-import shutil
+import reprlib
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -34,14 +35,27 @@ import numpy.typing as npt
 from trimesh.triangles import closest_point
 
 from gensim2.assets.classes import object_classes
-from gensim2.assets.errors import AssetError
+from gensim2.assets.errors import AssetError, MissingFileError
 from gensim2.assets.export import MESHES, write_folder
+from gensim2.assets.folder import MOST_BYTES, MOST_JSON, ObjectFolder, existing_folder
 from gensim2.assets.generate import generate
-from gensim2.assets.keypoints import derived_head, object_axis
+from gensim2.assets.keypoints import closest_axis, derived_head
 from gensim2.assets.known import JOINT_TYPES
+from gensim2.assets.meshes import MeshReader
 from gensim2.assets.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
-from gensim2.assets.real import LICENSE, MeshReader, UrdfJoint, fixed_frames, mesh_elements, urdf_joints
+from gensim2.assets.real import LICENSE
 from gensim2.assets.shapes import Mesh, pose, transform
+from gensim2.assets.urdf import (
+    LONGEST_NAME,
+    MOVABLE,
+    URDF,
+    UrdfJoint,
+    fixed_frames,
+    mesh_elements,
+    parse_urdf,
+    read_urdf,
+    unit_axis,
+)
 from gensim2.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -49,7 +63,6 @@ Array = npt.NDArray[np.float64]
 OTHER_SIZE = 0.3  # m, longest side of an object of a class that is not generated
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
 PUSHED = ("_move", "_push")  # how the names of classes end whose objects are pushed from behind
-MOVABLE = ("revolute", "prismatic", "continuous")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
 
@@ -89,18 +102,14 @@ def find_source(where: str) -> Path:
     Raises:
         InputError: neither is there.
     """
-    folder = Path(where).expanduser()
-    if folder.is_dir():
-        return folder
     root = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
-    downloaded = root / "data" / "partnet_mobility" / "dataset" / where
-    if where.isdigit() and downloaded.is_dir():
-        return downloaded
-    raise InputError(
-        "no such folder",
-        file=folder,
-        remedy=f"give a PartNet-Mobility folder, or the number of one in {downloaded.parent}",
-    )
+    models = root / "data" / "partnet_mobility" / "dataset"
+    try:
+        return existing_folder(where, remedy=f"give a PartNet-Mobility folder, or the number of one in {models}")
+    except AssetError:
+        if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
+            return models / where
+        raise
 
 
 def import_object(
@@ -125,8 +134,9 @@ def import_object(
             name; or the object is there already.
     """
     for field, word in (("class", asset_class), ("name", name)):
-        if not NAME.fullmatch(word):
-            raise InputError(f"{word!r} cannot name a folder", field=field, remedy="use letters, digits, _ - and .")
+        if not NAME.fullmatch(word) or len(word) > LONGEST_NAME:
+            remedy = f"up to {LONGEST_NAME} letters, digits, _ - and ."
+            raise InputError(f"{reprlib.repr(word)} cannot name a folder", field=field, remedy=remedy)
     if scale != "auto" and not (math.isfinite(scale) and scale > 0):
         raise InputError(f"must be a positive number, is {scale}", field="scale")
     model = _Source(source, asset_class, joint)
@@ -135,8 +145,8 @@ def import_object(
 
     def write(folder: Path) -> None:
         model.copy_files(folder)
-        ET.indent(model.tree)
-        model.tree.write(folder / "mobility.urdf", encoding="utf-8", xml_declaration=True)
+        ET.indent(model.root)
+        ET.ElementTree(model.root).write(folder / URDF, encoding="utf-8", xml_declaration=True)
         (folder / "info.json").write_text(json.dumps(info, indent=2, allow_nan=False) + "\n")
 
     target = write_folder(library / "articulated_objs" / asset_class / name, write, replace)
@@ -147,42 +157,39 @@ class _Source:
     """A PartNet-Mobility folder with all its joints but one fixed, unscaled."""
 
     def __init__(self, folder: Path, asset_class: str, joint: str | None) -> None:
-        self.folder, self.file, self.asset_class = folder, folder / "mobility.urdf", asset_class
+        self.folder, self.asset_class = ObjectFolder(folder), asset_class
         self.notes: list[str] = []
         self.fixed: list[str] = []
-        try:
-            self.tree = ET.parse(self.file)
-        except OSError as error:
-            raise AssetError(f"cannot read: {error.strerror}", file=self.file) from error
-        except ET.ParseError as error:
-            raise AssetError(f"not XML: {error}", file=self.file) from error
-        self.semantics = _semantics(folder / "semantics.txt")
-        chosen = self._choose(urdf_joints(self.tree.getroot(), self.file), joint)
-        for element in self.tree.getroot().findall("joint"):
-            if element.get("name") == chosen.name:
-                self._settle(element, chosen)
-            elif element.get("type") != "fixed":
-                self._fix(element)
-        joints = urdf_joints(self.tree.getroot(), self.file)
-        self.joint = next(j for j in joints if j.name == chosen.name)
-        links = {link.get("name") or "": link for link in self.tree.getroot().findall("link")}
-        frames = fixed_frames(links, joints, self.joint, self.file)
+        written = read_urdf(self.folder)
+        self.file, self.root = written.file, written.root
+        self.semantics = _semantics(self.folder)
+        chosen = self._choose(written.joints, joint)
+        by_name = {joint.name: joint for joint in written.joints}
+        for element in self.root.findall("joint"):
+            each = by_name[str(element.get("name"))]
+            if each is chosen:
+                self._settle(element, each)
+            elif each.type != "fixed":
+                self._fix(element, each)
+        urdf = parse_urdf(self.root, self.file)
+        self.joint = next(j for j in urdf.joints if j.name == chosen.name)
+        self.axis = unit_axis(self.joint, self.file)
+        frames = fixed_frames(urdf, self.joint)
         self._T_root_parent = frames["body"][self.joint.parent]
-        reader = MeshReader(folder)
+        reader = MeshReader(self.folder)
         self.geometry: dict[str, list[Mesh]] = {"body": [], "moving": []}
         self.handles: list[Mesh] = []
-        self.files: dict[str, None] = {}
         for group, members in frames.items():
             for name, T in members.items():
-                seen, solid = (mesh_elements(links[name], kind, self.file) for kind in ("visual", "collision"))
-                for part in (*seen, *solid):
-                    self._note_file(part.file)
+                seen, solid = (mesh_elements(urdf, name, kind) for kind in ("visual", "collision"))
+                for part in seen:
+                    looked_at = reader.get(part, 1.0, T)
+                    if group == "moving" and "handle" in (part.label or ""):
+                        self.handles += looked_at
                 for part in solid:
                     self.geometry[group] += reader.get(part, 1.0, T)
-                if group == "moving":
-                    for part, shape in zip(seen, links[name].findall("visual"), strict=True):
-                        if "handle" in (shape.get("name") or ""):
-                            self.handles += reader.get(part, 1.0, T)
+        self.notes += reader.warnings()
+        self.files = reader.files
         if not self.geometry["moving"]:
             raise AssetError(
                 "the moving link has no collision geometry",
@@ -190,17 +197,19 @@ class _Source:
                 field=f"link {self.joint.child}",
                 remedy="choose another joint with --joint",
             )
-        first = mesh_elements(links[self.joint.child], "collision", self.file)
+        first = mesh_elements(urdf, self.joint.child, "collision")
         self._T_link_object = first[0].T if first else np.eye(4)
 
-    def _choose(self, joints: list[UrdfJoint], name: str | None) -> UrdfJoint:
+    def _choose(self, joints: Sequence[UrdfJoint], name: str | None) -> UrdfJoint:
         movable = {j.name: j for j in joints if j.type in MOVABLE}
         listed = "; ".join(f"{j.name} ({', '.join([j.type, *self._meaning(j.child)])})" for j in movable.values())
         if not movable:
             raise AssetError("no movable joint", file=self.file, field="joint")
         if name is not None:
             if name not in movable:
-                raise AssetError(f"no movable joint {name!r}", file=self.file, field="joint", remedy=f"one of {listed}")
+                raise AssetError(
+                    f"no movable joint {reprlib.repr(name)}", file=self.file, field="joint", remedy=f"one of {listed}"
+                )
             return movable[name]
         known = JOINT_TYPES.get(self.asset_class)
         fitting = [j for j in movable.values() if known in (None, _kind(j))]
@@ -219,23 +228,22 @@ class _Source:
     def _meaning(self, link: str) -> list[str]:
         return [self.semantics[link]] if link in self.semantics else []
 
-    def _fix(self, element: ET.Element) -> None:
+    def _fix(self, element: ET.Element, joint: UrdfJoint) -> None:
         """Fix a joint where it rests."""
-        name, kind = element.get("name") or "", element.get("type")
-        if kind not in MOVABLE:
-            raise AssetError(f"joint type {kind!r}", file=self.file, field=f"joint {name}: type")
-        joint = next(j for j in urdf_joints(self.tree.getroot(), self.file) if j.name == name)
+        field = f"joint {joint.name}"
+        if joint.type not in MOVABLE:
+            raise AssetError(f"joint type {reprlib.repr(joint.type)}", file=self.file, field=f"{field}: type")
         value = 0.0
-        if kind != "continuous" and joint.limits is not None:
+        if joint.type != "continuous" and joint.limits is not None:
             value = min(max(0.0, min(joint.limits)), max(joint.limits))
         axis = joint.axis / max(float(np.linalg.norm(joint.axis)), 1e-12)
-        motion = pose(value * axis) if kind == "prismatic" else pose(axis=axis, angle=value)
+        motion = pose(value * axis) if joint.type == "prismatic" else pose(axis=axis, angle=value)
         _replace(element, "origin", _origin(joint.T @ motion))
         for tag in ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller"):
             for child in element.findall(tag):
                 element.remove(child)
         element.set("type", "fixed")
-        self.fixed.append(name)
+        self.fixed.append(joint.name)
 
     def _settle(self, element: ET.Element, joint: UrdfJoint) -> None:
         """Give the joint that stays whole limits, and a direction that opens it."""
@@ -244,13 +252,15 @@ class _Source:
             element.set("type", "revolute")
             limits = CONTINUOUS_RANGE
             self.notes.append(f"{joint.name} is continuous: its range is 0 to 90 degrees")
+        if joint.mimics is not None:
+            self.notes.append(f"{joint.name} follows {joint.mimics} no more, which is fixed")
+            for mimic in element.findall("mimic"):
+                element.remove(mimic)
         if limits is None:
             raise AssetError("no limits", file=self.file, field=f"joint {joint.name}: limit")
         lower, upper = limits
         if not lower < upper:
             raise AssetError("empty range", file=self.file, field=f"joint {joint.name}: limit")
-        if float(np.linalg.norm(joint.axis)) < 1e-9:
-            raise AssetError("zero axis", file=self.file, field=f"joint {joint.name}: axis")
         if lower < 0 and upper <= 1e-6:
             lower, upper = -upper + 0.0, -lower
             _replace(element, "axis", ET.Element("axis", xyz=numbers(-joint.axis)))
@@ -264,24 +274,15 @@ class _Source:
         )
         _replace(element, "limit", limit)
 
-    def _note_file(self, file: Path) -> None:
-        self.files[file.relative_to(self.folder).as_posix()] = None
-
     def copy_files(self, target: Path) -> None:
         """Copy meshes with their materials and pictures, and what says what the model is; a mesh that is missing
         shows when the object is loaded."""
-        for name in self.files:
-            for path in (self.folder / name, (self.folder / name).with_suffix(".mtl")):
-                if path.is_file():
-                    copy = target / path.relative_to(self.folder)
-                    copy.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(path, copy)
         (target / MESHES).mkdir(exist_ok=True)
-        if (self.folder / "images").is_dir():
-            shutil.copytree(self.folder / "images", target / "images")
-        for name in COMPANIONS:
-            if (self.folder / name).is_file():
-                shutil.copyfile(self.folder / name, target / name)
+        for name in (*self.files, *self.folder.names("images"), *COMPANIONS):
+            if self.folder.has(name):
+                copy = target / os.path.normpath(name)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_bytes(self.folder.read(name, MOST_BYTES))
 
     def scale(self) -> float:
         """Metres a unit that make the closed object as long as generated ones of its class."""
@@ -298,7 +299,7 @@ class _Source:
     def info(self, scale: float) -> dict[str, Any]:
         """``info.json`` with proposed keypoints."""
         joint = self.joint
-        axis = joint.axis / float(np.linalg.norm(joint.axis))
+        axis = self.axis
         vertices = [m.vertices for m in self.geometry["moving"]]
         what = " ".join(self._meaning(joint.child)).replace("_", " ") or joint.child
         if joint.type == "revolute":
@@ -329,7 +330,7 @@ class _Source:
             },
             "keypoint_descriptions": {"articulated_object_head": head_text, "articulated_object_tail": tail_text},
             "scale": scale,
-            "axis": object_axis({}, self.folder, axis, self._T_link_object),
+            "axis": closest_axis(axis, self._T_link_object),
             "joint_position_range": [lower * length + 0.0, upper * length + 0.0],
             "license": LICENSE,
             "imported": {"joint": joint.name, "fixed": self.fixed, "notes": self.notes},
@@ -377,9 +378,11 @@ def usual_size(asset_class: str) -> float:
     return median(sides)
 
 
-def _semantics(file: Path) -> dict[str, str]:
+def _semantics(folder: ObjectFolder) -> dict[str, str]:
     """Link to what it is, from lines such as ``link_0 hinge rotation_lid``; empty where there is no file."""
-    if not file.is_file():
+    try:
+        text = folder.read("semantics.txt", MOST_JSON).decode(errors="replace")
+    except MissingFileError:
         return {}
-    lines = (line.split() for line in file.read_text(errors="replace").splitlines())
+    lines = (line.split() for line in text.splitlines())
     return {words[0]: words[2] for words in lines if len(words) == 3}

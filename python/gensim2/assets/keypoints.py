@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from gensim2.assets.convexes import surface_samples
-from gensim2.assets.errors import AssetError
+from gensim2.assets.info import Info
 from gensim2.assets.shapes import transform
 from gensim2.assets.types import Keypoint
 
@@ -22,22 +21,10 @@ NEAR = 0.03  # m: a colour-named keypoint farther than this from the moving link
 HEAD = "articulated_object_head"
 
 
-def object_axis(info: dict[str, Any], folder: Path, axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
-    """The axis that "rotate" motions turn about: as ``info.json`` says, else the one closest to the joint's.
-
-    Raises:
-        AssetError: not x, y or z.
-    """
-    letter = info.get("axis")
-    if letter is None:
-        letter = "xyz"[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
-    if letter == "x":
-        return "x"
-    if letter == "y":
-        return "y"
-    if letter == "z":
-        return "z"
-    raise AssetError(f"{letter!r} is not x, y or z", file=folder / "info.json", field="axis")
+def closest_axis(axis: Array, T_link_object: Array) -> Literal["x", "y", "z"]:
+    """The axis of the object frame (4, 4) that is closest to a joint's, (3,) in the link's frame."""
+    names: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    return names[int(np.argmax(np.abs(T_link_object[:3, :3].T @ axis)))]
 
 
 def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
@@ -53,7 +40,7 @@ def derived_head(hulls: Sequence[Array], kind: str, axis: Array) -> Array:
 
 
 def read_keypoints(
-    info: dict[str, Any],
+    info: Info,
     scale: float,
     T_link_object: Array,
     link: str,
@@ -69,8 +56,7 @@ def read_keypoints(
         link, kind, axis, hulls: moving link, joint type, unit joint axis and collision hulls in the link's frame.
         warnings: takes a line where a rule had to stand in.
     """
-    points = {name: scale * np.array(point, float) for name, point in info["keypoints"].items()}
-    descriptions = info.get("keypoint_descriptions") or {}
+    points = {name: scale * point for name, point in info.keypoints.items()}
     if all(name in COLOURS for name in points):
         surface = cKDTree(np.concatenate([surface_samples(hull) for hull in hulls]))
         gaps = {n: float(surface.query(transform(T_link_object, p[None])[0])[0]) for n, p in points.items()}
@@ -85,7 +71,7 @@ def read_keypoints(
         points = {HEAD: head}
     found = {}
     for name, point in points.items():
-        text = str(descriptions.get(name) or name.replace("_", " "))
+        text = info.descriptions.get(name) or name.replace("_", " ")
         if "base" in name:
             found[name] = Keypoint("base", point, text)
         else:

@@ -7,21 +7,24 @@ import hashlib
 import math
 import os
 import re
+import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, cast
 
-from gensim2.assets.cache import SHARED_MODULES, prepared, source_digest
+from gensim2.assets.cache import SHARED_MODULES, file_name, prepared, source_digest
 from gensim2.assets.classes import class_modules, object_classes
+from gensim2.assets.folder import ObjectFolder, existing_folder
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
 from gensim2.assets.generate import generate
 from gensim2.assets.known import DESCRIPTIONS, JOINT_TYPES
 from gensim2.assets.prepare import prepare
 from gensim2.assets.real import LICENSE as REAL_LICENSE
-from gensim2.assets.real import READER_MODULES, declared_license, fingerprint, read_model
+from gensim2.assets.real import READER_MODULES, declared_license, read_model
 from gensim2.assets.types import Instance
+from gensim2.assets.urdf import LONGEST_NAME, URDF, plain_name
 from gensim2.errors import InputError
 from gensim2.seeding import rng
 
@@ -34,7 +37,7 @@ BUILTIN = "builtin"
 
 
 def _near(word: str, words: Sequence[str]) -> str:
-    matches = difflib.get_close_matches(word, words, n=3, cutoff=0.4)
+    matches = difflib.get_close_matches(word[:LONGEST_NAME], words, n=3, cutoff=0.4)
     return f"did you mean {', '.join(matches)}?" if matches else f"there are {', '.join(words[:8])}"
 
 
@@ -72,7 +75,7 @@ class Library(ABC):
     def _known(self, asset_class: str) -> str:
         if asset_class not in self.classes():
             raise InputError(
-                f"no class {asset_class!r} in library {self.name}",
+                f"no class {reprlib.repr(asset_class)} in library {self.name}",
                 field="class",
                 remedy=_near(asset_class, self.classes()),
             )
@@ -104,7 +107,7 @@ class Library(ABC):
         ids = self.instances(asset_class)
         if instance_id not in ids:
             raise InputError(
-                f"no instance {instance_id!r} of {asset_class} in library {self.name}",
+                f"no instance {reprlib.repr(instance_id)} of {asset_class} in library {self.name}",
                 field="instance",
                 remedy=_near(instance_id, ids),
             )
@@ -119,7 +122,7 @@ class Library(ABC):
         if which == "all":
             return ids
         if which not in ("train", "test"):
-            raise InputError(f"no split {which!r}", field="split", remedy="train, test or all")
+            raise InputError(f"no split {reprlib.repr(which)}", field="split", remedy="train, test or all")
         if len(ids) < SMALLEST_TO_SPLIT:
             if which == "test":
                 raise InputError(
@@ -172,9 +175,9 @@ class GeneratedLibrary(Library):
         return tuple(str(i) for i in range(object_classes()[asset_class].count))
 
     def _check(self, asset_class: str, instance_id: str) -> None:
-        if not re.fullmatch(r"0|[1-9]\d*", instance_id) or int(instance_id) > LARGEST_NUMBER:
+        if not re.fullmatch(r"0|[1-9][0-9]{0,6}", instance_id) or int(instance_id) > LARGEST_NUMBER:
             raise InputError(
-                f"no instance {instance_id!r} of {asset_class} in library {self.name}",
+                f"no instance {reprlib.repr(instance_id)} of {asset_class} in library {self.name}",
                 field="instance",
                 remedy=f"a number from 0 to {LARGEST_NUMBER}",
             )
@@ -204,8 +207,10 @@ class FolderLibrary(Library):
         self.name, self.location = folder.resolve().name, str(folder.resolve())
         found: dict[str, tuple[str, ...]] = {}
         for class_folder in sorted(p for p in self._folder.iterdir() if p.is_dir()):
-            ids = [p.name for p in class_folder.iterdir() if (p / "mobility.urdf").is_file()]
+            ids = [p.name for p in class_folder.iterdir() if os.path.lexists(p / URDF)]
             if ids:
+                for path in (class_folder, *(class_folder / instance_id for instance_id in ids)):
+                    plain_name(path.name, path, "name of the folder")
                 found[class_folder.name] = tuple(sorted(ids, key=lambda i: (len(i), i)))
         if not found:
             raise InputError(
@@ -214,7 +219,9 @@ class FolderLibrary(Library):
                 remedy="give a folder with <class>/<id>/mobility.urdf, or its parent",
             )
         self._found = found
-        terms = {declared_license(self._folder / name / ids[0]) or REAL_LICENSE for name, ids in found.items()}
+        terms = {
+            declared_license(ObjectFolder(self._folder / name / ids[0])) or REAL_LICENSE for name, ids in found.items()
+        }
         self.license = "; ".join(sorted(terms))
 
     def classes(self) -> tuple[str, ...]:
@@ -228,11 +235,11 @@ class FolderLibrary(Library):
 
     def _load(self, asset_class: str, instance_id: str) -> Instance:
         folder = self._folder / asset_class / instance_id
-        print_of_data = fingerprint(folder)
+        print_of_data = ObjectFolder(folder).fingerprint()
         modules = (*SHARED_MODULES, *READER_MODULES)
         key = hashlib.sha256(f"{asset_class}/{instance_id}/{print_of_data}".encode()).hexdigest()[:16]
         return prepared(
-            f"real-{asset_class}-{instance_id}-{key}-{source_digest(*modules)}",
+            f"real-{file_name(asset_class)}-{file_name(instance_id)}-{key}-{source_digest(*modules)}",
             lambda target: prepare(
                 read_model(folder, asset_class, print_of_data, JOINT_TYPES.get(asset_class)), target
             ),
@@ -276,9 +283,7 @@ def open_library(where: Path | str | None = None) -> Library:
         field = "GENSIM2_ASSETS"
     if str(where) == BUILTIN:
         return GeneratedLibrary()
-    folder = Path(where).expanduser()
-    if not folder.is_dir():
-        raise InputError("no such folder", file=folder, field=field, remedy='give an existing one, or "builtin"')
+    folder = existing_folder(where, field, 'give an existing one, or "builtin"')
     try:
         return FolderLibrary(folder)
     except OSError as error:

@@ -14,6 +14,8 @@ from gensim2.assets.types import Keypoint
 
 Array = npt.NDArray[np.float64]
 
+ROOT_LINK = "base"
+
 # Model frame (y up, z front) in the root frame (z up, front towards -x), as in every PartNet-Mobility model.
 R_ROOT_MODEL = rotation((0, 0, 1), -np.pi / 2) @ rotation((1, 0, 0), np.pi / 2)
 T_ROOT_MODEL = np.eye(4)
@@ -60,7 +62,7 @@ class Model:
     object_axis: Literal["x", "y", "z"]
     content_hash: str
     license: str
-    root_link: str = "base"
+    root_link: str = ROOT_LINK
     warnings: tuple[str, ...] = field(default=())
 
     def T_root_link_at(self, q: float) -> Array:

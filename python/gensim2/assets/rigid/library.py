@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import json
+import io
 import os
+import reprlib
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gensim2.assets.cache import cached_hulls, source_digest
+from gensim2.assets.cache import cached_hulls, file_name, source_digest
 from gensim2.assets.decompose import components, decompose, make_hull, weld
-from gensim2.assets.errors import AssetError
+from gensim2.assets.errors import AssetError, MissingFileError
+from gensim2.assets.folder import ObjectFolder, existing_folder, shortened
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
+from gensim2.assets.info import is_number, numbers, read_info
 from gensim2.assets.library import BUILTIN
-from gensim2.assets.objfile import read_obj
+from gensim2.assets.meshes import listed
+from gensim2.assets.objfile import MOST_MESH, read_obj
+from gensim2.assets.real import within
 from gensim2.assets.rigid.food import FOOD
 from gensim2.assets.rigid.household import HOUSEHOLD
 from gensim2.assets.rigid.parts import scaled
@@ -25,6 +30,7 @@ from gensim2.assets.rigid.prepare import prepare
 from gensim2.assets.rigid.types import RigidKeypoint, RigidObject
 from gensim2.assets.shapes import Mesh
 from gensim2.assets.types import Array
+from gensim2.assets.urdf import LONGEST_NAME, plain_name
 from gensim2.errors import InputError
 
 CLASSES = dict(sorted({**FOOD, **HOUSEHOLD}.items()))
@@ -32,8 +38,20 @@ YCB_LICENSE = "YCB object and model set (CC BY 4.0)"
 DENSITY = 500.0
 """kg/m³ of a real object's hulls where nothing says its mass."""
 FRICTION = 0.6
+SEEN = "textured.obj"
+YCB_INFO = "info_pick_v0.json"
 _RIGID = ("blueprint", "food", "household", "library", "parts", "prepare", "types")
-_MODULES = ("cache", "decompose", "objfile", "physics", "prepare", "shapes", *(f"rigid/{m}" for m in _RIGID))
+_MODULES = (
+    "cache",
+    "decompose",
+    "folder",
+    "info",
+    "objfile",
+    "physics",
+    "prepare",
+    "shapes",
+    *(f"rigid/{m}" for m in _RIGID),
+)
 
 
 class RigidLibrary(ABC):
@@ -65,12 +83,19 @@ class RigidLibrary(ABC):
             InputError: no such object.
             AssetError: it cannot be used; says why.
         """
-        if name not in self.names():
-            near = difflib.get_close_matches(name, self.names(), n=3, cutoff=0.4) or self.names()[:8]
-            raise InputError(
-                f"no rigid object {name!r} in library {self.name}", field="rigid", remedy=f"there are {', '.join(near)}"
-            )
+        self.check(name)
         return self._load(name)
+
+    def check(self, name: str) -> None:
+        """Whether there is an object of this name; nothing is loaded.
+
+        Raises:
+            InputError: no such object.
+        """
+        if name not in self.names():
+            near = difflib.get_close_matches(name[:LONGEST_NAME], self.names(), n=3, cutoff=0.4) or self.names()[:8]
+            wrong = f"no rigid object {reprlib.repr(name)} in library {self.name}"
+            raise InputError(wrong, field="rigid", remedy=f"there are {', '.join(near)}")
 
 
 class GeneratedRigidLibrary(RigidLibrary):
@@ -115,7 +140,9 @@ class FolderRigidLibrary(RigidLibrary):
 
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
-        self._names = tuple(sorted(p.name for p in folder.iterdir() if (p / "collision.obj").is_file()))
+        self._names = tuple(sorted(p.name for p in folder.iterdir() if os.path.lexists(p / "collision.obj")))
+        for found in self._names:
+            plain_name(found, folder / found, "name of the folder")
         if not self._names:
             raise InputError("no rigid objects in it", file=folder, remedy="<name>/collision.obj and info.json")
 
@@ -126,23 +153,15 @@ class FolderRigidLibrary(RigidLibrary):
         return name.replace("_", " ")
 
     def _load(self, name: str) -> RigidObject:
-        folder = self.folder / name
-        file = folder / "info.json"
-        try:
-            info: dict[str, Any] = json.loads(file.read_text())
-            scale = float(info["scale"])
-            descriptions = info.get("keypoint_descriptions", {})
-            keypoints = {
-                k: RigidKeypoint(scale * np.array(p, float).reshape(3), str(descriptions.get(k, k.replace("_", " "))))
-                for k, p in info["keypoints"].items()
-            }
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise AssetError(f"cannot be read: {error!r}", file=file, remedy="scale and keypoints") from error
-        if not (np.isfinite(scale) and scale > 0):
-            raise AssetError(f"must be positive, is {scale}", file=file, field="scale")
-        return _from_meshes(
-            name, folder / "collision.obj", folder / "textured.obj", scale, keypoints, None, self.license
-        )
+        folder = ObjectFolder(self.folder / name)
+        info = read_info(folder)
+        if info.scale is None:
+            raise AssetError("no scale", file=info.file, field="scale", remedy="write metres a unit, such as 1.0")
+        keypoints = {
+            point: RigidKeypoint(info.scale * at, info.descriptions.get(point, point.replace("_", " ")))
+            for point, at in info.keypoints.items()
+        }
+        return _from_meshes(name, folder, "collision.obj", info.scale, keypoints, None, info.license or self.license)
 
 
 class ManiSkillYcbLibrary(RigidLibrary):
@@ -152,12 +171,9 @@ class ManiSkillYcbLibrary(RigidLibrary):
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.name = folder, folder.name
-        file = folder / "info_pick_v0.json"
-        try:
-            self._info: dict[str, Any] = json.loads(file.read_text())
-        except (OSError, ValueError) as error:
-            raise InputError(f"cannot be read: {error}", file=file) from error
-        self._names = tuple(sorted(k for k in self._info if (folder / "models" / k / "collision.ply").is_file()))
+        self._info = ObjectFolder(folder).read_json(YCB_INFO)
+        there = sorted(p.name for p in (folder / "models").glob("*") if os.path.lexists(p / "collision.ply"))
+        self._names = tuple(name for name in there if name in self._info)
         if not self._names:
             raise InputError("no rigid objects in it", file=folder, remedy="models/<name>/collision.ply")
 
@@ -168,28 +184,30 @@ class ManiSkillYcbLibrary(RigidLibrary):
         return name.split("_", 1)[-1].replace("_", " ")
 
     def _load(self, name: str) -> RigidObject:
-        entry, folder = self._info[name], self.folder / "models" / name
-        try:
-            scale = float((entry.get("scales") or [1.0])[0])
-            density = float(entry.get("density", 1000.0))
-            low, high = (np.array(entry["bbox"][end], float).reshape(3) * scale for end in ("min", "max"))
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise AssetError(
-                f"cannot be read: {error!r}", file=self.folder / "info_pick_v0.json", field=name
-            ) from error
+        entry, file = self._info[name], self.folder / YCB_INFO
+        if not isinstance(entry, dict):
+            raise AssetError("holds no fields", file=file, field=name)
+        scales, box = entry.get("scales") or [1.0], entry.get("bbox")
+        scale, density = scales[0] if isinstance(scales, list) else scales, entry.get("density", 1000.0)
+        for field, value in (("scales", scale), ("density", density)):
+            if not is_number(value) or not value > 0:
+                raise AssetError("not a positive number", file=file, field=f"{name}.{field}")
+        if not isinstance(box, dict):
+            raise AssetError("no corners", file=file, field=f"{name}.bbox", remedy="write min and max")
+        low, high = (scale * numbers(box.get(end), 3, file, f"{name}.bbox.{end}") for end in ("min", "max"))
         middle = (low + high) / 2
         keypoints = {
             "rigidbody_object_head": RigidKeypoint(np.array([*middle[:2], high[2]]), "the top of the object"),
             "rigidbody_object_tail": RigidKeypoint(np.array([*middle[:2], low[2]]), "the bottom of the object"),
         }
-        seen = folder / "textured.obj"
-        return _from_meshes(name, folder / "collision.ply", seen, scale, keypoints, density, self.license)
+        folder = ObjectFolder(self.folder / "models" / name)
+        return _from_meshes(name, folder, "collision.ply", scale, keypoints, density, self.license)
 
 
 def _from_meshes(
     name: str,
-    collision: Path,
-    seen: Path,
+    folder: ObjectFolder,
+    collision: str,
     scale: float,
     keypoints: dict[str, RigidKeypoint],
     density: float | None,
@@ -197,41 +215,59 @@ def _from_meshes(
 ) -> RigidObject:
     """Collision: each connected piece as its hull where that fills no cavity, else taken apart."""
     warnings: list[str] = []
-    digest = hashlib.sha256(source_digest(*_MODULES).encode())
+    file = folder.path / collision
+    told = {key: point.position.tolist() for key, point in keypoints.items()}
+    made_of = (source_digest(*_MODULES), folder.fingerprint(), scale, density, told, license)
+    content = hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]
     try:
-        for file in (collision, seen, collision.parent / "info.json"):
-            if file.is_file():
-                digest.update(file.read_bytes())
-        meshes = _read(collision)
-    except (OSError, ValueError) as error:
-        raise AssetError(f"cannot be read: {error}", file=collision) from error
-    pieces = [(scale * v, f) for v, f in meshes]
+        pieces = [(scale * vertices, faces) for vertices, faces in _read(folder, collision)]
+    except ValueError as error:
+        raise AssetError(f"cannot be read: {shortened(str(error))}", file=file) from error
+    within("geometry", max(float(np.abs(vertices).max()) for vertices, _ in pieces), file, "scale")
+    for key, point in keypoints.items():
+        within("keypoint", float(np.abs(point.position).max()), folder.path, key)
     visual: list[Mesh] = []
     try:
-        visual = [Mesh(scale * m.vertices, m.faces, m.look) for m in read_obj(seen)]
-    except (OSError, ValueError, IndexError) as error:
-        warnings.append(f"{seen.name} cannot be read, nothing to look at: {error}")
-    content = digest.hexdigest()[:16]
-    hulls, counts = cached_hulls(f"rigid-{content}-{scale:g}", lambda: _hulls(pieces))
+        meshes, materials = read_obj(folder, SEEN)
+        visual = [Mesh(scale * m.vertices, m.faces, m.look) for m in meshes]
+        missing = [material for material, there in materials.items() if not there]
+        if missing:
+            warnings.append(f"{len(missing)} material files missing: {listed(missing)}")
+    except (ValueError, MissingFileError) as error:
+        warnings.append(f"{SEEN} cannot be read, nothing to look at: {shortened(str(error))}")
+    hulls, counts = cached_hulls(f"rigid-{content}", lambda: _hulls(pieces))
     if not hulls:
-        raise AssetError("holds no part that can collide", file=collision)
+        raise AssetError("holds no part that can collide", file=file, remedy="see its size and the scale")
     if counts["dropped"]:
-        warnings.append(f"{counts['dropped']} parts of {collision.name} under 1 mm are left out")
+        warnings.append(f"{counts['dropped']} parts of {collision} under 1 mm are left out")
     known = CLASSES.get(name) or next((CLASSES[k] for k in CLASSES if name.endswith(f"_{k}")), None)
     mass = known.mass * scale**3 if known is not None else None
     return prepare(
-        f"rigid-real-{name}-{content}", name, "real", hulls, visual, keypoints,
+        f"rigid-real-{file_name(name)}-{content}", name, "real", hulls, visual, keypoints,
         mass, density or DENSITY, FRICTION, license, content, warnings,
     )  # fmt: skip
 
 
-def _read(file: Path) -> list[tuple[Array, Any]]:
-    if file.suffix == ".obj":
-        return [(m.vertices, m.faces) for m in read_obj(file)]
+def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
+    """Vertices (N, 3) and faces (M, 3) of an OBJ file's meshes, or of a PLY file.
+
+    Raises:
+        AssetError: the file cannot be read.
+        ValueError: it holds no triangles.
+    """
+    if name.endswith(".obj"):
+        return [(mesh.vertices, mesh.faces) for mesh in read_obj(folder, name).meshes]
+    content = folder.read(name, MOST_MESH)
     import trimesh
 
-    mesh = trimesh.load(file, force="mesh", process=False)
-    return [(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))]
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type="ply", process=False)
+        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+    except Exception as error:  # trimesh's reader of PLY checks nothing, and fails in any way
+        raise ValueError(f"not PLY: {error or type(error).__name__}") from error
+    if not (len(faces) and faces.min() >= 0 and faces.max() < len(vertices) and np.isfinite(vertices).all()):
+        raise ValueError("holds no triangles of finite vertices")
+    return [(vertices, faces)]
 
 
 def _hulls(pieces: list[tuple[Array, Any]]) -> tuple[list[Array], dict[str, int]]:
@@ -267,7 +303,7 @@ def maniskill_ycb() -> Path:
 
 def has_rigid_objects(folder: Path) -> bool:
     """Whether a folder in the layout of the GenSim2 release holds rigid objects beside the articulated ones."""
-    return any((folder.expanduser() / "rigidbody_objs" / "models").glob("*/collision.obj"))
+    return any((existing_folder(folder) / "rigidbody_objs" / "models").glob("*/collision.obj"))
 
 
 def open_rigid_library(where: Path | str | None = None) -> RigidLibrary:
@@ -287,11 +323,9 @@ def open_rigid_library(where: Path | str | None = None) -> RigidLibrary:
         field = "GENSIM2_ASSETS"
     if str(where) == BUILTIN:
         return GeneratedRigidLibrary()
-    folder = maniskill_ycb() if str(where) == "ycb" else Path(where).expanduser()
-    if not folder.is_dir():
-        remedy = 'give an existing one, "builtin", or "ycb" after `python -m mani_skill.utils.download_asset ycb`'
-        raise InputError("no such folder", file=folder, field=field, remedy=remedy)
-    if (folder / "info_pick_v0.json").is_file():
+    remedy = 'give an existing one, "builtin", or "ycb" after `python -m mani_skill.utils.download_asset ycb`'
+    folder = existing_folder(maniskill_ycb() if str(where) == "ycb" else where, field, remedy)
+    if (folder / YCB_INFO).is_file():
         return ManiSkillYcbLibrary(folder)
     inner = folder / "rigidbody_objs" / "models"
     return FolderRigidLibrary((inner if inner.is_dir() else folder).resolve(), folder.resolve().name)

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from gensim2.assets.cache import folder_once, join_hulls, split_hulls
+from gensim2.assets.cache import DAMAGE, folder_once, join_hulls, split_hulls
 from gensim2.assets.errors import AssetError
 from gensim2.assets.physics import Inertial, inertial
 from gensim2.assets.prepare import write_hull, write_visual
@@ -191,7 +191,7 @@ def prepare(
         }
         (folder / "rigid.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
 
-    return read(folder_once(key, "rigid.json", make))
+    return read(folder_once(key, make))
 
 
 def read(folder: Path) -> RigidObject:
@@ -221,7 +221,7 @@ def read(folder: Path) -> RigidObject:
             content_hash=value["content_hash"],
             warnings=tuple(value["warnings"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
         raise AssetError(
             f"is damaged: {error}", file=folder, remedy="delete this folder; it will be made again"
         ) from error

@@ -24,8 +24,15 @@ TIME_STEP = 0.01
 
 
 def validate_rigid(library: RigidLibrary, names: Sequence[str] | None = None) -> Iterator[ObjectReport]:
-    """Check rigid objects, all where ``names`` is None; one that cannot be used is a finding, not an error."""
-    for name in library.names() if names is None else names:
+    """Check rigid objects, all where ``names`` is None; one that cannot be used is a finding, not an error.
+
+    Raises:
+        InputError: there is no object of such a name.
+    """
+    names = library.names() if names is None else names
+    for name in names:
+        library.check(name)
+    for name in names:
         began = time.perf_counter()
         try:
             rigid = library.load(name)

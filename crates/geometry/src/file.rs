@@ -1,0 +1,65 @@
+//! Files that users name: regular ones of bounded size; a pipe, a device or a folder is never opened.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Bytes of the largest URDF or SRDF.
+pub(crate) const MOST_XML: u64 = 16 << 20;
+/// Bytes of the largest mesh.
+pub(crate) const MOST_MESH: u64 = 256 << 20;
+
+/// The file's content, or why it cannot be had.
+pub(crate) fn read(path: &Path, most: u64) -> Result<Vec<u8>, String> {
+    let unreadable = |e: std::io::Error| format!("cannot be read: {e}");
+    if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err("is not a regular file".to_owned());
+    }
+    let mut content = Vec::new();
+    File::open(path).and_then(|file| file.take(most + 1).read_to_end(&mut content)).map_err(unreadable)?;
+    if content.len() as u64 > most {
+        return Err(format!("is larger than {} MiB", most >> 20));
+    }
+    Ok(content)
+}
+
+/// As [`read`], of text.
+pub(crate) fn read_text(path: &Path) -> Result<String, String> {
+    String::from_utf8(read(path, MOST_XML)?).map_err(|e| format!("cannot be read: {e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Robot;
+
+    fn refusal(mesh: &str, scale: &str) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let urdf = folder.path().join("a.urdf");
+        std::fs::write(folder.path().join("flat.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n").unwrap();
+        let text = format!(
+            r#"<robot name="a"><link name="l"><collision><geometry><mesh filename="{mesh}" scale="{scale}"/></geometry></collision></link></robot>"#
+        );
+        std::fs::write(&urdf, text).unwrap();
+        Robot::from_urdf(urdf.to_str().unwrap(), None, "l", None).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn devices_and_folders_are_never_read() {
+        assert!(refusal("/dev/zero", "1 1 1").contains("link l: collision 0: mesh /dev/zero is not a regular file"));
+        assert!(refusal(".", "1 1 1").contains("is not a regular file"));
+        assert!(Robot::from_urdf("/dev/zero", None, "l", None).unwrap_err().to_string().contains("is not a regular"));
+    }
+
+    #[test]
+    fn a_scale_of_zero_is_named() {
+        assert!(refusal("flat.obj", "1 0 1").contains("scale: a factor is 0"));
+    }
+
+    #[test]
+    fn size_is_bounded() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        file.as_file().set_len(MOST_XML + 1).unwrap();
+        assert!(read_text(file.path()).unwrap_err().contains("is larger than 16 MiB"));
+    }
+}
