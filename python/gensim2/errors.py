@@ -2,7 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+#: Characters of the longest word that an error echoes whole: more tells nobody more. Paths are words too.
+LONGEST_WORD = 300
+
+_LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
+
+
+def one_line(text: str) -> str:
+    """``text`` as one line that a terminal can show: no line breaks, no control characters, no endless words."""
+    words = " ".join(text.split())
+    shown = words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+    return _LONG_WORD.sub(_shortened, shown)
+
+
+def brief(number: int) -> str:
+    """A whole number in decimal, or its length where nobody would read it (and Python refuses to write it)."""
+    return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
+
+
+def _shortened(word: re.Match[str]) -> str:
+    return f"{word[0][:40]}...{word[0][-20:]} ({len(word[0])} characters)"
 
 
 class GenSim2Error(Exception):
@@ -12,8 +34,10 @@ class GenSim2Error(Exception):
 class InputError(GenSim2Error):
     """Something that the user gave cannot be used.
 
+    Whatever it is made of, it reads as one line (:func:`one_line`).
+
     Args:
-        message: what is wrong, in one line.
+        message: what is wrong.
         file: the file or folder that holds it, if any.
         field: the field, flag or element inside it, if any.
         remedy: what to do about it.
@@ -30,7 +54,11 @@ class InputError(GenSim2Error):
         self.message, self.file, self.field, self.remedy = message, file, field, remedy
         where = ": ".join(str(part) for part in (file, field) if part is not None)
         text = f"{where}: {message}" if where else message
-        super().__init__(f"{text} ({remedy})" if remedy else text)
+        super().__init__(one_line(f"{text} ({remedy})" if remedy else text))
+
+
+class ClosedEnvError(GenSim2Error):
+    """An environment was used after ``close``."""
 
 
 class MissingExtraError(GenSim2Error):

@@ -7,11 +7,13 @@ import json
 import os
 import re
 import secrets
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from gensim2.errors import InputError
+from gensim2.special_files import is_special, write_through
 
 _TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
 
@@ -24,9 +26,12 @@ def replacing(path: Path) -> Iterator[Path]:
     cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
     suffix of ``path`` for writers that go by it.
 
+    A symbolic link stays, its target is replaced.
+
     Raises:
         InputError: the folder cannot be written to.
     """
+    path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -45,14 +50,37 @@ def replacing(path: Path) -> Iterator[Path]:
         ) from error
 
 
+def check_writable(path: Path) -> None:
+    """Refuse a file that could not be written before the work is done, not after; nothing is left behind.
+
+    Raises:
+        InputError: says why it cannot be.
+    """
+    try:
+        if is_special(path):
+            return  # to open a pipe or a device is to write to it
+        target = Path(os.path.realpath(path))
+        with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another file") from error
+
+
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write ``data`` to ``path`` as :func:`replacing` does.
+    """Write ``data`` to ``path`` as :func:`replacing` does; what is no regular file is written through.
 
     Raises:
         InputError: the folder cannot be written to.
     """
+    payload = data.encode() if isinstance(data, str) else data
+    try:
+        if is_special(path):
+            write_through(path, payload)
+            return
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
     with replacing(path) as temporary:
-        temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+        temporary.write_bytes(payload)
 
 
 def write_json(path: Path, value: Any) -> None:

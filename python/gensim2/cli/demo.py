@@ -12,12 +12,12 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
 
 
-@click.command("demo", cls=options.TaskCommand, short_help="Record demonstrations of a task.")
+@click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
 @click.argument("task")
-@click.option("--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record.")
+@click.option("--episodes", type=options.count(), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed
 @options.assets
-@options.instance("Objects to draw from.  [default: all]")
+@options.instances
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.workers
 @options.time_limit
@@ -32,7 +32,7 @@ def demo(
     episodes: int,
     seed: int,
     assets: str | None,
-    instance: str | None,
+    instances: str,
     out: Path | None,
     workers: int,
     time_limit: float,
@@ -53,7 +53,7 @@ def demo(
             episodes=episodes,
             seed=seed,
             assets=assets,
-            instance=instance,
+            instances=instances,
             out=out,
             workers=workers,
             time_limit=time_limit,

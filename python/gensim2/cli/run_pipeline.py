@@ -11,11 +11,11 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 
 
-@click.command("run-pipeline", short_help="Design, verify and demonstrate new tasks.")
-@click.option("--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design.")
+@click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
+@click.option("--num-tasks", type=options.count(1000), default=2, show_default=True, help="Tasks to design.")
 @click.option(
     "--episodes",
-    type=click.IntRange(min=1),
+    type=options.count(),
     default=5,
     show_default=True,
     help="Demonstrations to keep of each task.",
