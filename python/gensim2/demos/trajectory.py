@@ -27,7 +27,6 @@ import numpy as np
 from gensim2.demos.recording import Recording, Tree
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_atomic, write_json
-from gensim2.sim.registration import env_id
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 1
@@ -158,9 +157,22 @@ class TrajectoryStore:
         path = self._path(index)
         try:
             with h5py.File(path, "r") as file:
-                yield file["traj"], json.loads(file.attrs["episode"])
+                yield file["traj"], _entry(file)
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error
+
+
+def _entry(file: h5py.File) -> dict[str, Any]:
+    entry = json.loads(file.attrs["episode"])
+    if not isinstance(entry, dict) or not isinstance(entry.get("instance"), str):
+        raise ValueError("the episode does not say what it is of")
+    return entry
+
+
+def _env_id(task: TaskSpec) -> str:
+    from gensim2.sim.registration import env_id  # here: it brings gymnasium, which refusing arguments needs not
+
+    return env_id(task)
 
 
 def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[str, Any]:
@@ -173,7 +185,7 @@ def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[st
         "assets": assets if assets == "builtin" else str(Path(assets).resolve()),
         "instances": list(instances),
     }
-    if not env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
+    if not _env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 
@@ -183,7 +195,7 @@ def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str
     instances = sorted({entry["instance"] for entry in entries})
     return {
         "env_info": {
-            "env_id": env_id(task),
+            "env_id": _env_id(task),
             "env_kwargs": env_kwargs(task, provenance.assets, instances),
             "max_episode_steps": task.max_episode_steps,
         },

@@ -125,6 +125,35 @@ class RecordingSummary(BaseModel):
     episodes: list[Any]
 
 
+class ArgumentsSummary(BaseModel):
+    """What a report says of what a run was asked for."""
+
+    command: str
+    seed: int
+    assets: str
+
+
+class RejectionSummary(BaseModel):
+    """Why a task was not designed."""
+
+    name: str
+    reason: str
+
+
+class ResultSummary(BaseModel):
+    """What a report says of how a run ended."""
+
+    rejected: list[RejectionSummary] = []
+    notes: list[str] = []
+
+
+class RunSummary(BaseModel):
+    """What a report says of ``run.json`` beyond what every run has."""
+
+    arguments: ArgumentsSummary
+    result: ResultSummary | None
+
+
 class StageRecord(Record):
     """One stage of a candidate in ``design.json``."""
 

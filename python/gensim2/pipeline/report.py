@@ -6,30 +6,46 @@ import contextlib
 import math
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any
-
-import jinja2
+from typing import TYPE_CHECKING, Any
 
 from gensim2.demos.trajectory import JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import DesignRecord, RecordingSummary, RunRecord, StageRecord, Verification
+from gensim2.pipeline.records import (
+    DesignRecord,
+    RecordingSummary,
+    ResultSummary,
+    RunRecord,
+    RunSummary,
+    StageRecord,
+    Verification,
+)
 from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
 from gensim2.tasks.library import load_task_file
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 #: Candidates shown of a design; the rest are counted.
 SHOWN_CANDIDATES = 12
 
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("gensim2.pipeline", "templates"),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-_TEMPLATES.filters["openness"] = lambda value: "no number" if value is None else f"{value:.2f}"
+
+@cache
+def _template() -> Template:
+    import jinja2  # here: refusing arguments needs no page
+
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("gensim2.pipeline", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["openness"] = lambda value: "no number" if value is None else f"{value:.2f}"
+    return templates.get_template("report.html.j2")
 
 
 def write_report(run_dir: Path) -> Path:
@@ -39,20 +55,21 @@ def write_report(run_dir: Path) -> Path:
         InputError: ``run_dir`` holds no run, or one of its files cannot be read.
     """
     run = read_record(run_dir / RUN_JSON, RunRecord, "restore the file")
+    summary = read_record(run_dir / RUN_JSON, RunSummary, "restore the file")
     tasks = [_task(folder) for folder in _folders(run_dir / "tasks")]
     rejected = [_task(folder) for folder in _folders(run_dir / "rejected")]
-    result = run.result or {}
-    reasons = {entry["name"]: entry["reason"] for entry in result.get("rejected", [])}
+    result = summary.result or ResultSummary()
+    reasons = {entry.name: entry.reason for entry in result.rejected}
     for task in rejected:
         task["reason"] = reasons.pop(task["name"], None) or _why_rejected(task)
-    page = _TEMPLATES.get_template("report.html.j2").render(
+    page = _template().render(
         run=run.model_dump(),
-        title=run.arguments.get("command", "run"),
+        asked=summary.arguments,
         command=" ".join(["gensim2", *run.command_line]),
         tasks=tasks,
         rejected=rejected,
         only_reasons=reasons,
-        notes=result.get("notes", []),
+        notes=result.notes,
         licenses=_licenses(run.licenses),
         demos=sum(task["demos"] for task in tasks),
         shown=SHOWN_CANDIDATES,

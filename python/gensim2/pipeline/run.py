@@ -15,6 +15,7 @@ from gensim2.designers.proposals import goal_of
 from gensim2.errors import InputError
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
+from gensim2.pipeline.inputs import check_counts, check_workers
 from gensim2.pipeline.records import PipelineResult, TaskOutcome
 from gensim2.pipeline.report import reported, write_report
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder, default_run_dir, digest, listing
@@ -74,12 +75,15 @@ def run_pipeline(
         NotRunError: some jobs could not be run; what else there was to do with the task at hand is done, and
             ``resume`` goes on.
     """
-    _check(num_tasks=num_tasks, episodes=episodes, workers=workers)
+    check_counts(num_tasks=num_tasks, episodes=episodes, workers=workers)
     check_workers(time_limit, jobs_per_worker)
     if designer not in DESIGNERS:
         raise InputError(f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
     target = load_task(target_task) if target_task is not None else None
+    seeding.check_seed(seed)
     library = open_library(assets)
+    if target is not None:
+        library.instances(target.asset_class)  # a class that is not there is said before anything starts
     budget = budget or Budget()
     with (
         RunFolder(
@@ -115,23 +119,6 @@ def run_pipeline(
         result = run.execute(evaluator, num_tasks if target is None else 1, target)
         folder.finish(result.to_dict())
     return result
-
-
-def check_workers(time_limit: float, jobs_per_worker: int) -> None:
-    """Refuse options of worker processes that mean nothing.
-
-    Raises:
-        InputError: one is not positive.
-    """
-    if not time_limit > 0:
-        raise InputError(f"must be positive, not {time_limit}", field="time_limit")
-    _check(jobs_per_worker=jobs_per_worker)
-
-
-def _check(**values: int) -> None:
-    for name, value in values.items():
-        if value < 1:
-            raise InputError(f"must be at least 1, not {value}", field=name)
 
 
 class _Run:

@@ -42,7 +42,7 @@ from gensim2.tasks.spec import TaskSpec
 VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
 
 #: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
-FIXED_ARGUMENTS = ("command", "seed", "assets", "designer", "target_task", "episodes", "instance")
+FIXED_ARGUMENTS = ("command", "seed", "assets", "designer", "target_task", "episodes", "instances")
 
 RUN_JSON = "run.json"
 
