@@ -18,6 +18,8 @@ from gensim2.tasks.library import load_config, load_task
 
 pytest.importorskip("mani_skill")
 
+SIMULATOR = True
+
 
 def _folder(path: Path, config: dict[str, Any], **task: Any) -> Path:
     fields = load_task("OpenDrawer").model_dump(mode="json", exclude_none=True) | task

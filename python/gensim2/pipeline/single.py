@@ -68,7 +68,7 @@ def demo(
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(episodes=episodes, workers=workers)
+    check_counts(episodes=episodes)
     check_workers(time_limit, jobs_per_worker)
     run_dir = Path(out) if out is not None else None
     if run_dir is not None:
