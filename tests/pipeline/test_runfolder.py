@@ -67,7 +67,7 @@ def test_a_finished_run_is_not_begun_again(record: Record) -> None:
     [
         ({"seed": 1}, "arguments.seed"),
         ({"episodes": 7}, "arguments.episodes"),
-        ({"instance": "train"}, "arguments.instance"),
+        ({"instances": "train"}, "arguments.instances"),
     ],
 )
 def test_other_arguments_are_refused(record: Record, change: dict[str, Any], field: str) -> None:
