@@ -80,7 +80,7 @@ def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
         "import gensim2, gensim2_kpam, gensim2.pipeline.report as report\n"
         f"assert gensim2.__file__.startswith({str(site)!r}), gensim2.__file__\n"
         f"assert gensim2_kpam.__file__.startswith({str(site)!r}), gensim2_kpam.__file__\n"
-        "report._TEMPLATES.get_template('report.html.j2')\n"
+        "report._template()\n"
         "from gensim2.tasks.library import load_config, load_task, task_names\n"
         "for name in task_names(): load_task(name); load_config(name)\n"
         "from gensim2.assets import open_library\n"

@@ -2,7 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+#: Characters of the longest word that an error echoes whole: more tells nobody more. Paths are words too.
+LONGEST_WORD = 300
+
+_LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
+
+
+def one_line(text: str) -> str:
+    """``text`` as one line that a terminal can show: no line breaks, no control characters, no endless words."""
+    words = " ".join(text.split())
+    shown = words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+    return _LONG_WORD.sub(_shortened, shown)
+
+
+def brief(number: int) -> str:
+    """A whole number in decimal, or its length where nobody would read it (and Python refuses to write it)."""
+    return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
+
+
+def _shortened(word: re.Match[str]) -> str:
+    return f"{word[0][:40]}...{word[0][-20:]} ({len(word[0])} characters)"
 
 
 class GenSim2Error(Exception):
@@ -12,8 +34,10 @@ class GenSim2Error(Exception):
 class InputError(GenSim2Error):
     """Something that the user gave cannot be used.
 
+    Whatever it is made of, it reads as one line (:func:`one_line`).
+
     Args:
-        message: what is wrong, in one line.
+        message: what is wrong.
         file: the file or folder that holds it, if any.
         field: the field, flag or element inside it, if any.
         remedy: what to do about it.
@@ -30,7 +54,11 @@ class InputError(GenSim2Error):
         self.message, self.file, self.field, self.remedy = message, file, field, remedy
         where = ": ".join(str(part) for part in (file, field) if part is not None)
         text = f"{where}: {message}" if where else message
-        super().__init__(f"{text} ({remedy})" if remedy else text)
+        super().__init__(one_line(f"{text} ({remedy})" if remedy else text))
+
+
+class ClosedEnvError(GenSim2Error):
+    """An environment was used after ``close``."""
 
 
 class MissingExtraError(GenSim2Error):
@@ -43,3 +71,28 @@ class MissingExtraError(GenSim2Error):
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
         """Survive the way from a worker process."""
         return type(self), (self.module, self.extra)
+
+
+class NotRunError(GenSim2Error):
+    """Jobs that could not be run, after several tries each; whatever else was to be done is done and kept.
+
+    Args:
+        what: the jobs are, for example ``"OpenDrawer: demonstrations"``.
+        reasons: index of each job to why its last try came to nothing.
+        log: where every try is written down.
+    """
+
+    SHOWN = 20
+
+    def __init__(self, what: str, reasons: dict[int, str], log: Path | None = None) -> None:
+        indices = sorted(reasons)
+        named = ", ".join(str(index) for index in indices[: self.SHOWN])
+        if len(indices) > self.SHOWN:
+            named += f" and {len(indices) - self.SHOWN} more"
+        details = f"; every try is in {log}" if log is not None else ""
+        super().__init__(f"{what}: could not be run: {named} ({reasons[indices[0]]}{details}; --resume tries again)")
+        self.what, self.reasons, self.log = what, reasons, log
+
+    def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:
+        """Survive the way from a worker process."""
+        return type(self), (self.what, self.reasons, self.log)

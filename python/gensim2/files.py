@@ -1,40 +1,103 @@
-"""Files that are either whole or absent."""
+"""Files that are either whole or absent, also after a power cut."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import re
+import secrets
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from gensim2.errors import InputError
+from gensim2.special_files import is_special, write_through
+
+_TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a name beside ``path`` to write to; what stands there when the block ends takes the place of ``path``.
+
+    The data reaches the disk before the name does, and the name before this returns: a reader, a crash or a power
+    cut sees the old file or the new one. Where the block fails, ``path`` is left as it was. The name keeps the
+    suffix of ``path`` for writers that go by it.
+
+    A symbolic link stays, its target is replaced.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    path = Path(os.path.realpath(path))
+    temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield temporary
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
+            temporary.chmod(0o644)
+            temporary.replace(path)
+            _sync_folder(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cannot write: {error.strerror or error}", file=path, remedy="choose another folder with --out"
+        ) from error
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file that could not be written before the work is done, not after; nothing is left behind.
+
+    Raises:
+        InputError: says why it cannot be.
+    """
+    try:
+        if is_special(path):
+            return  # to open a pipe or a device is to write to it
+        target = Path(os.path.realpath(path))
+        with tempfile.TemporaryFile(dir=next(folder for folder in target.parents if folder.exists())):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another file") from error
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write ``data`` to ``path`` so that a reader, or a crash, never sees half of it.
+    """Write ``data`` to ``path`` as :func:`replacing` does; what is no regular file is written through.
 
     Raises:
         InputError: the folder cannot be written to.
     """
     payload = data.encode() if isinstance(data, str) else data
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(payload)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        if is_special(path):
+            write_through(path, payload)
+            return
     except OSError as error:
-        raise InputError(
-            f"cannot write: {error.strerror}", file=path, remedy="choose another folder with --out"
-        ) from error
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
+    with replacing(path) as temporary:
+        temporary.write_bytes(payload)
 
 
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as indented JSON, atomically. NaN is refused: JSON has none."""
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what killed writers left anywhere below ``folder``, whose only user must be the caller."""
+    for path in sorted(folder.rglob(".*.tmp*")):
+        if _TEMPORARY.match(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -16,7 +16,7 @@ import yaml
 
 from gensim2.assets import open_library
 from gensim2.cli import main as cli
-from gensim2.pipeline.single import task_and_config
+from gensim2.pipeline.inputs import task_and_config
 
 
 @pytest.fixture(autouse=True)

@@ -13,9 +13,10 @@ import pytest
 
 from gensim2.assets import AssetError, open_library
 from gensim2.assets.checks import geometric_findings
-from gensim2.assets.importer import find_source, import_object, on_surface, usual_size
+from gensim2.assets.importer import import_object, on_surface, usual_size
 from gensim2.assets.overlap import link_pose
 from gensim2.assets.shapes import Look, Mesh, transform
+from gensim2.assets.sources import find_source
 from gensim2.assets.validate import check_object
 from gensim2.cli import main as cli
 from gensim2.errors import InputError

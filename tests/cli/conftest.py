@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from gensim2.files import write_atomic, write_json
+from gensim2.pipeline.records import Attempt, Verification
 
 CONFIG = {
     "task_name": "OpenDemo",
@@ -31,6 +32,7 @@ def episode(index: int, success: bool) -> dict[str, Any]:
     return {
         "seed": 1000 + index,
         "instance": str(index % 4),
+        "content_hash": "ab" * 16,
         "success": success,
         "still_success": False,
         "openness_start": start,
@@ -56,12 +58,11 @@ def add_task(run_dir: Path, name: str, successes: int, *, parent: str = "tasks")
     write_atomic(folder / "task.yaml", yaml.safe_dump(task, sort_keys=False))
     write_atomic(folder / "solver.yaml", yaml.safe_dump(CONFIG, sort_keys=False))
     episodes = [episode(index, index < successes) for index in range(20)]
-    write_json(
-        folder / "verification.json",
-        {"schema_version": 1, "threshold": 0.7, "kept": successes >= 14, "episodes": episodes},
-    )
+    attempts = tuple(Attempt(**entry) for entry in episodes)
+    write_json(folder / "verification.json", Verification(attempts, 0.7).to_dict())
     write_json(folder / "design.json", design())
-    write_json(folder / "trajectory.json", {"episodes": [{"episode_id": i} for i in range(3)]})
+    environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
+    write_json(folder / "trajectory.json", {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]})
 
 
 def design() -> dict[str, Any]:
@@ -109,7 +110,8 @@ def run_dir(tmp_path: Path) -> Path:
     write_json(
         run_dir / "run.json",
         {
-            "schema_version": 1,
+            "schema_version": 2,
+            "identity": {},
             "arguments": {"command": "run-pipeline", "seed": 0, "assets": "builtin"},
             "command_line": ["run-pipeline", "--num-tasks", "3"],
             "started": "2026-01-01T10:00:00+0000",

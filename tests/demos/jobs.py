@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from functools import cache
 
 import numpy as np
@@ -11,43 +9,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from gensim2.demos.rollout import EpisodeResult
-from gensim2.errors import InputError
 from gensim2.planning.scene import Scene
 from gensim2.sim.robot import GRIPPER_CLOSED, RESET_QPOS
-
-
-def square(value: int, delay: float = 0.0) -> int:
-    time.sleep(delay)
-    return value * value
-
-
-def process_id(_: int) -> int:
-    return os.getpid()
-
-
-def fail(value: int) -> int:
-    raise InputError("is odd", file="numbers.txt", field=str(value), remedy="give an even one")
-
-
-def die(value: int) -> int:
-    os._exit(7)
-
-
-def hang(value: int) -> int:
-    time.sleep(3600)
-    return value
-
-
-class LocalError(Exception):
-    """Does not survive pickling: its constructor wants two arguments."""
-
-    def __init__(self, a: int, b: int) -> None:
-        super().__init__(f"{a} and {b}")
-
-
-def fail_oddly(value: int) -> int:
-    raise LocalError(value, value + 1)
-
 
 HALFWAY = {
     "name": "PushDrawerHalfway",

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from jobs import HALFWAY, record
 
-from gensim2.demos.pool import WorkerPool
 from gensim2.demos.recording import Recording
 from gensim2.demos.rollout import run_episode
 from gensim2.demos.trajectory import Provenance, TrajectoryStore
 from gensim2.errors import InputError
+from gensim2.processes import WorkerPool, enumerated
 from gensim2.sim.env import make_env
 from gensim2.sim.rendering import can_render
 from gensim2.tasks.library import load_task, parse_task
@@ -44,11 +44,11 @@ def _provenance(task: TaskSpec | None = None) -> Provenance:
 def _collect(folder: Path, workers: int) -> TrajectoryStore:
     store = TrajectoryStore(folder)
     with WorkerPool(workers) as pool:
-        for outcome in pool.map(record, [(seed,) for seed in SEEDS]):
+        for outcome in pool.map_unordered(record, enumerated((seed,) for seed in SEEDS)):
             recording = outcome.unwrap().recording
             assert recording is not None
             store.add(outcome.index, recording)
-    store.merge(_provenance())
+    store.merge(_provenance(), range(len(SEEDS)))
     return store
 
 
@@ -177,7 +177,7 @@ def test_finished_episodes_outlive_an_interruption_and_are_merged_in_order(tmp_p
     second = TrajectoryStore(tmp_path)  # the run was interrupted here
     assert second.indices() == (2, 5)
     second.add(3, _blank(seed=3))
-    second.merge(_provenance(load_task("OpenDrawer")))
+    second.merge(_provenance(load_task("OpenDrawer")), second.indices())
     document = json.loads((tmp_path / "trajectory.json").read_text())
     assert [entry["episode_seed"] for entry in document["episodes"]] == [2, 3, 5]
     assert document["episodes"][0]["note"] == "kept"
@@ -193,9 +193,9 @@ def test_a_broken_episode_file_is_named(tmp_path: Path) -> None:
     store.add(0, _blank())
     (tmp_path / "episodes" / "000001.h5").write_bytes(b"not hdf5")
     with pytest.raises(InputError, match=r"000001\.h5: is not a finished episode"):
-        store.merge(_provenance())
+        store.merge(_provenance(), [0, 1])
     with pytest.raises(InputError, match="no finished episode"):
-        TrajectoryStore(tmp_path / "empty").merge(_provenance())
+        TrajectoryStore(tmp_path / "empty").merge(_provenance(), [])
 
 
 def test_nothing_is_written_where_it_may_not_be(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_a_film_shows_the_recorded_episode(store: TrajectoryStore, tmp_path: Pat
 
     cut = {name: getattr(recording, name)[:8] for name in ("actions", "rewards", "terminated", "truncated", "success")}
     short.add(0, dataclasses.replace(recording, **cut))
-    trajectory = short.merge(_provenance())
+    trajectory = short.merge(_provenance(), [0])
     result = film(trajectory, tmp_path / "video.mp4", still=tmp_path / "still.png")
     assert result.frames == 9
     frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]

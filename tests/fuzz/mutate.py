@@ -173,7 +173,7 @@ class Verdict:
     Attributes:
         accepted: it returned; otherwise it refused with an :class:`InputError`.
         message: what it said in refusing.
-        seconds: how long it took.
+        seconds: CPU time that it took.
     """
 
     accepted: bool
@@ -181,8 +181,11 @@ class Verdict:
     seconds: float
 
 
-#: A reader, or a command, has this long in seconds.
+#: A reader, or a command, has this much CPU time in seconds; a busy machine changes nothing.
 LIMIT = 5.0
+
+#: One that waits for what never comes uses no CPU: this many seconds end it.
+PATIENCE = 60.0
 
 #: Characters of the longest line that still helps whoever reads it.
 LONGEST_MESSAGE = 2000
@@ -196,16 +199,18 @@ def judged(read: Callable[[], object], limit: float = LIMIT) -> Verdict:
     """Run a reader; it may return, or refuse in one line.
 
     Raises:
-        AssertionError: it took longer than ``limit`` seconds, or refused in more than one line, or at great length.
+        AssertionError: it took more than ``limit`` seconds of CPU, or never ended, or refused in more than one line, or
+            at great length.
         Exception: whatever else it raised: that is a fault.
     """
 
     def alarm(_: int, __: FrameType | None) -> None:
         raise _TooSlowError
 
-    before = signal.signal(signal.SIGALRM, alarm)
-    started = time.monotonic()
-    signal.setitimer(signal.ITIMER_REAL, limit)
+    before = {number: signal.signal(number, alarm) for number in (signal.SIGALRM, signal.SIGPROF)}
+    started = time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    signal.setitimer(signal.ITIMER_REAL, max(PATIENCE, 2 * limit))
     try:
         read()
         accepted, message = True, ""
@@ -214,12 +219,14 @@ def judged(read: Callable[[], object], limit: float = LIMIT) -> Verdict:
     except _TooSlowError:
         raise AssertionError(f"took longer than {limit} s") from None
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        for timer in (signal.ITIMER_PROF, signal.ITIMER_REAL):
+            signal.setitimer(timer, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     assert len(message.splitlines()) <= 1, f"more than one line: {message!r}"
     assert len(message) <= LONGEST_MESSAGE, f"{len(message)} characters: {message[:200]!r}..."
     assert accepted or message.strip(), "refused without a word"
-    return Verdict(accepted, message, time.monotonic() - started)
+    return Verdict(accepted, message, time.process_time() - started)
 
 
 def _pick(values: Any, generator: np.random.Generator) -> Any:

@@ -61,7 +61,8 @@ class FakeWorld:
 
     def _one(self, n: float, seed: int) -> Attempt:
         held = n % 1 > 0 or bool(seeding.rng(seed, str(n)).random() < n / 20)
-        return Attempt(seed, "0", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", "")
+        cause = None if held else "stopped short"
+        return Attempt(seed, "0", "ab12", held, False, 0.5, 0.9, 100, cause, "solved", "")
 
 
 def test_it_finds_the_best_and_refines_it() -> None:
@@ -86,7 +87,9 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
         def _one(self, n: float, seed: int) -> Attempt:
             self.runs[n] = self.runs.get(n, 0) + 1
             held = n % 1 > 0 or self.runs[n] <= 8
-            return Attempt(seed, "0", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", "")
+            return Attempt(
+                seed, "0", "ab12", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", ""
+            )
 
     design = Search(TASK, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
     assert design.chosen is not None
@@ -122,7 +125,7 @@ def test_nothing_planned_is_said() -> None:
 def test_nothing_held_is_said() -> None:
     class Stuck(FakeWorld):
         def _one(self, n: float, seed: int) -> Attempt:
-            return Attempt(seed, "0", False, None, 0.5, 0.5, 9, "the object did not move", "solved", "")
+            return Attempt(seed, "0", "ab12", False, None, 0.5, 0.5, 9, "the object did not move", "solved", "")
 
     design = Search(TASK, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
     assert design.chosen is None

@@ -229,7 +229,7 @@ def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_
     for instances, expected in [
         ("train", {"0"}),
         ("test", {"1", "2"}),
-        ("random", {"0", "1", "2"}),
+        ("all", {"0", "1", "2"}),
         (["0", "2"], {"0", "2"}),
     ]:
         env = make_env(crate_task, assets=library, instances=instances)
@@ -247,7 +247,7 @@ def test_instances_are_chosen_as_the_library_does() -> None:
         ("test", library.split("drawer", "test")),
         (["train", "test"], (*library.split("drawer", "train"), *library.split("drawer", "test"))),
         ("777777", ("777777",)),
-        ("random", library.instances("drawer")),
+        ("all", library.instances("drawer")),
     ]:
         assert make_env("OpenDrawer", assets=library, instances=words).instance_ids == expected
     small = {**load_task("OpenDrawer").model_dump(), "name": "OpenToilet", "asset_class": "toilet"}

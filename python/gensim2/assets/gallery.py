@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ from gensim2.assets.errors import AssetError
 from gensim2.assets.folder import ObjectFolder
 from gensim2.assets.library import Library
 from gensim2.assets.rigid import RigidLibrary, RigidObject
+from gensim2.assets.selection import wanted_classes
 from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
@@ -101,7 +101,7 @@ def build_gallery(
         MissingExtraError: SAPIEN is not installed.
         GenSim2Error: no Vulkan driver works here.
     """
-    wanted = _wanted(libraries, classes)
+    wanted = wanted_classes(libraries, classes)
     verdicts = [_verdicts(path) for path in findings]
     maker = _Maker(out, views, size)
     sections = []
@@ -193,19 +193,6 @@ class _Maker:
         write_atomic(file, stream.getvalue())
         self.made += 1
         return picture
-
-
-def _wanted(libraries: Sequence[Library], classes: Sequence[str] | None) -> list[tuple[Library, tuple[str, ...]]]:
-    if classes is None:
-        return [(library, library.classes()) for library in libraries]
-    known = sorted({name for library in libraries for name in library.classes()})
-    for name in classes:
-        if name not in known:
-            raise InputError(
-                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
-            )
-    chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
-    return [(library, names) for library, names in chosen if names]
 
 
 def _card(instance: Instance, picture: str) -> _Card:

@@ -37,7 +37,7 @@ from trimesh.triangles import closest_point
 from gensim2.assets.classes import object_classes
 from gensim2.assets.errors import AssetError, MissingFileError
 from gensim2.assets.export import MESHES, write_folder
-from gensim2.assets.folder import MOST_BYTES, MOST_JSON, ObjectFolder, existing_folder
+from gensim2.assets.folder import MOST_BYTES, MOST_JSON, ObjectFolder
 from gensim2.assets.generate import generate
 from gensim2.assets.keypoints import closest_axis, derived_head
 from gensim2.assets.known import JOINT_TYPES
@@ -94,22 +94,6 @@ class Imported:
             "scale": self.scale,
             "notes": list(self.notes),
         }
-
-
-def find_source(where: str) -> Path:
-    """Folder of a PartNet-Mobility model: a path, or the number of one that ManiSkill has downloaded.
-
-    Raises:
-        InputError: neither is there.
-    """
-    root = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
-    models = root / "data" / "partnet_mobility" / "dataset"
-    try:
-        return existing_folder(where, remedy=f"give a PartNet-Mobility folder, or the number of one in {models}")
-    except AssetError:
-        if re.fullmatch(r"[0-9]{1,12}", where) and (models / where).is_dir():
-            return models / where
-        raise
 
 
 def import_object(

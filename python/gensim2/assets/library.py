@@ -11,6 +11,7 @@ import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Final, Literal, cast
 
@@ -20,9 +21,7 @@ from gensim2.assets.folder import ObjectFolder, existing_folder
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
 from gensim2.assets.generate import generate
 from gensim2.assets.known import DESCRIPTIONS, JOINT_TYPES
-from gensim2.assets.prepare import prepare
-from gensim2.assets.real import LICENSE as REAL_LICENSE
-from gensim2.assets.real import READER_MODULES, declared_license, read_model
+from gensim2.assets.model import Model
 from gensim2.assets.types import Instance
 from gensim2.assets.urdf import LONGEST_NAME, URDF, plain_name
 from gensim2.errors import InputError
@@ -194,7 +193,7 @@ class GeneratedLibrary(Library):
         modules = (*SHARED_MODULES, "blueprint", "generate", *class_modules())
         return prepared(
             f"generated-{asset_class}-{instance_id}-{source_digest(*modules)}",
-            lambda folder: prepare(generate(asset_class, int(instance_id)), folder),
+            lambda folder: _prepare(generate(asset_class, int(instance_id)), folder),
         )
 
 
@@ -219,10 +218,15 @@ class FolderLibrary(Library):
                 remedy="give a folder with <class>/<id>/mobility.urdf, or its parent",
             )
         self._found = found
+
+    @cached_property
+    def license(self) -> str:  # type: ignore[override]
+        from gensim2.assets.real import LICENSE, declared_license
+
         terms = {
-            declared_license(ObjectFolder(self._folder / name / ids[0])) or REAL_LICENSE for name, ids in found.items()
+            declared_license(ObjectFolder(self._folder / name / ids[0])) or LICENSE for name, ids in self._found.items()
         }
-        self.license = "; ".join(sorted(terms))
+        return "; ".join(sorted(terms))
 
     def classes(self) -> tuple[str, ...]:
         return tuple(sorted(self._found))
@@ -234,16 +238,24 @@ class FolderLibrary(Library):
         return self._found[asset_class]
 
     def _load(self, asset_class: str, instance_id: str) -> Instance:
+        from gensim2.assets.real import READER_MODULES, read_model
+
         folder = self._folder / asset_class / instance_id
         print_of_data = ObjectFolder(folder).fingerprint()
         modules = (*SHARED_MODULES, *READER_MODULES)
         key = hashlib.sha256(f"{asset_class}/{instance_id}/{print_of_data}".encode()).hexdigest()[:16]
         return prepared(
             f"real-{file_name(asset_class)}-{file_name(instance_id)}-{key}-{source_digest(*modules)}",
-            lambda target: prepare(
+            lambda target: _prepare(
                 read_model(folder, asset_class, print_of_data, JOINT_TYPES.get(asset_class)), target
             ),
         )
+
+
+def _prepare(model: Model, folder: Path) -> Instance:
+    from gensim2.assets.prepare import prepare  # here: naming objects, or reading prepared ones, needs no mesh library
+
+    return prepare(model, folder)
 
 
 @dataclass(frozen=True)
@@ -287,4 +299,4 @@ def open_library(where: Path | str | None = None) -> Library:
     try:
         return FolderLibrary(folder)
     except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=folder, field=field) from error
+        raise InputError(f"cannot read: {error.strerror}", file=where, field=field) from error

@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
+
+from gensim2.assets.shapes import convex_hull
 
 Array = npt.NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -91,7 +92,7 @@ def hull_moments(points: Array) -> tuple[float, Array, Array]:
 
     Sums over tetrahedra from the first vertex; the canonical second moment of a tetrahedron is (1 + δ) / 120 det.
     """
-    hull = ConvexHull(points)
+    hull = convex_hull(points)
     a = points[hull.vertices].mean(axis=0)
     tetra = points[hull.simplices] - a
     det = np.abs(np.linalg.det(tetra))

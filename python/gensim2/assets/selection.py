@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 
 from gensim2.assets.library import Library
@@ -47,3 +48,23 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
         InputError: as for :func:`select`.
     """
     return select(library, [word], seed=seed)[0]
+
+
+def wanted_classes(
+    libraries: Sequence[Library], classes: Sequence[str] | None
+) -> list[tuple[Library, tuple[str, ...]]]:
+    """Each library with those of its classes that are named, all where ``classes`` is None; none without any.
+
+    Raises:
+        InputError: no library has a class of such a name.
+    """
+    if classes is None:
+        return [(library, library.classes()) for library in libraries]
+    known = sorted({name for library in libraries for name in library.classes()})
+    for name in classes:
+        if name not in known:
+            raise InputError(
+                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
+            )
+    chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
+    return [(library, names) for library, names in chosen if names]

@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -80,9 +83,16 @@ def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0)
     return T
 
 
+def convex_hull(points: Array) -> ConvexHull:
+    """SciPy's hull of (N, 3) points."""
+    from scipy.spatial import ConvexHull  # here: whoever only asks which classes there are needs no SciPy
+
+    return ConvexHull(points)
+
+
 def hull_mesh(points: Array, look: Look) -> Mesh:
     """Surface of the convex hull of (N, 3) points, facing outwards."""
-    hull = ConvexHull(points)
+    hull = convex_hull(points)
     faces = hull.simplices.astype(np.int64)
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -95,7 +105,7 @@ def hull_mesh(points: Array, look: Look) -> Mesh:
 def convex(points: Array | Sequence[Vec3], look: Look) -> Solid:
     """The convex hull of (N, 3) points."""
     p = np.asarray(points, float)
-    return Solid(p[ConvexHull(p).vertices], hull_mesh(p, look))
+    return Solid(p[convex_hull(p).vertices], hull_mesh(p, look))
 
 
 def box(center: Vec3, size: Vec3, look: Look, bevel: float = 0.0015) -> Solid:
@@ -317,7 +327,7 @@ def tube(
     for i in range(segments):
         j = (i + 1) % segments
         stave = np.array([r[k] for r in rings for k in (i, j)])
-        parts.append(Solid(stave[ConvexHull(stave).vertices], None))
+        parts.append(Solid(stave[convex_hull(stave).vertices], None))
     lip = 0.25 * wall / float(np.linalg.norm(d))  # the rim is cut a little on both sides
     profile = [
         (radius_a, 0.0),
@@ -332,6 +342,6 @@ def tube(
         unit = d / np.linalg.norm(d)
         inner = radius_a - 0.6 * wall
         disc = np.concatenate([ring(a, d, inner, segments), ring(a + bottom * unit, d, inner, segments)])
-        parts.append(Solid(disc[ConvexHull(disc).vertices], None))
+        parts.append(Solid(disc[convex_hull(disc).vertices], None))
         parts.append(cone(a, a + bottom * unit, inner, inner, look, 24).visual_only())
     return parts

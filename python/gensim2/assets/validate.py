@@ -16,8 +16,8 @@ from gensim2.assets.library import Library
 from gensim2.assets.overlap import link_pose
 from gensim2.assets.physics import GRAVITY, class_rule, inertial
 from gensim2.assets.types import Instance
-from gensim2.demos.pool import JobError, WorkerPool
 from gensim2.errors import InputError, MissingExtraError
+from gensim2.processes import WorkerPool, enumerated, in_order
 
 REST_SECONDS = 5.0
 REST_DRIFT = 0.02  # openness
@@ -82,9 +82,10 @@ def validate(
         MissingExtraError: ``physics`` without SAPIEN.
     """
     with WorkerPool(workers) as pool:
-        for outcome in pool.map(check_object, ((library, *item, physics) for item in items)):
-            if isinstance(outcome.error, JobError):
-                finding = Finding("loads", str(outcome.error), "no error")
+        jobs = enumerated((library, *item, physics) for item in items)
+        for outcome in in_order(pool.map_unordered(check_object, jobs)):
+            if outcome.failures:
+                finding = Finding("loads", outcome.failures[-1].reason, "no error")
                 yield ObjectReport(*items[outcome.index], (finding,), 0.0)
             else:
                 yield outcome.unwrap()
@@ -119,9 +120,11 @@ def load_all(
 ) -> Iterator[tuple[tuple[str, str], str | None]]:
     """Prepare (class, id) pairs in worker processes; each comes back with why it cannot be used, or None."""
     with WorkerPool(workers) as pool:
-        for outcome in pool.map(_prepare, ((library, *item) for item in items)):
-            if isinstance(outcome.error, InputError | JobError):
+        for outcome in in_order(pool.map_unordered(_prepare, enumerated((library, *item) for item in items))):
+            if isinstance(outcome.error, InputError):
                 yield items[outcome.index], str(outcome.error)
+            elif outcome.failures:
+                yield items[outcome.index], outcome.failures[-1].reason
             else:
                 outcome.unwrap()
                 yield items[outcome.index], None

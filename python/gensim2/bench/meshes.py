@@ -8,9 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
 
 from gensim2.errors import InputError
 
@@ -55,6 +52,9 @@ def load_parts(path: Path) -> Parts:
         raise InputError("a vertex is not finite", file=path, remedy="repair the mesh")
     if not edges:
         return Parts(())
+    from scipy.sparse import coo_matrix  # here: refusing a file of problems needs no SciPy
+    from scipy.sparse.csgraph import connected_components
+
     ends = np.asarray(edges) - 1
     if ends.min() < 0 or ends.max() >= len(vertices):
         raise InputError("a face names a vertex that does not exist", file=path, remedy="repair the mesh")
@@ -72,6 +72,8 @@ def convex_points(points: Array) -> Array | None:
 
     A flat set is thickened to ``MINIMUM_THICKNESS`` along its normal.
     """
+    from scipy.spatial import ConvexHull, QhullError
+
     centered = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centered.T @ centered)
     spread = np.ptp(centered @ axes, axis=0)

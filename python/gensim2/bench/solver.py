@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import resource
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from gensim2.bench.convert import Frames, keypoint_problem
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.scene import check_assets, problem_scene
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
+from gensim2.files import check_writable, write_atomic
 from gensim2.planning.robot import panda
 from gensim2.progress import NULL_PROGRESS, Progress
 
@@ -24,6 +25,8 @@ from gensim2.progress import NULL_PROGRESS, Progress
 BATCH_PER_THREAD = 8
 #: Distances for the report are taken every so many seconds of the motion.
 CLEARANCE_STEP = 0.02
+#: A motion of 30 s is then 30,000 samples.
+SHORTEST_SAMPLE_DT = 0.001
 
 
 @dataclass(frozen=True)
@@ -108,13 +111,41 @@ def bench_solver(
     sample_dt: float | None = None,
     progress: Progress = NULL_PROGRESS,
 ) -> BenchSummary:
-    """Solve every problem of a file.
+    """Solve every problem of a file and write what was found to ``out``, as JSON Lines in the order of the input.
+
+    The other arguments are those of :func:`solve_problems`.
+
+    Raises:
+        InputError: as there, or ``out`` cannot be written.
+    """
+    check_writable(out)
+    records = solve_problems(
+        problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
+    )
+    write_atomic(out, json_lines(records))
+    return summary_of(records)
+
+
+def json_lines(records: Sequence[dict[str, Any]]) -> str:
+    """One JSON object a line."""
+    return "".join(json.dumps(record, allow_nan=False) + "\n" for record in records)
+
+
+def solve_problems(
+    problems: Path,
+    *,
+    assets: Path | None = None,
+    frames: Frames = "original",
+    threads: int = 1,
+    sample_dt: float | None = None,
+    progress: Progress = NULL_PROGRESS,
+) -> list[dict[str, Any]]:
+    """Solve every problem of a file and return what was found, one record a problem, in the order of the input.
 
     Scenes are loaded before the solver is called, so that ``cpu_ms`` holds the solver's own work.
 
     Args:
         problems: JSON Lines, see ``gensim2.bench.problems``.
-        out: JSON Lines are written here, in the order of the input, when all are solved.
         assets: folder of real objects, which are then obstacles; None plans with the table alone.
         frames: reading of motion frames.
         threads: solver threads; the result does not depend on their number.
@@ -122,14 +153,15 @@ def bench_solver(
         progress: told of every problem.
 
     Raises:
-        InputError: a bad line, a missing folder, an object that cannot be read, or a place that cannot be written.
+        InputError: a bad line, a missing folder, or an object that cannot be read.
     """
+    if sample_dt is not None and not SHORTEST_SAMPLE_DT <= sample_dt < float("inf"):
+        raise InputError(
+            f"must be at least {SHORTEST_SAMPLE_DT} s, is {sample_dt}", field="--sample-dt", remedy="for example 0.05"
+        )
     recorded = read_problems(problems)
-    robot = panda()
     folder = None if assets is None else check_assets(assets)
-    if sample_dt is not None and not 0.0 < sample_dt < float("inf"):
-        raise InputError("must be a positive number of seconds", field="--sample-dt", remedy="for example 0.05")
-    check_writable(out)
+    robot = panda()
     prepared: list[tuple[kpam.KeypointProblem, tuple[str, ...]]] = []
     progress.start("scenes", len(recorded))
     for problem in recorded:
@@ -147,15 +179,7 @@ def bench_solver(
         for problem, (question, warnings), plan in zip(recorded[start:], batch, plans, strict=False):
             records.append(record_of(problem, question, plan, warnings, sample_dt))
             progress.advance()
-    write_atomic(out, "".join(json.dumps(record, allow_nan=False) + "\n" for record in records))
-    return summary_of(records)
-
-
-def check_writable(out: Path) -> None:
-    """Raise InputError where ``out`` cannot be written, before hours of work; nothing is left behind."""
-    probe = out.with_name(f".{out.name}.probe")
-    write_atomic(probe, "")
-    probe.unlink()
+    return records
 
 
 def summary_of(records: list[dict[str, Any]]) -> BenchSummary:

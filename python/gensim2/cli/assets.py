@@ -28,7 +28,7 @@ assets.add_command(gallery)
 assets.add_command(rigid)
 
 
-@assets.command("list")
+@assets.command("list", cls=options.Command)
 @options.assets
 @options.json_file
 def list_assets(assets: str | None, json_file: str | None) -> None:
@@ -65,7 +65,7 @@ def _show(result: dict[str, Any]) -> None:
     line(f"library: {result['library']} ({result['license']})")
 
 
-@assets.command("show", cls=options.TaskCommand)
+@assets.command("show", cls=options.Command)
 @click.argument("object_", metavar="CLASS[/WHICH]")
 @options.assets
 @options.seed
@@ -77,11 +77,12 @@ def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> 
     """
     with report(json_file, _show_object) as (progress, give):
         from gensim2.assets import open_library
-        from gensim2.assets.describe import describe
         from gensim2.assets.selection import select_one
 
         library = open_library(assets)
         item = select_one(library, object_, seed=seed)
+        from gensim2.assets.describe import describe  # brings SciPy: after what can be refused, here as elsewhere
+
         progress.start(f"preparing {'/'.join(item)}", 1)
         give({"schema_version": 1, **describe(library, library.load(*item))})
         progress.advance()

@@ -23,7 +23,7 @@ _out = click.option(
 _force = click.option("--force", is_flag=True, help="Replace objects that are there already.")
 
 
-@click.command("export", cls=options.TaskCommand, short_help="Write objects as URDF, meshes and info.json.")
+@click.command("export", cls=options.Command, short_help="Write objects as URDF, meshes and info.json.")
 @click.argument("objects", nargs=-1, metavar="[CLASS[/WHICH]]...")
 @options.assets
 @click.option("--all", "every", is_flag=True, help="All of the library.")
@@ -49,11 +49,12 @@ def export(
         raise click.UsageError("name a CLASS or CLASS/ID, or say --all")
     with report(json_file, _show_exported) as (progress, give):
         from gensim2.assets import open_library
-        from gensim2.assets.export import export as function
         from gensim2.assets.selection import select
 
         library = open_library(assets)
         items = select(library, objects, every=every, seed=seed)
+        from gensim2.assets.export import export as function
+
         progress.start(f"exporting objects of {library.name}", len(items))
         written = []
         for asset_class, instance_id in items:
@@ -88,7 +89,7 @@ class _Scale(click.ParamType[float | str]):
         return number
 
 
-@click.command("import", cls=options.TaskCommand, short_help="Make an object of a PartNet-Mobility folder.")
+@click.command("import", cls=options.Command, short_help="Make an object of a PartNet-Mobility folder.")
 @click.argument("source", metavar="DIR")
 @click.option("--class", "asset_class", required=True, metavar="CLASS", help="Class of the new object.")
 @click.option("--name", required=True, metavar="ID", help="Its id.")
@@ -119,10 +120,13 @@ def import_(
     """
     with report(json_file, _show_imported) as (progress, give):
         from gensim2.assets import open_library
-        from gensim2.assets.importer import find_source, import_object
+        from gensim2.assets.sources import find_source
+
+        folder = find_source(source)
+        from gensim2.assets.importer import import_object  # brings SciPy: after what can be refused
         from gensim2.assets.validate import check_object
 
-        imported = import_object(find_source(source), out, asset_class, name, joint=joint, scale=scale, replace=force)
+        imported = import_object(folder, out, asset_class, name, joint=joint, scale=scale, replace=force)
         progress.start(f"taking {asset_class}/{name} apart and checking it", 1)
         checked = check_object(open_library(out), asset_class, name)
         progress.advance()

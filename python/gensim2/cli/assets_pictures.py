@@ -11,7 +11,7 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report
 
 
-@click.command("render", cls=options.TaskCommand, short_help="Picture of one object.")
+@click.command("render", cls=options.Command, short_help="Picture of one object.")
 @click.argument("object_", metavar="CLASS[/WHICH]")
 @options.assets
 @options.seed
@@ -31,19 +31,22 @@ def render(object_: str, assets: str | None, seed: int, out: Path, size: int, js
         import io
 
         from gensim2.assets import open_library
-        from gensim2.assets.pictures import Studio, strip
         from gensim2.assets.selection import select_one
-        from gensim2.files import write_atomic
+        from gensim2.files import check_writable, write_atomic
 
         library = open_library(assets)
-        instance = library.load(*select_one(library, object_, seed=seed))
+        item = select_one(library, object_, seed=seed)
+        check_writable(out)
+        from gensim2.assets.pictures import Studio, strip
+
+        instance = library.load(*item)
         stream = io.BytesIO()
         strip(Studio(size), instance).save(stream, "PNG")
         write_atomic(out, stream.getvalue())
         give({"schema_version": 1, "class": instance.asset_class, "id": instance.id, "picture": str(out)})
 
 
-@click.command("gallery", short_help="Page with pictures of every object.")
+@click.command("gallery", cls=options.Command, short_help="Page with pictures of every object.")
 @click.option(
     "--assets",
     "where",
@@ -83,15 +86,20 @@ def gallery(
         import os
 
         from gensim2.assets import open_library
-        from gensim2.assets.gallery import build_gallery
+        from gensim2.assets.selection import wanted_classes
 
         chosen = where or ("builtin", *filter(None, [os.environ.get("GENSIM2_ASSETS")]))
         places = list(dict.fromkeys(chosen))
+        libraries = [open_library(place) for place in places]
+        named = None if classes is None else [name.strip() for name in classes.split(",") if name.strip()]
+        wanted_classes(libraries, named)
+        from gensim2.assets.gallery import build_gallery
+
         built = build_gallery(
-            [open_library(place) for place in places],
+            libraries,
             out,
             rigid=_rigid_libraries(places) if classes is None else (),
-            classes=None if classes is None else [name.strip() for name in classes.split(",") if name.strip()],
+            classes=named,
             findings=findings,
             views=views,
             size=size,

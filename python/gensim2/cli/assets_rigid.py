@@ -27,7 +27,7 @@ def rigid() -> None:
     """Objects without a joint: food, dishes, tools."""
 
 
-@rigid.command("list")
+@rigid.command("list", cls=options.Command)
 @_assets
 @options.json_file
 def list_rigid(assets: str | None, json_file: str | None) -> None:
@@ -77,7 +77,7 @@ def _show_list(result: dict[str, Any]) -> None:
     line(f"library: {result['library']} ({result['license']})")
 
 
-@rigid.command("validate", cls=options.TaskCommand)
+@rigid.command("validate", cls=options.Command)
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @_assets
 @options.json_file
@@ -89,10 +89,11 @@ def validate(ctx: click.Context, names: tuple[str, ...], assets: str | None, jso
     """
     with report(json_file, _show_verdicts) as (progress, give):
         from gensim2.assets.rigid import open_rigid_library
-        from gensim2.assets.rigid.validate import validate_rigid
 
         library = open_rigid_library(assets)
-        chosen = names or library.names()
+        chosen = library.chosen(names)
+        from gensim2.assets.rigid.validate import validate_rigid  # brings SciPy: after what can be refused
+
         started, reports = time.perf_counter(), []
         progress.start(f"checking rigid objects of {library.name}", len(chosen))
         for each in validate_rigid(library, chosen):
@@ -118,7 +119,7 @@ def _show_verdicts(result: dict[str, Any]) -> None:
     line(f"{result['sound']} of {len(result['objects'])} rigid objects of {result['library']} are sound")
 
 
-@rigid.command("render", cls=options.TaskCommand)
+@rigid.command("render", cls=options.Command)
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @_assets
 @click.option(
@@ -133,12 +134,15 @@ def render(names: tuple[str, ...], assets: str | None, out: Path, size: int, jso
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
 
-        from gensim2.assets.pictures import Studio, contact_sheet, rigid_strip
         from gensim2.assets.rigid import open_rigid_library
-        from gensim2.files import write_atomic
+        from gensim2.files import check_writable, write_atomic
 
         library = open_rigid_library(assets)
-        subjects = [library.load(name) for name in names or library.names()]
+        chosen = library.chosen(names)
+        check_writable(out)
+        from gensim2.assets.pictures import Studio, contact_sheet, rigid_strip
+
+        subjects = [library.load(name) for name in chosen]
         studio = Studio(size)
         sheet = rigid_strip(studio, subjects[0]) if len(subjects) == 1 else contact_sheet(studio, subjects, columns=9)
         stream = io.BytesIO()

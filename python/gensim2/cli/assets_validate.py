@@ -17,14 +17,14 @@ _every = click.option("--all", "every", is_flag=True, help="All of the library, 
 _random = click.option(
     "--random",
     "drawn",
-    type=click.IntRange(min=1),
+    type=options.count(),
     default=None,
     metavar="N",
     help="Also N more of each class, drawn by --seed: new numbers of generated objects, any of a folder's.",
 )
 
 
-@click.command("validate", cls=options.TaskCommand, short_help="Check objects in geometry and in physics.")
+@click.command("validate", cls=options.Command, short_help="Check objects in geometry and in physics.")
 @_objects
 @options.assets
 @_every
@@ -52,11 +52,12 @@ def validate(
     with report(json_file, _show) as (progress, give):
         from gensim2.assets import open_library
         from gensim2.assets.selection import select
-        from gensim2.assets.validate import summary
-        from gensim2.assets.validate import validate as function
 
         library = open_library(assets)
         items = select(library, objects, every=every, drawn=drawn or 0, seed=seed)
+        from gensim2.assets.validate import summary
+        from gensim2.assets.validate import validate as function
+
         started, reports = time.perf_counter(), []
         progress.start(f"checking objects of {library.name}", len(items))
         for each in function(library, items, physics, min(workers, len(items))):
@@ -84,7 +85,7 @@ def object_line(entry: dict[str, Any]) -> str:
     return f"FAULT  {name}: " + "; ".join(f"{f['check']}: {f['value']} (limit {f['limit']})" for f in entry["findings"])
 
 
-@click.command("prepare", cls=options.TaskCommand, short_help="Make objects now that are made at first use.")
+@click.command("prepare", cls=options.Command, short_help="Make objects now that are made at first use.")
 @_objects
 @options.assets
 @_every
@@ -110,10 +111,11 @@ def prepare(
         from gensim2.assets import open_library
         from gensim2.assets.cache import cache_dir
         from gensim2.assets.selection import select
-        from gensim2.assets.validate import load_all
 
         library = open_library(assets)
         items = select(library, objects, every=every, seed=seed)
+        from gensim2.assets.validate import load_all
+
         progress.start(f"preparing objects of {library.name}", len(items))
         refused = []
         for item, reason in load_all(library, items, min(workers, len(items))):

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import click
 
-from gensim2.cli.output import line, report, table
+from gensim2.cli import options
+from gensim2.cli.output import report, table
 
 
 @click.group("bench")
@@ -15,7 +16,7 @@ def bench() -> None:
     """Measure the solver."""
 
 
-@bench.command("solver", short_help="Solve a file of planning problems.")
+@bench.command("solver", cls=options.Command, short_help="Solve a file of planning problems.")
 @click.option(
     "--problems", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Problems, one a line."
 )
@@ -33,58 +34,50 @@ def bench() -> None:
     show_default=True,
     help="Reading of motion frames: the original's, or the object's own.",
 )
-@click.option("--threads", type=click.IntRange(min=1), default=1, show_default=True, help="Solver threads.")
+@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Solver threads.")
 @click.option("--sample-dt", type=float, default=None, metavar="S", help="Also write the joints every S seconds.")
-@click.option(
-    "--json",
-    "out",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="OUT",
-    help="JSON Lines are written here, one object a problem.",
-)
+@options.json_file
 def solver(
     problems: Path,
     assets: Path | None,
     frames: Literal["original", "object"],
     threads: int,
     sample_dt: float | None,
-    out: Path,
+    json_file: str | None,
 ) -> None:
-    """Solve a file of planning problems and write what was found, one JSON object a line.
+    """Solve a file of planning problems and say what was found; --json writes one JSON object a problem, each a line.
 
     Times are CPU time of the solver calls alone; reading and mesh loading come before.
     """
-    with report(None, _show) as (progress, give):
-        from gensim2.bench import bench_solver
+    with report(json_file, _show, _json_lines) as (progress, give):
+        from gensim2.bench import solve_problems, summary_of
 
-        give(
-            bench_solver(
-                problems,
-                out,
-                assets=assets,
-                frames=frames,
-                threads=threads,
-                sample_dt=sample_dt,
-                progress=progress,
-            ).to_dict()
+        records = solve_problems(
+            problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
         )
-    line(f"written: {out}")
+        give({"records": records, "summary": summary_of(records).to_dict()})
+
+
+def _json_lines(result: dict[str, Any]) -> str:
+    from gensim2.bench import json_lines
+
+    return json_lines(result["records"])
 
 
 def _show(result: dict[str, Any]) -> None:
-    statuses = ", ".join(f"{status} {count}" for status, count in result["statuses"].items())
+    summary = result["summary"]
+    statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
     table(
         ("what", "value"),
         [
-            ("problems", str(result["problems"])),
+            ("problems", str(summary["problems"])),
             ("statuses", statuses),
-            ("with an actuation pose", str(result["with_actuation"])),
-            ("warnings", str(result["warnings"])),
-            ("actuation, CPU ms, median", f"{result['cpu_ms_actuation']:.3f}"),
-            ("trajectory, CPU ms, median", f"{result['cpu_ms_trajectory']:.3f}"),
-            ("plan, CPU ms, median", f"{result['cpu_ms_total']:.3f}"),
-            ("plan, CPU ms, 99th percentile", f"{result['cpu_ms_total_p99']:.3f}"),
-            ("peak memory, MB", f"{result['peak_memory_mb']:.0f}"),
+            ("with an actuation pose", str(summary["with_actuation"])),
+            ("warnings", str(summary["warnings"])),
+            ("actuation, CPU ms, median", f"{summary['cpu_ms_actuation']:.3f}"),
+            ("trajectory, CPU ms, median", f"{summary['cpu_ms_trajectory']:.3f}"),
+            ("plan, CPU ms, median", f"{summary['cpu_ms_total']:.3f}"),
+            ("plan, CPU ms, 99th percentile", f"{summary['cpu_ms_total_p99']:.3f}"),
+            ("peak memory, MB", f"{summary['peak_memory_mb']:.0f}"),
         ],
     )

@@ -12,14 +12,16 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
 
 
-@click.command("demo", cls=options.TaskCommand, short_help="Record demonstrations of a task.")
+@click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
 @click.argument("task")
-@click.option("--episodes", type=click.IntRange(min=1), default=5, show_default=True, help="Demonstrations to record.")
+@click.option("--episodes", type=options.count(), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed
 @options.assets
-@options.instance("Objects to draw from.  [default: all]")
+@options.instances
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.workers
+@options.time_limit
+@options.jobs_per_worker
 @options.resume
 @options.video
 @options.json_file
@@ -30,9 +32,11 @@ def demo(
     episodes: int,
     seed: int,
     assets: str | None,
-    instance: str | None,
+    instances: str,
     out: Path | None,
     workers: int,
+    time_limit: float,
+    jobs_per_worker: int,
     resume: bool,
     video: bool,
     json_file: str | None,
@@ -49,9 +53,11 @@ def demo(
             episodes=episodes,
             seed=seed,
             assets=assets,
-            instance=instance,
+            instances=instances,
             out=out,
             workers=workers,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
             resume=resume,
             video=video,
             progress=progress,
@@ -63,4 +69,6 @@ def demo(
 
 def _show(result: dict[str, Any]) -> None:
     line(f"{result['name']}: {result['demos']} demonstrations")
+    for note in result["notes"]:
+        line(f"note: {note}")
     line(f"in {result['run_dir']}")

@@ -11,7 +11,7 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import report, table
 
 
-@click.command("doctor", short_help="Say what works here and what is missing.")
+@click.command("doctor", cls=options.Command, short_help="Say what works here and what is missing.")
 @options.assets
 @options.json_file
 @click.pass_context

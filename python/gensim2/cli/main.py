@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib
+import io
 import os
 import sys
 from collections.abc import Sequence
 
 import click
 
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError
+from gensim2.cli.signals import Stopped, exit_code, stopping_signals
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError, one_line
 
-#: Exit codes; 0 is "ran to the end".
-FOUND_WRONG, BAD_INPUT, INTERRUPTED = 1, 2, 130
+#: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
+FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
@@ -55,20 +58,27 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Articulated objects in, verified manipulation tasks and demonstrations out.
 
-    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 130 interrupted.
+    Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run (--resume
+    tries them again), 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
     """
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
+    if _fill_closed_descriptors():
+        sys.exit(_fail("gensim2: standard output is closed (let it go to a file, or to /dev/null)", BAD_INPUT))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     sys.exit(run(arguments))
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; ``arguments`` defaults to the process's own."""
     try:
-        outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)
-        sys.stdout.flush()
+        with stopping_signals():
+            outcome = cli.main(args=arguments, prog_name="gensim2", standalone_mode=False)
+            sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -85,18 +95,49 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if module not in EXTRAS:
             raise
         return _fail(f"gensim2: {MissingExtraError(module, EXTRAS[module])}", BAD_INPUT)
+    except NotRunError as error:
+        return _fail(f"gensim2: {error}", NOT_RUN)
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("gensim2: interrupted; what was finished is kept", INTERRUPTED)
+    except (KeyboardInterrupt, click.Abort, Stopped) as error:
+        return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
     except OSError as error:
-        if error.errno != errno.EPIPE:
-            raise
-        # Whoever read our output has left; a second flush at exit must not complain about it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FOUND_WRONG
+        _drop_unwritten_output()
+        if error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault
+            return FOUND_WRONG
+        where = "standard output" if error.filename is None else os.fsdecode(error.filename)
+        return _fail(f"gensim2: {where}: {error.strerror or error}", BAD_INPUT)
 
 
 def _fail(text: str, code: int) -> int:
-    click.echo(" ".join(text.split()), err=True)
+    with contextlib.suppress(OSError):  # nobody can be told any more; the exit code still says it
+        click.echo(one_line(text), err=True)
     return code
+
+
+def _fill_closed_descriptors() -> bool:
+    """Put /dev/null where a standard descriptor is closed, and say whether standard output was.
+
+    The next file that is opened would take its number, and whatever a library prints would end up in that file.
+    """
+    closed = []
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            closed.append(number)
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+    if 2 in closed:
+        sys.stderr = open(2, "w", closefd=False)  # noqa: SIM115 - as long as the process
+    return 1 in closed
+
+
+def _drop_unwritten_output() -> None:
+    """Where standard output takes nothing, let what is left go nowhere: the flush at exit would complain again."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -9,6 +9,8 @@ from typing import TypeVar
 
 import click
 
+from gensim2.seeding import LARGEST_SEED
+
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -16,26 +18,38 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class TaskCommand(click.Command):
-    """A command with an argument, whose ``--json [FILE]`` does not swallow it.
+class Command(click.Command):
+    """A command with ``--json [FILE]``.
 
-    ``gensim2 demo --json OpenBox`` means the task, ``gensim2 demo OpenBox --json box.json`` the file: what follows
-    ``--json`` is taken for a file if it has a dot or a slash. ``--json=FILE`` takes any name.
+    The word behind ``--json`` is its FILE, whatever it looks like, unless the command would then lack an argument
+    that it needs: ``demo OpenBox --json result`` writes to ``result``, ``demo --json OpenBox`` means the task. As the
+    last word, or before another option, ``--json`` stands for standard output, as ``--json -`` and ``--json=-`` do.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give ``--json`` its value where the next word is none."""
-        settled = list(args)
-        for index, word in enumerate(args):
-            follower = args[index + 1] if index + 1 < len(args) else ""
-            if word == "--json" and not (follower == "-" or "." in follower or "/" in follower):
-                settled[index] = "--json=-"
-        return super().parse_args(ctx, settled)
+        """Give ``--json`` standard output for its value where the word behind it is needed elsewhere."""
+        if "--json" in args and self._lacks_an_argument(ctx, args):
+            args = ["--json=-" if word == "--json" else word for word in args]
+        return super().parse_args(ctx, args)
+
+    def _lacks_an_argument(self, ctx: click.Context, args: list[str]) -> bool:
+        try:
+            given, _, _ = self.make_parser(ctx).parse_args(list(args))
+        except click.UsageError:  # which parsing in earnest will say
+            return False
+        needed = [param for param in self.params if isinstance(param, click.Argument) and param.required]
+        return any(not isinstance(given.get(param.name), str | tuple) for param in needed)
+
+
+def count(most: int = 1_000_000) -> click.IntRange:
+    """A whole number from 1 to ``most``: what could never end is refused, not begun."""
+    return click.IntRange(1, most)
 
 
 seed = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything that is drawn."
+    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Of everything that is drawn."
 )
+
 assets = click.option(
     "--assets",
     metavar="DIR|builtin",
@@ -44,12 +58,27 @@ assets = click.option(
 )
 workers = click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=count(1024),
     default=_cores,
     show_default="number of cores",
     help="Simulator processes; the result does not depend on their number.",
 )
 resume = click.option("--resume", is_flag=True, help="Go on with the run that --out holds.")
+time_limit = click.option(
+    "--time-limit",
+    type=click.FloatRange(0, 1e6, min_open=True),
+    default=900.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="After which an episode counts as hung and is tried again in a fresh process.",
+)
+jobs_per_worker = click.option(
+    "--jobs-per-worker",
+    type=count(),
+    default=500,
+    show_default=True,
+    help="Jobs after which a simulator process is renewed.",
+)
 video = click.option(
     "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
 )
@@ -60,7 +89,8 @@ json_file = click.option(
     flag_value="-",
     default=None,
     metavar="[FILE]",
-    help="Write the result as JSON to FILE; without FILE to standard output, and all else to standard error.",
+    help="Write the result as JSON to FILE, the word that follows; where none follows, or it is needed as an argument, "
+    "to standard output, and all else to standard error.",
 )
 
 
@@ -69,6 +99,13 @@ def out(help_text: str) -> Callable[[_F], _F]:
     return click.option("--out", type=click.Path(path_type=Path), default=None, metavar="DIR", help=help_text)
 
 
-def instance(help_text: str) -> Callable[[_F], _F]:
-    """``--instance WHICH`` with a text of its own."""
-    return click.option("--instance", default=None, metavar="ID|train|test|all|random", help=help_text)
+#: One name and one meaning wherever a command draws objects; ``--instance`` is the same option.
+instances = click.option(
+    "--instances",
+    "--instance",
+    "instances",
+    default="all",
+    show_default=True,
+    metavar="all|train|test|random|ID",
+    help="Objects to draw from; random is one of them, drawn by --seed.",
+)

@@ -6,24 +6,32 @@ import contextlib
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from gensim2.errors import InputError
-from gensim2.files import write_json
+from gensim2.files import check_writable, write_atomic
 from gensim2.progress import ConsoleProgress
+from gensim2.special_files import descriptor
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+STDOUT = 1
 
 Show = Callable[[dict[str, Any]], None]
 
 
+def document(result: dict[str, Any]) -> str:
+    """A result as one JSON document. NaN is refused: JSON has none."""
+    return json.dumps(result, indent=2, allow_nan=False) + "\n"
+
+
 @contextlib.contextmanager
-def report(json_file: str | None, show: Show) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
+def report(
+    json_file: str | None, show: Show, text: Callable[[dict[str, Any]], str] = document
+) -> Iterator[tuple[ConsoleProgress, Callable[[dict[str, Any]], None]]]:
     """Give a command its progress listener and a function that takes its result.
 
     With ``json_file == "-"`` everything that is printed to standard output while the command runs, by
@@ -33,14 +41,16 @@ def report(json_file: str | None, show: Show) -> Iterator[tuple[ConsoleProgress,
     Args:
         json_file: value of ``--json``: ``None``, ``"-"`` or a file.
         show: prints the result for a person.
+        text: what goes to the file.
 
     Raises:
         InputError: the file cannot be written to.
     """
-    if json_file is not None and json_file != "-":
-        _check_writable(Path(json_file))
+    to_stdout = json_file == "-" or (json_file is not None and descriptor(Path(json_file)) == STDOUT)
+    if json_file is not None and not to_stdout:
+        with _said_of_json(json_file):
+            check_writable(Path(json_file))
     results: list[dict[str, Any]] = []
-    to_stdout = json_file == "-"
     saved = _point_stdout_at_stderr() if to_stdout else None
     try:
         with (
@@ -53,15 +63,19 @@ def report(json_file: str | None, show: Show) -> Iterator[tuple[ConsoleProgress,
             _restore_stdout(saved)
     for result in results:
         if to_stdout:
-            sys.stdout.write(json.dumps(result, indent=2, allow_nan=False) + "\n")
+            sys.stdout.write(text(result))
         else:
+            show(result)  # first: a file that cannot be written takes nothing from whoever looks
             if json_file is not None:
-                write_json(Path(json_file), result)
-            show(result)
+                with _said_of_json(json_file):
+                    write_atomic(Path(json_file), text(result))
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, title: str | None = None) -> None:
     """Print a table; numbers are right-aligned."""
+    from rich.markup import escape
+    from rich.table import Table
+
     grid = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for index, column in enumerate(columns):
         numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
@@ -78,21 +92,20 @@ def line(text: str) -> None:
 
 def console() -> Console:
     """Standard output; wide where it is not a terminal, so that nothing is folded in a pipe."""
+    from rich.console import Console
+
     found = Console(soft_wrap=False, highlight=False)
     return found if found.is_terminal else Console(width=200, highlight=False)
 
 
-def _check_writable(path: Path) -> None:
-    """Refuse a file that could not be written before the work is done, not after."""
-    remedy = "choose another file with --json"
-    if path.is_dir():
-        raise InputError("is a folder", file=path, field="--json", remedy=remedy)
-    parent = next(folder for folder in path.absolute().parents if folder.exists())
+@contextlib.contextmanager
+def _said_of_json(json_file: str) -> Iterator[None]:
+    """Name the option in what is wrong with its file."""
     try:
-        with tempfile.TemporaryFile(dir=parent):
-            pass
-    except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=path, field="--json", remedy=remedy) from error
+        yield
+    except InputError as error:
+        remedy = "choose another file with --json"
+        raise InputError(error.message, file=json_file, field="--json", remedy=remedy) from error
 
 
 def _point_stdout_at_stderr() -> int:

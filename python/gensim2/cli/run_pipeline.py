@@ -11,11 +11,11 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 
 
-@click.command("run-pipeline", short_help="Design, verify and demonstrate new tasks.")
-@click.option("--num-tasks", type=click.IntRange(min=1), default=2, show_default=True, help="Tasks to design.")
+@click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
+@click.option("--num-tasks", type=options.count(1000), default=2, show_default=True, help="Tasks to design.")
 @click.option(
     "--episodes",
-    type=click.IntRange(min=1),
+    type=options.count(),
     default=5,
     show_default=True,
     help="Demonstrations to keep of each task.",
@@ -26,6 +26,8 @@ from gensim2.cli.output import line, report, table
 @options.assets
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.workers
+@options.time_limit
+@options.jobs_per_worker
 @options.resume
 @options.video
 @options.json_file
@@ -38,6 +40,8 @@ def run_pipeline(
     assets: str | None,
     out: Path | None,
     workers: int,
+    time_limit: float,
+    jobs_per_worker: int,
     resume: bool,
     video: bool,
     json_file: str | None,
@@ -58,6 +62,8 @@ def run_pipeline(
                 assets=assets,
                 out=out,
                 workers=workers,
+                time_limit=time_limit,
+                jobs_per_worker=jobs_per_worker,
                 target_task=target_task,
                 resume=resume,
                 designer=designer,

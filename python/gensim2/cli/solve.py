@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from gensim2_kpam import Plan
 
 
-@click.command("solve", cls=options.TaskCommand, short_help="Plan one motion for a task.")
+@click.command("solve", cls=options.Command, short_help="Plan one motion for a task.")
 @click.argument("task")
 @options.seed
 @options.assets
-@options.instance("Object to solve for; one of several is drawn by --seed.  [default: all]")
+@options.instances
 @options.out("Folder to write the plan to.  [default: written nowhere]")
 @click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file
@@ -30,23 +30,24 @@ def solve(
     task: str,
     seed: int,
     assets: str | None,
-    instance: str | None,
+    instances: str,
     out: Path | None,
     browser: bool,
     json_file: str | None,
 ) -> None:
-    """Plan one motion for TASK in the scene of one seed, without executing it.
+    """Plan one motion for TASK in the scene of one seed as an episode would, without executing it.
 
-    Ends with 1 where no whole plan was found; the status and the reason say why.
+    Where the whole motion cannot be had, its longest part is taken, as episodes do, and the plan is called partial.
+    Ends with 1 where there is none; the status and the reason say why.
     """
     with report(json_file, _show) as (_, give):
         from gensim2.pipeline import solve as function
 
         result = function(
-            task, seed=seed, assets=assets, instance=instance, out=out, view=_browse if browser else None
+            task, seed=seed, assets=assets, instances=instances, out=out, view=_browse if browser else None
         ).to_dict()
         give(result)
-    if result["plan"]["status"] != "solved":
+    if result["plan"]["status"] not in ("solved", "partial"):
         ctx.exit(FOUND_WRONG)
 
 
@@ -77,5 +78,12 @@ def _show(result: dict[str, Any]) -> None:
     )
     table(
         ("keyframe", "time [s]", "reached"),
-        [(entry["label"], f"{entry['time']:.2f}", "yes" if entry["reached"] else "NO") for entry in plan["keyframes"]],
+        [
+            (
+                entry["label"],
+                "-" if entry["time"] is None else f"{entry['time']:.2f}",
+                "yes" if entry["reached"] else "NO",
+            )
+            for entry in plan["keyframes"]
+        ],
     )

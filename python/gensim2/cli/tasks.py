@@ -15,7 +15,7 @@ def tasks() -> None:
     """The task library."""
 
 
-@tasks.command("list")
+@tasks.command("list", cls=options.Command)
 @options.json_file
 def list_tasks(json_file: str | None) -> None:
     """List the tasks of the library."""

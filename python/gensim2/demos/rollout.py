@@ -24,6 +24,9 @@ SETTLE_STEPS = 10
 MAX_SETTLE_STEPS = 40
 """Control steps after which success is judged although the object still moves."""
 
+LARGEST_OVERSHOOT = 0.5
+"""Openness by which a joint may stand outside 0..1; the give of its limits is a hundredth of that."""
+
 STILL_STEPS = 40
 """Control steps (2 s) after which an object that has not moved counts as one that stays where it is."""
 
@@ -44,6 +47,7 @@ class EpisodeResult:
         success: the criteria hold after the motion has ended and the object has settled, within the step
             limit.
         success_once: they held after some step.
+        stable: physics held together: all that was measured is finite, and the joint is near its range.
         settled: the object's joint was at rest when success was judged.
         truncated: the episode was longer than ``task.max_episode_steps``.
         openness_start, openness_end: of the object's joint.
@@ -55,6 +59,7 @@ class EpisodeResult:
     instance: str
     success: bool
     success_once: bool
+    stable: bool
     settled: bool
     truncated: bool
     openness_start: float
@@ -117,13 +122,15 @@ def run_episode(
             break
         success = step(commands[-1])
         once |= success
+    stable = is_stable(env)
     steps = int(env.elapsed_steps[0])
     truncated = steps > env.max_episode_steps
     return EpisodeResult(
         seed=int(env._episode_seed[0]),
         instance=env._require_instance().id,
-        success=success and not truncated,
+        success=success and stable and not truncated,
         success_once=once,
+        stable=stable,
         settled=change < SETTLED_CHANGE,
         truncated=truncated,
         openness_start=start,
@@ -155,6 +162,13 @@ def still_arm(
     if count <= STILL_STEPS or abs(first.openness_end - first.openness_start) < STILL_CHANGE:
         return first
     return run_episode(env, np.repeat(command, count, axis=0), seed=seed, options=options)
+
+
+def is_stable(env: GenSim2Env) -> bool:
+    """Whether physics holds together; once it has blown up, positions stay NaN or far out."""
+    openness = env.openness
+    measured = [openness, *env.agent.robot.get_qpos().flatten().tolist(), *env.object.pose.raw_pose.flatten().tolist()]
+    return bool(np.isfinite(measured).all()) and -LARGEST_OVERSHOOT <= openness <= 1 + LARGEST_OVERSHOOT
 
 
 def check_actions(actions: npt.NDArray[np.floating[Any]]) -> Actions:

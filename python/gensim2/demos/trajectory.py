@@ -1,9 +1,8 @@
 """Demonstrations on disk, in ManiSkill's trajectory format: ``trajectory.h5`` beside ``trajectory.json``.
 
 Each episode is first written to a file of its own under ``episodes/``, whole or not at all, as soon as it is
-finished; the two files are merged from those, in the order of their indices. So nothing that is finished is
-lost, a second run knows what is there, and the bytes do not depend on how many workers there were or which
-was faster.
+finished; the two files are merged from those that the caller names, in that order. So nothing that is finished is
+lost, and the bytes do not depend on how many workers there were or which was faster.
 
 ManiSkill's own command replays the result, since the environment's id names the module that registers it:
 
@@ -12,10 +11,12 @@ ManiSkill's own command replays the result, since the environment's id names the
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import io
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,13 @@ import numpy as np
 
 from gensim2.demos.recording import Recording, Tree
 from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
-from gensim2.sim.registration import env_id
+from gensim2.files import replacing, write_atomic, write_json
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 1
 H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
 
-_EPISODE_FILE = re.compile(r"^(\d{6})\.h5$")
+_EPISODE_FILE = re.compile(r"^(\d{6,})\.h5$")
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ class TrajectoryStore:
         return self._folder / H5_NAME
 
     def indices(self) -> tuple[int, ...]:
-        """Indices of the episodes that are finished, sorted."""
+        """Indices of the episode files that are there, whoever wrote them, sorted."""
         if not self._episodes.is_dir():
             return ()
         matches = (_EPISODE_FILE.match(path.name) for path in self._episodes.iterdir())
         return tuple(sorted(int(match[1]) for match in matches if match))
 
-    def add(self, index: int, recording: Recording, info: Mapping[str, Any] | None = None) -> None:
-        """Write one finished episode, atomically.
+    def add(self, index: int, recording: Recording, info: Mapping[str, Any] | None = None) -> str:
+        """Write one finished episode, atomically, and return the digest by which :meth:`digest` knows it again.
 
         Args:
             index: its place in the order of the merged file; need not be contiguous.
@@ -105,45 +105,74 @@ class TrajectoryStore:
         with h5py.File(buffer, "w") as file:
             file.attrs["episode"] = json.dumps(entry, allow_nan=False)
             _write_recording(file.create_group("traj"), recording)
-        write_atomic(self._episodes / f"{index:06d}.h5", buffer.getvalue())
+        content = buffer.getvalue()
+        write_atomic(self._path(index), content)
+        return hashlib.sha256(content).hexdigest()
+
+    def digest(self, index: int) -> str | None:
+        """Digest of an episode file's bytes; None where there is no such file, or none that can be read."""
+        try:
+            with self._path(index).open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError:
+            return None
 
     def entry(self, index: int) -> dict[str, Any]:
-        """What the JSON file says of a finished episode."""
-        with self._open(index) as file:
-            entry: dict[str, Any] = json.loads(file.attrs["episode"])
+        """What the JSON file says of a finished episode.
+
+        Raises:
+            InputError: there is no such episode, or it cannot be read.
+        """
+        with self._episode(index) as (_, entry):
             return entry
 
-    def merge(self, provenance: Provenance, indices: Sequence[int] | None = None) -> Path:
-        """Write ``trajectory.h5`` and ``trajectory.json`` from the finished episodes and return the first.
+    def merge(self, provenance: Provenance, indices: Sequence[int]) -> Path:
+        """Write ``trajectory.h5`` and ``trajectory.json`` from finished episodes and return the first.
 
         Args:
             provenance: goes into the JSON file.
-            indices: which episodes, in order; default all, by index.
+            indices: which episodes, in order.
 
         Raises:
             InputError: there is no episode, or one cannot be read.
         """
-        chosen = self.indices() if indices is None else tuple(indices)
-        if not chosen:
+        if not indices:
             raise InputError("there is no finished episode to merge", file=self._folder)
         entries = []
-        buffer = io.BytesIO()
-        with h5py.File(buffer, "w") as merged:
-            for number, index in enumerate(chosen):
-                with self._open(index) as file:
-                    file.copy("traj", merged, name=f"traj_{number}")
-                    entries.append({"episode_id": number, **json.loads(file.attrs["episode"])})
         # The data first: a JSON file never promises what is not there.
-        write_atomic(self.h5_path, buffer.getvalue())
+        with replacing(self.h5_path) as path, h5py.File(path, "w") as merged:
+            for number, index in enumerate(indices):
+                with self._episode(index) as (recorded, entry):
+                    recorded.file.copy(recorded, merged, name=f"traj_{number}")
+                    entries.append({"episode_id": number, **entry})
         write_json(self._folder / JSON_NAME, _document(provenance, entries))
         return self.h5_path
 
-    def _open(self, index: int) -> h5py.File:
-        path = self._episodes / f"{index:06d}.h5"
+    def _path(self, index: int) -> Path:
+        return self._episodes / f"{index:06d}.h5"
+
+    @contextlib.contextmanager
+    def _episode(self, index: int) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
+        """The recording and the entry of an episode file."""
+        path = self._path(index)
         try:
-            return h5py.File(path, "r")
-        except OSError as error:
+            with h5py.File(path, "r") as file:
+                yield file["traj"], _entry(file)
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error
+
+
+def _entry(file: h5py.File) -> dict[str, Any]:
+    entry = json.loads(file.attrs["episode"])
+    if not isinstance(entry, dict) or not isinstance(entry.get("instance"), str):
+        raise ValueError("the episode does not say what it is of")
+    return entry
+
+
+def _env_id(task: TaskSpec) -> str:
+    from gensim2.sim.registration import env_id  # here: it brings gymnasium, which refusing arguments needs not
+
+    return env_id(task)
 
 
 def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[str, Any]:
@@ -156,7 +185,7 @@ def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[st
         "assets": assets if assets == "builtin" else str(Path(assets).resolve()),
         "instances": list(instances),
     }
-    if not env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
+    if not _env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
         kwargs["task"] = task.model_dump(mode="json")
     return kwargs
 
@@ -166,7 +195,7 @@ def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str
     instances = sorted({entry["instance"] for entry in entries})
     return {
         "env_info": {
-            "env_id": env_id(task),
+            "env_id": _env_id(task),
             "env_kwargs": env_kwargs(task, provenance.assets, instances),
             "max_episode_steps": task.max_episode_steps,
         },

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ import numpy.typing as npt
 
 from gensim2.demos.trajectory import JSON_NAME
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.files import replacing
 
 Frame = npt.NDArray[np.uint8]
 
@@ -60,9 +59,11 @@ def film(trajectory: Path, video: Path, *, episode: int = 0, still: Path | None 
     with h5py.File(trajectory, "r") as file:
         actions = file[f"traj_{episode}"]["actions"][:]
     shown = _Shown()
-    _write(video, ".mp4", lambda path: _write_video(path, _replay(info, entry, actions, shown)))
+    with replacing(video) as path:
+        _write_video(path, _replay(info, entry, actions, shown))
     if still is not None:
-        _write(still, ".png", lambda path: imageio.imwrite(path, shown.farthest))
+        with replacing(still) as path:
+            imageio.imwrite(path, shown.farthest)
     return Film(shown.frames, shown.success)
 
 
@@ -127,20 +128,3 @@ def _write_video(path: Path, frames: Iterable[Frame]) -> None:
     with writer:
         for frame in frames:
             writer.append_data(frame)
-
-
-def _write(target: Path, suffix: str, write: Callable[[Path], None]) -> None:
-    """Let ``write`` fill a file beside the target, then put it in its place."""
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=suffix)
-        os.close(handle)
-    except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=target, remedy="choose another folder") from error
-    try:
-        write(Path(temporary))
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.assets import open_library
+from gensim2.assets import Library
 from gensim2.demos.trajectory import Provenance, TrajectoryStore
 from gensim2.demos.video import film
-from gensim2.errors import InputError
+from gensim2.errors import GenSim2Error
 from gensim2.pipeline import worker
+from gensim2.pipeline.attempts import AttemptLog
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import Attempt
+from gensim2.pipeline.records import LoggedAttempt
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder, versions
 from gensim2.pipeline.search import design_seeds
+from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.spec import TaskSpec
 
 #: Episodes tried for each demonstration that was asked for, before the collection gives up.
 TRIES_PER_DEMO = 5
 
-#: Every attempt, one JSON object a line, so that a resumed collection repeats none.
 ATTEMPTS = "attempts.jsonl"
+
+
+@dataclass(frozen=True)
+class Collected:
+    """How many demonstrations there are, and what a reader should know."""
+
+    demos: int
+    notes: tuple[str, ...] = ()
 
 
 def collect(
@@ -32,70 +41,108 @@ def collect(
     files: TaskFolder,
     run: RunFolder,
     evaluator: PoolEvaluator,
+    library: Library,
     *,
     episodes: int,
     seed: int,
     video: bool = True,
     progress: Progress = NULL_PROGRESS,
-) -> int:
+) -> Collected:
     """Record demonstrations until ``episodes`` have held, and merge them.
 
-    Each is written when it is finished; a second call goes on behind the last attempt. Which episodes are kept
-    depends on the seed alone, not on the number of workers.
+    Each is written when it is finished. A second call makes what is missing: indices that are not logged, and those
+    whose file is gone or is not what was logged. Which episodes are kept depends on the seed alone: those of the
+    shortest run of indices from 0 that holds enough successes.
 
     Returns:
-        How many demonstrations there are; fewer than ``episodes`` where too many attempts failed.
+        Fewer than ``episodes`` demonstrations where too many attempts failed.
+
+    Raises:
+        NotRunError: episodes could not be run; all others that may be needed are finished.
+        InputError: what an earlier run left cannot be used.
     """
     store = TrajectoryStore(files.path)
-    log = files.path / ATTEMPTS
-    done = _read_attempts(log)
-    missing = episodes - sum(attempt.success for attempt in done)
-    progress.start(f"{task.name}: demonstrations", episodes)
-    progress.advance(episodes - max(missing, 0))
     seeds = design_seeds(seed, task, "demos", TRIES_PER_DEMO * episodes)
+    log = AttemptLog(files.path / ATTEMPTS, seeds)
+    run.add_attempts(library, task.asset_class, log.done.values(), log.path)
+    damaged = [i for i, entry in log.done.items() if entry.success and store.digest(i) != entry.episode_digest]
+    for index in damaged:
+        log.forget(index)
+    if damaged:
+        progress.message(f"{task.name}: {len(damaged)} episode files are gone or damaged and are made again")
+    collection = _Collection(log, episodes, len(seeds))
+    progress.start(f"{task.name}: demonstrations", episodes)
+    progress.advance(min(collection.held, episodes))
     setting = evaluator.setting(task)
-    files.path.mkdir(parents=True, exist_ok=True)
-    with log.open("a", encoding="utf-8") as stream:
-        while missing > 0 and len(done) < len(seeds):
-            batch = range(len(done), min(len(done) + missing, len(seeds)))
-            jobs = [(setting, config, seeds[index]) for index in batch]
-            for index, outcome in zip(batch, evaluator.pool.map(worker.demonstrate, jobs), strict=True):
-                if outcome.error is not None:
-                    attempt, recording = worker.failed(seeds[index], outcome.error), None
-                else:
-                    attempt, recording = outcome.unwrap()
-                if recording is not None:
-                    store.add(index, recording, {"openness_goal": task.success[0].threshold})
-                    missing -= 1
-                    progress.advance()
-                stream.write(json.dumps(attempt.to_dict()) + "\n")
-                stream.flush()
-                done.append(attempt)
-    kept = store.indices()
-    if not kept:
-        return 0
-    library = open_library(evaluator.assets)
-    licenses = {}
-    for attempt in done:
-        if attempt.success:
-            key = f"{task.asset_class}/{attempt.instance}"
-            instance = library.load(task.asset_class, attempt.instance)
-            licenses[key] = instance.license
-            run.add_instance(key, instance.content_hash, instance.license)
+    jobs = (Job(i, (setting, config, seeds[i])) if i is not None else None for i in collection.wanted())
+    for index, (attempt, recording) in evaluator.run(worker.demonstrate, jobs, f"{task.name}: demonstrations"):
+        digest = None
+        if recording is not None:
+            digest = store.add(index, recording, {"openness_goal": task.success[0].threshold})
+            progress.advance()
+        collection.add(LoggedAttempt.of(attempt, index, digest))
+    attempts = log.finish(collection.needed())
+    run.add_attempts(library, task.asset_class, attempts, log.path)
     run.save()
+    kept = [entry for entry in attempts if entry.success]
+    foreign = len(set(store.indices()) - {entry.index for entry in kept})
+    notes = (f"{task.name}: {foreign} files in episodes/ are not of this run and were left out",) if foreign else ()
+    if not kept:
+        return Collected(0, notes)
+    names = {f"{task.asset_class}/{entry.instance}" for entry in kept}
     store.merge(
         Provenance(
             task=task,
             config=config,
             assets=evaluator.assets,
-            licenses=licenses,
+            licenses={name: run.record.licenses[name] for name in sorted(names)},
             seed=seed,
-            details={"versions": versions(), "attempts": len(done)},
-        )
+            details={"versions": versions(), "attempts": len(attempts)},
+        ),
+        [entry.index for entry in kept],
     )
     if video and not (files.path / "video.mp4").exists():
         _film(files.path, task, evaluator, progress)
-    return len(kept)
+    return Collected(len(kept), notes)
+
+
+class _Collection:
+    """Which episodes a collection needs: no more than the same collection with one worker would run.
+
+    An episode is begun only while those that held and those under way, were all of them to hold, are too few. So the
+    indices that are run are the same whatever the order in which they are finished.
+    """
+
+    def __init__(self, log: AttemptLog, episodes: int, limit: int) -> None:
+        self._log, self._episodes, self._limit = log, episodes, limit
+        self._under_way: set[int] = set()
+        self.held = sum(entry.success for entry in log.done.values())
+
+    def wanted(self) -> Iterator[int | None]:
+        """Indices to run; None while what is under way may be enough."""
+        last = max(self._log.done, default=-1)
+        for index in range(self._limit):
+            if index in self._log.done:
+                continue
+            while index > last and self.held + len(self._under_way) >= self._episodes:
+                yield None
+            self._under_way.add(index)
+            yield index
+
+    def add(self, entry: LoggedAttempt) -> None:
+        """Log a finished episode."""
+        self._log.add(entry)
+        self._under_way.discard(entry.index)
+        self.held += entry.success
+
+    def needed(self) -> int:
+        """Length of the shortest run of indices from 0 that holds enough successes; all of them where none does."""
+        held = 0
+        for index in range(len(self._log.done)):
+            held += self._log.done[index].success
+            if held == self._episodes:
+                return index + 1
+        return len(self._log.done)
 
 
 def _film(folder: Path, task: TaskSpec, evaluator: PoolEvaluator, progress: Progress) -> None:
@@ -106,41 +153,14 @@ def _film(folder: Path, task: TaskSpec, evaluator: PoolEvaluator, progress: Prog
         progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
         return
     progress.start(f"{task.name}: film", 1)
-    job = (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png")
-    for outcome in evaluator.pool.map(film_job, [job]):
-        if outcome.error is not None:
-            progress.message(f"{task.name}: no video: {outcome.error}")
-        progress.advance()
+    job = Job(0, (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png"))
+    try:
+        for _ in evaluator.run(film_job, [job], f"{task.name}: film"):
+            progress.advance()
+    except GenSim2Error as error:
+        progress.message(f"{task.name}: no video: {error}")
 
 
 def film_job(trajectory: Path, video: Path, still: Path) -> int:
     """Film the first episode; return the number of frames."""
     return film(trajectory, video, still=still).frames
-
-
-def _read_attempts(log: Path) -> list[Attempt]:
-    """Return the attempts of an earlier run, dropping a last line that was cut off."""
-    attempts = list(_lines(log))
-    if log.exists():
-        text = "".join(json.dumps(attempt.to_dict()) + "\n" for attempt in attempts)
-        if log.read_text(encoding="utf-8") != text:
-            log.write_text(text, encoding="utf-8")
-    return attempts
-
-
-def _lines(log: Path) -> Iterator[Attempt]:
-    if not log.exists():
-        return
-    lines = log.read_text(encoding="utf-8").splitlines()
-    for number, line in enumerate(lines, 1):
-        try:
-            yield Attempt(**json.loads(line))
-        except (ValueError, TypeError) as error:
-            if number == len(lines):
-                return
-            raise InputError(
-                f"is not an attempt: {error}",
-                file=log,
-                field=f"line {number}",
-                remedy="delete the task's folder",
-            ) from error

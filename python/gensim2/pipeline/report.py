@@ -2,28 +2,50 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import Counter
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jinja2
-import yaml
-
+from gensim2.demos.trajectory import JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.pipeline.runfolder import read_json
+from gensim2.pipeline.reading import read_record
+from gensim2.pipeline.records import (
+    DesignRecord,
+    RecordingSummary,
+    ResultSummary,
+    RunRecord,
+    RunSummary,
+    StageRecord,
+    Verification,
+)
+from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
+from gensim2.tasks.library import load_task_file
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 #: Candidates shown of a design; the rest are counted.
 SHOWN_CANDIDATES = 12
 
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("gensim2.pipeline", "templates"),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+
+@cache
+def _template() -> Template:
+    import jinja2  # here: refusing arguments needs no page
+
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("gensim2.pipeline", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["openness"] = lambda value: "no number" if value is None else f"{value:.2f}"
+    return templates.get_template("report.html.j2")
 
 
 def write_report(run_dir: Path) -> Path:
@@ -32,28 +54,42 @@ def write_report(run_dir: Path) -> Path:
     Raises:
         InputError: ``run_dir`` holds no run, or one of its files cannot be read.
     """
-    run = read_json(run_dir / "run.json")
+    run = read_record(run_dir / RUN_JSON, RunRecord, "restore the file")
+    summary = read_record(run_dir / RUN_JSON, RunSummary, "restore the file")
     tasks = [_task(folder) for folder in _folders(run_dir / "tasks")]
     rejected = [_task(folder) for folder in _folders(run_dir / "rejected")]
-    result = run.get("result") or {}
-    reasons = {entry["name"]: entry["reason"] for entry in result.get("rejected", [])}
+    result = summary.result or ResultSummary()
+    reasons = {entry.name: entry.reason for entry in result.rejected}
     for task in rejected:
         task["reason"] = reasons.pop(task["name"], None) or _why_rejected(task)
-    page = _TEMPLATES.get_template("report.html.j2").render(
-        run=run,
-        title=run["arguments"].get("command", "run"),
-        command=" ".join(["gensim2", *run.get("command_line", [])]),
+    page = _template().render(
+        run=run.model_dump(),
+        asked=summary.arguments,
+        command=" ".join(["gensim2", *run.command_line]),
         tasks=tasks,
         rejected=rejected,
         only_reasons=reasons,
-        notes=result.get("notes", []),
-        licenses=_licenses(run),
+        notes=result.notes,
+        licenses=_licenses(run.licenses),
         demos=sum(task["demos"] for task in tasks),
         shown=SHOWN_CANDIDATES,
     )
     path = run_dir / "report.html"
     write_atomic(path, page)
     return path
+
+
+@contextlib.contextmanager
+def reported(run_dir: Path) -> Iterator[None]:
+    """Leave a report behind, however the block ends; except where a file of the folder cannot be read."""
+    try:
+        yield
+    except InputError:
+        raise
+    except BaseException:
+        write_report(run_dir)
+        raise
+    write_report(run_dir)
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
@@ -72,21 +108,22 @@ def _folders(parent: Path) -> list[Path]:
 
 
 def _task(folder: Path) -> dict[str, Any]:
-    spec = _yaml(folder / "task.yaml") or {}
-    recorded = folder / "trajectory.json"
-    recording = read_json(recorded) if recorded.exists() else {}
+    spec = load_task_file(folder / "task.yaml").model_dump(mode="json") if (folder / "task.yaml").exists() else {}
+    files = TaskFolder(folder)
+    recorded = folder / JSON_NAME
+    recording = read_record(recorded, RecordingSummary, "delete the file and resume") if recorded.exists() else None
     return {
         "name": spec.get("name", folder.name),
         "spec": spec,
         "goal": " and ".join(_criterion(entry) for entry in spec.get("success", [])),
         "spec_text": _text(folder / "task.yaml"),
         "config_text": _text(folder / "solver.yaml"),
-        "verification": _verification(folder / "verification.json"),
-        "design": _design(folder / "design.json"),
+        "verification": _verification(files.verification()),
+        "design": _design(files.design()),
         "video": _beside(folder, "*.mp4"),
         "still": _beside(folder, "*.png"),
-        "demos": len(recording.get("episodes", [])),
-        "env_id": recording.get("env_info", {}).get("env_id"),
+        "demos": len(recording.episodes) if recording is not None else 0,
+        "env_id": recording.env_info.env_id if recording is not None else None,
         "files": [f"{folder.parent.name}/{folder.name}/{path.name}" for path in _files(folder)],
     }
 
@@ -96,49 +133,44 @@ def _criterion(entry: dict[str, Any]) -> str:
     return f"{word} {entry.get('threshold', '')}".strip()
 
 
-def _verification(path: Path) -> dict[str, Any] | None:
-    if not path.exists():
+def _verification(verification: Verification | None) -> dict[str, Any] | None:
+    if verification is None:
         return None
-    value = read_json(path)
-    episodes = value["episodes"]
-    successes = sum(episode["success"] for episode in episodes)
-    trials: Counter[str] = Counter(episode["instance"] for episode in episodes)
-    held: Counter[str] = Counter(episode["instance"] for episode in episodes if episode["success"])
-    low, high = wilson(successes, len(episodes))
+    attempts = verification.attempts
+    trials: Counter[str] = Counter(attempt.instance for attempt in attempts)
+    held: Counter[str] = Counter(attempt.instance for attempt in attempts if attempt.success)
+    low, high = wilson(verification.successes, len(attempts))
     return {
-        "kept": value["kept"],
-        "threshold": value["threshold"],
-        "trials": len(episodes),
-        "successes": successes,
-        "rate": successes / len(episodes) if episodes else 0.0,
+        "kept": verification.kept,
+        "threshold": verification.threshold,
+        "trials": len(attempts),
+        "successes": verification.successes,
+        "rate": verification.rate,
         "low": low,
         "high": high,
-        "causes": Counter(episode["cause"] for episode in episodes if episode["cause"]).most_common(),
+        "causes": list(verification.causes().items()),
         "instances": [(name, held[name], trials[name]) for name in sorted(trials, key=lambda id: (len(id), id))],
-        "episodes": episodes,
-        "still": sum(bool(episode.get("still_success")) for episode in episodes),
+        "episodes": [attempt.to_dict() for attempt in attempts],
+        "still": sum(bool(attempt.still_success) for attempt in attempts),
     }
 
 
-def _design(path: Path) -> dict[str, Any] | None:
-    if not path.exists():
+def _design(design: DesignRecord | None) -> dict[str, Any] | None:
+    if design is None:
         return None
-    value = read_json(path)
-    candidates = value["candidates"]
-    rows = []
-    for candidate in candidates:
-        physics = [stage for stage in candidate["stages"] if stage.get("name", "physics") == "physics"]
-        plan = [stage for stage in candidate["stages"] if stage.get("name") == "plan"]
+    rows: list[dict[str, Any]] = []
+    for candidate in design.candidates:
+        physics = [stage for stage in candidate.stages if stage.name == "physics"]
+        plan = [stage for stage in candidate.stages if stage.name == "plan"]
         rows.append(
             {
-                "label": candidate["label"],
-                "cause": candidate["cause"],
+                "label": candidate.label,
+                "cause": candidate.cause,
                 "plan": _share(plan),
-                "stages": [(round(stage["successes"]), stage["episodes"]) for stage in physics],
+                "stages": [(round(stage.successes), stage.episodes) for stage in physics],
                 "physics": _share(physics),
             }
         )
-    chosen = value.get("chosen")
     return {
         "count": len(rows),
         "planned": sum(row["plan"] is None or row["plan"] > 0 for row in rows),
@@ -146,14 +178,14 @@ def _design(path: Path) -> dict[str, Any] | None:
         "held": sum(bool(row["physics"]) for row in rows),
         "episodes": sum(trials for row in rows for _, trials in row["stages"]),
         "rows": rows[:SHOWN_CANDIDATES],
-        "chosen": chosen if isinstance(chosen, int) else None,
-        "notes": value.get("notes", []),
+        "chosen": design.chosen,
+        "notes": design.notes,
     }
 
 
-def _share(stages: list[dict[str, Any]]) -> float | None:
-    trials = sum(stage["episodes"] for stage in stages)
-    return sum(stage["successes"] for stage in stages) / trials if trials else None
+def _share(stages: list[StageRecord]) -> float | None:
+    trials = sum(stage.episodes for stage in stages)
+    return sum(stage.successes for stage in stages) / trials if trials else None
 
 
 def _why_rejected(task: dict[str, Any]) -> str:
@@ -165,10 +197,10 @@ def _why_rejected(task: dict[str, Any]) -> str:
     return "the run ended before it was verified"
 
 
-def _licenses(run: dict[str, Any]) -> list[tuple[str, list[str]]]:
+def _licenses(licenses: dict[str, str]) -> list[tuple[str, list[str]]]:
     """Each licence with the objects under it."""
     objects: dict[str, list[str]] = {}
-    for name, license in sorted(run.get("licenses", {}).items()):
+    for name, license in sorted(licenses.items()):
         objects.setdefault(license, []).append(name)
     return list(objects.items())
 
@@ -184,16 +216,4 @@ def _beside(folder: Path, pattern: str) -> str | None:
 
 
 def _text(path: Path) -> str | None:
-    return path.read_text() if path.exists() else None
-
-
-def _yaml(path: Path) -> dict[str, Any] | None:
-    if not path.exists():
-        return None
-    try:
-        value = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise InputError(f"is not YAML: {error}", file=path, remedy="restore or delete the file") from error
-    if not isinstance(value, dict):
-        raise InputError("is not a mapping", file=path, remedy="restore or delete the file")
-    return value
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,18 @@ from gensim2.assets.types import Instance
 from gensim2.designers import Affordance, Designer, OfflineDesigner
 from gensim2.designers.proposals import goal_of
 from gensim2.errors import InputError
-from gensim2.files import write_json
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import PipelineResult, TaskOutcome, Verification
-from gensim2.pipeline.report import write_report
-from gensim2.pipeline.runfolder import RunFolder, TaskFolder, default_run_dir
-from gensim2.pipeline.search import Budget, Search, design_seeds
+from gensim2.pipeline.inputs import check_counts, check_workers
+from gensim2.pipeline.records import PipelineResult, TaskOutcome
+from gensim2.pipeline.report import reported, write_report
+from gensim2.pipeline.runfolder import RunFolder, TaskFolder, default_run_dir, digest, listing
+from gensim2.pipeline.search import Budget, Search
+from gensim2.pipeline.verification import verify
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
-
-#: Share of fresh episodes that must hold for a task to be kept.
-KEEP_THRESHOLD = 0.7
-
-#: Fresh episodes of a verification, unless more demonstrations than that are asked for.
-VERIFY_EPISODES = 20
 
 #: Instances from which an affordance is read.
 AFFORDANCE_INSTANCES = 3
@@ -51,6 +48,8 @@ def run_pipeline(
     designer: str = "offline",
     video: bool = True,
     budget: Budget | None = None,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
@@ -67,45 +66,59 @@ def run_pipeline(
         designer: ``"offline"``.
         video: film each kept task where this machine can render.
         budget: of the search.
+        time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
+        jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener.
 
     Raises:
         InputError: an argument cannot be used.
+        NotRunError: some jobs could not be run; what else there was to do with the task at hand is done, and
+            ``resume`` goes on.
     """
-    _check(num_tasks=num_tasks, episodes=episodes, workers=workers)
+    check_counts(num_tasks=num_tasks, episodes=episodes, workers=workers)
+    check_workers(time_limit, jobs_per_worker)
     if designer not in DESIGNERS:
         raise InputError(f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
     target = load_task(target_task) if target_task is not None else None
+    seeding.check_seed(seed)
     library = open_library(assets)
-    folder = RunFolder(
-        Path(out) if out is not None else default_run_dir(),
-        {
-            "command": "run-pipeline",
-            "num_tasks": num_tasks,
-            "episodes": episodes,
-            "seed": seed,
-            "assets": library.location,
-            "designer": designer,
-            "target_task": target_task,
-            "workers": workers,
-        },
-        resume,
-    )
-    run = _Run(library, DESIGNERS[designer](), folder, seed, episodes, video, budget or Budget(), progress)
-    with PoolEvaluator(library.location, workers, progress) as evaluator:
-        try:
-            result = run.execute(evaluator, num_tasks if target is None else 1, target)
-        finally:
-            write_report(folder.path)
-    folder.finish(result.to_dict())
-    write_report(folder.path)
+    if target is not None:
+        library.instances(target.asset_class)  # a class that is not there is said before anything starts
+    budget = budget or Budget()
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {
+                "command": "run-pipeline",
+                "num_tasks": num_tasks,
+                "episodes": episodes,
+                "seed": seed,
+                "assets": library.location,
+                "designer": designer,
+                "target_task": target_task,
+                "workers": workers,
+            },
+            {
+                "budget": digest(asdict(budget)),
+                "known tasks": digest([load_task(name).model_dump(mode="json") for name in task_names()]),
+                "objects": listing(library, library.classes()),
+            },
+            resume,
+        ) as folder,
+        reported(folder.path),
+        PoolEvaluator(
+            library.location,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        run = _Run(library, DESIGNERS[designer](), folder, seed, episodes, video, budget, progress)
+        result = run.execute(evaluator, num_tasks if target is None else 1, target)
+        folder.finish(result.to_dict())
     return result
-
-
-def _check(**values: int) -> None:
-    for name, value in values.items():
-        if value < 1:
-            raise InputError(f"must be at least 1, not {value}", field=name)
 
 
 class _Run:
@@ -177,7 +190,7 @@ class _Run:
             if not instances:
                 return None
             for instance in instances:
-                self.folder.add_instance(f"{asset_class}/{instance.id}", instance.content_hash, instance.license)
+                self.folder.add_instance(instance)
             self._affordances[asset_class] = Affordance.of(instances)
         return self._affordances[asset_class]
 
@@ -188,20 +201,33 @@ class _Run:
         if isinstance(config, str):
             self.folder.reject(task.name)
             return config
-        verification = self._verify(task, config, folder, evaluator)
+        verification = verify(
+            task,
+            config,
+            folder,
+            self.folder,
+            evaluator,
+            self.library,
+            episodes=self.episodes,
+            seed=self.seed,
+            progress=self.progress,
+        )
         demos = 0
         if verification.kept:
-            demos = collect(
+            collected = collect(
                 task,
                 config,
                 folder,
                 self.folder,
                 evaluator,
+                self.library,
                 episodes=self.episodes,
                 seed=self.seed,
                 video=self.video,
                 progress=self.progress,
             )
+            demos = collected.demos
+            self.notes.extend(collected.notes)
         else:
             self.folder.reject(task.name)
         self.progress.message(
@@ -219,30 +245,18 @@ class _Run:
         )
 
     def _design(self, task: TaskSpec, folder: TaskFolder, evaluator: PoolEvaluator) -> dict[str, Any] | str:
-        record = folder.read("design.json")
+        affordance = self.affordance(task.asset_class)  # also where it is not needed: its notes are part of the result
+        self.folder.save()
+        record = folder.design()
         if record is None:
-            affordance = self.affordance(task.asset_class)
             if affordance is None:
                 return f"no instance of {task.asset_class} can be used"
-            design = Search(task, affordance, self.designer, evaluator, self.seed, self.budget, self.progress).run()
-            record = design.to_dict()
-            folder.write_task(task)
-            if design.chosen is not None:
-                folder.write_config(design.chosen)
-            write_json(folder.path / "design.json", record)
-            self.folder.save()
-        config = record["config"]
-        return config if config is not None else str(record["notes"][-1])
-
-    def _verify(
-        self, task: TaskSpec, config: dict[str, Any], folder: TaskFolder, evaluator: PoolEvaluator
-    ) -> Verification:
-        verification = folder.verification()
-        if verification is None:
-            count = max(VERIFY_EPISODES, self.episodes)
-            self.progress.start(f"{task.name}: verify", count)
-            seeds = design_seeds(self.seed, task, "verify", count)
-            attempts = evaluator.attempt(task, [(config, seed) for seed in seeds])
-            verification = Verification(tuple(attempts), KEEP_THRESHOLD)
-            write_json(folder.path / "verification.json", verification.to_dict())
-        return verification
+            search = Search(task, affordance, self.designer, evaluator, self.seed, self.budget, self.progress)
+            folder.write_design(search.run())
+            record = folder.design()
+            assert record is not None
+        folder.write_task(task)
+        if record.config is None:
+            return record.notes[-1]
+        folder.write_config(record.config)
+        return record.config

@@ -1,34 +1,50 @@
 """The run folder: what a run leaves behind, and what lets a second run go on where the first one stopped.
 
-OUT/run.json                    command, seed, versions, hashes and licences of the objects, outcome
+OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
 OUT/report.html
+OUT/errors.log                  tries that came to nothing, with their tracebacks
 OUT/tasks/<Task>/               task.yaml, solver.yaml, design.json, verification.json, trajectory.h5, ...
 OUT/rejected/<Task>/            the same for what was designed and not kept
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import json
 import platform
-import shutil
 import sys
 import time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from gensim2.assets import Library
+from gensim2.assets.types import Instance
 from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
-from gensim2.pipeline.records import SCHEMA_VERSION, Verification
+from gensim2.files import remove_temporaries, write_atomic, write_json
+from gensim2.pipeline.lock import FolderLock
+from gensim2.pipeline.reading import read_record
+from gensim2.pipeline.records import (
+    RUN_SCHEMA_VERSION,
+    Attempt,
+    Design,
+    DesignRecord,
+    RunRecord,
+    Verification,
+    VerificationRecord,
+)
 from gensim2.tasks.spec import TaskSpec
 
 #: Distributions whose versions decide what an episode looks like.
 VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
 
-#: Arguments that a resumed run must share with the run it resumes.
-IDENTITY = ("command", "seed", "assets", "designer", "target_task", "episodes", "instance")
+#: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
+FIXED_ARGUMENTS = ("command", "seed", "assets", "designer", "target_task", "episodes", "instances")
+
+RUN_JSON = "run.json"
 
 
 def default_run_dir() -> Path:
@@ -47,69 +63,104 @@ def versions() -> dict[str, str]:
     return found
 
 
+def digest(value: Any) -> str:
+    """Digest of plain data: equal data, equal digest."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
+
+
+def listing(library: Library, classes: Iterable[str]) -> str:
+    """Digest of which objects there are: episodes draw from the list, so one object more is another run."""
+    return digest({name: list(library.instances(name)) for name in classes})
+
+
 class RunFolder:
-    """A run folder, new or resumed.
+    """A run folder, new or resumed, with one owner at a time. A context manager: leaving it gives the folder up.
 
     Args:
         path: the folder.
-        arguments: what the run was asked to do; those in ``IDENTITY`` must agree when resuming.
+        arguments: what the run was asked to do; those in ``FIXED_ARGUMENTS`` must agree when resuming.
+        identity: digests of everything else that the run's results follow from; all must agree when resuming.
         resume: go on with a folder that a run began.
 
     Raises:
-        InputError: the folder exists and ``resume`` is off, or it belongs to a different run, or cannot be written.
+        InputError: the folder exists and ``resume`` is off, or it belongs to a different run, or another process is at
+            work in it, or its record is damaged, or it cannot be written.
     """
 
-    def __init__(self, path: Path, arguments: dict[str, Any], resume: bool) -> None:
+    def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:
         self.path = path
-        record = path / "run.json"
-        if path.exists() and not path.is_dir():
-            raise InputError("is not a folder", file=path, remedy="choose another --out")
-        if record.exists():
-            if not resume:
-                raise InputError("holds a run already", file=path, remedy="add --resume, or choose another --out")
-            self.record = read_json(record)
-            for name in IDENTITY:
-                before, now = self.record["arguments"].get(name), arguments.get(name)
-                if before != now:
-                    raise InputError(
-                        f"the run was started with {before!r}, not {now!r}",
-                        file=record,
-                        field=f"arguments.{name}",
-                        remedy="resume with the same arguments, or choose another --out",
-                    )
-            self.record["arguments"] = arguments
-            self.record["resumed"] = self.record.get("resumed", 0) + 1
-        else:
-            if path.exists() and any(path.iterdir()):
-                raise InputError("is not empty and holds no run", file=path, remedy="choose another --out")
-            self.record = {
-                "schema_version": SCHEMA_VERSION,
-                "arguments": arguments,
-                "command_line": sys.argv[1:],
-                "started": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-                "finished": None,
-                "versions": versions(),
-                "platform": platform.platform(),
-                "assets": {},
-                "licenses": {},
-                "result": None,
-                "resumed": 0,
-            }
-        self.save()
+        self._check(resume)
+        self._lock = FolderLock(path)
+        try:
+            self._check(resume)  # what another process did until we had the lock
+            remove_temporaries(path)
+            if (path / RUN_JSON).exists():
+                self.record = self._resumed(arguments, identity)
+            else:
+                self.record = self._new(arguments, identity)
+            self.save()
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    @property
+    def errors_log(self) -> Path:
+        """Where tries that came to nothing are written down."""
+        return self.path / "errors.log"
 
     def save(self) -> None:
         """Write ``run.json``."""
-        write_json(self.path / "run.json", self.record)
+        self.record.assets = dict(sorted(self.record.assets.items()))
+        self.record.licenses = dict(sorted(self.record.licenses.items()))
+        write_json(self.path / RUN_JSON, self.record.model_dump())
 
-    def add_instance(self, key: str, content_hash: str, license: str) -> None:
-        """Note an object that the run used; ``key`` is ``class/id``."""
-        self.record["assets"][key] = content_hash
-        self.record["licenses"][key] = license
+    def add_instance(self, instance: Instance) -> None:
+        """Note an object that the run uses.
+
+        Raises:
+            InputError: the run used it before, and it was made from something else then.
+        """
+        key = f"{instance.asset_class}/{instance.id}"
+        before = self.record.assets.setdefault(key, instance.content_hash)
+        if before != instance.content_hash:
+            raise InputError(
+                f"the object has changed since the run began (hash {before[:12]}, now {instance.content_hash[:12]})",
+                file=self.path / RUN_JSON,
+                field=f"assets.{key}",
+                remedy="restore the object, or choose another --out",
+            )
+        self.record.licenses[key] = instance.license
+
+    def add_attempts(self, library: Library, asset_class: str, attempts: Iterable[Attempt], source: Path) -> None:
+        """Note the objects of episodes.
+
+        Args:
+            source: file that holds the episodes.
+
+        Raises:
+            InputError: an object is not the one that an episode was run with.
+        """
+        for attempt in attempts:
+            instance = library.load(asset_class, attempt.instance)
+            self.add_instance(instance)
+            if attempt.content_hash != instance.content_hash:
+                raise InputError(
+                    f"was run with another {asset_class}/{attempt.instance} than there is now",
+                    file=source,
+                    field=f"seed {attempt.seed}",
+                    remedy="restore the object, or delete the file and resume",
+                )
 
     def finish(self, result: dict[str, Any]) -> None:
         """Note the outcome and the time."""
-        self.record["result"] = result
-        self.record["finished"] = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        self.record.result = result
+        self.record.finished = _now()
         self.save()
 
     def task(self, name: str) -> TaskFolder:
@@ -122,7 +173,57 @@ class RunFolder:
         source, target = self.path / "tasks" / name, self.path / "rejected" / name
         if source.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.move(source, target)
+            source.rename(target)
+
+    def _check(self, resume: bool) -> None:
+        if not self.path.exists():
+            return
+        if not self.path.is_dir():
+            raise InputError("is not a folder", file=self.path, remedy="choose another --out")
+        if (self.path / RUN_JSON).exists():
+            if not resume:
+                raise InputError("holds a run already", file=self.path, remedy="add --resume, or choose another --out")
+        elif any(entry.name != FolderLock.NAME for entry in self.path.iterdir() if not _is_leftover(entry)):
+            raise InputError("is not empty and holds no run", file=self.path, remedy="choose another --out")
+
+    def _resumed(self, arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
+        path = self.path / RUN_JSON
+        record = read_record(path, RunRecord, "restore the file, or choose another --out")
+        remedy = "resume with the same, or choose another --out"
+        for name in FIXED_ARGUMENTS:
+            before, now = record.arguments.get(name), arguments.get(name)
+            if before != now:
+                text = f"the run was started with {before!r}, not {now!r}"
+                raise InputError(text, file=path, field=f"arguments.{name}", remedy=remedy)
+        for name in sorted(record.identity.keys() | identity.keys()):
+            if record.identity.get(name) != identity.get(name):
+                text = f"the run was started with another {name}"
+                raise InputError(text, file=path, field=f"identity.{name}", remedy=remedy)
+        now_installed = versions()
+        for name in sorted(record.versions.keys() | now_installed.keys()):
+            before, now = record.versions.get(name), now_installed.get(name)
+            if before != now:
+                text = f"the run was started with {before}, installed is {now}"
+                raise InputError(text, file=path, field=f"versions.{name}", remedy=remedy)
+        update = {"arguments": arguments, "finished": None, "result": None, "resumed": record.resumed + 1}
+        return record.model_copy(update=update)
+
+    @staticmethod
+    def _new(arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
+        return RunRecord(
+            schema_version=RUN_SCHEMA_VERSION,
+            arguments=arguments,
+            identity=dict(identity),
+            command_line=sys.argv[1:],
+            started=_now(),
+            finished=None,
+            versions=versions(),
+            platform=platform.platform(),
+            assets={},
+            licenses={},
+            result=None,
+            resumed=0,
+        )
 
 
 class TaskFolder:
@@ -132,22 +233,51 @@ class TaskFolder:
         self.path = path
 
     def write_task(self, task: TaskSpec) -> None:
-        """Write ``task.yaml``."""
-        write_atomic(self.path / "task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
+        """Write ``task.yaml``, unless it stands there."""
+        self._write("task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
 
     def write_config(self, config: dict[str, Any]) -> None:
-        """Write ``solver.yaml``."""
-        write_atomic(self.path / "solver.yaml", dump_yaml(config))
+        """Write ``solver.yaml``, unless it stands there."""
+        self._write("solver.yaml", dump_yaml(config))
 
-    def read(self, name: str) -> dict[str, Any] | None:
-        """Return a JSON file of the folder, or None where it has not been written yet."""
-        path = self.path / name
-        return read_json(path) if path.exists() else None
+    @property
+    def verification_path(self) -> Path:
+        """``verification.json``."""
+        return self.path / "verification.json"
+
+    def write_design(self, design: Design) -> None:
+        """Write ``design.json``."""
+        write_json(self.path / "design.json", design.to_dict())
+
+    def design(self) -> DesignRecord | None:
+        """Return what was designed, or None where it has not been done yet.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        path = self.path / "design.json"
+        return read_record(path, DesignRecord, "delete the file and resume") if path.exists() else None
+
+    def write_verification(self, verification: Verification) -> None:
+        """Write ``verification.json``."""
+        write_json(self.verification_path, verification.to_dict())
 
     def verification(self) -> Verification | None:
-        """Return the verification, or None where it has not been done yet."""
-        value = self.read("verification.json")
-        return Verification.from_dict(value) if value is not None else None
+        """Return the verification, or None where it has not been done yet.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        path = self.verification_path
+        if not path.exists():
+            return None
+        record = read_record(path, VerificationRecord, "delete the file and resume")
+        return Verification(tuple(record.episodes), record.threshold)
+
+    def _write(self, name: str, text: str) -> None:
+        path = self.path / name
+        if not path.is_file() or path.read_bytes() != text.encode():
+            write_atomic(path, text)
 
 
 def dump_yaml(value: dict[str, Any]) -> str:
@@ -155,16 +285,9 @@ def dump_yaml(value: dict[str, Any]) -> str:
     return yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
-    Raises:
-        InputError: it cannot be read or is not an object.
-    """
-    try:
-        value = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", file=path, remedy="restore or delete the file") from error
-    if not isinstance(value, dict):
-        raise InputError("is not a JSON object", file=path, remedy="restore or delete the file")
-    return value
+
+def _is_leftover(path: Path) -> bool:
+    return path.name.startswith(f".{RUN_JSON}.")

@@ -5,6 +5,7 @@ Functions here run in worker processes; their arguments and results are plain va
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,7 +24,11 @@ from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
     from gensim2.demos.recording import Recording
+    from gensim2.demos.rollout import EpisodeResult
     from gensim2.sim.env import GenSim2Env
+
+#: What a worker needs and takes seconds to import.
+PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.env")
 
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
@@ -32,6 +37,9 @@ PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
 #: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
 SCREEN_OPTIONS: Mapping[str, Any] = {**PLAN_OPTIONS, "harvest": 0, "candidates": 6, "samples": 200}
 
+
+#: Cause of an episode in which positions became NaN, infinite or absurd: no word on the task.
+UNSTABLE = "physics became unstable"
 
 #: What planning says of a config on one scene: a score from 0 to 1, and what stood in the way of 1.
 Screened = tuple[float, str | None]
@@ -65,19 +73,27 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
 
     Returns:
         One (score, cause) a config: 1 and None where the plan is whole, 0.5 where the arm gets past the actuation pose
-        but not to the end, 0 where it does not get there.
+        but not to the end, 0 where it does not get there or the planner gives up with an error.
     """
     env = environment(setting)
     env.reset(seed=seed)
     problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
-    screened: list[Screened] = []
-    for config in configs:
+    return [_screen(problems, config) for config in configs]
+
+
+def _screen(problems: SceneProblems, config: Mapping[str, Any]) -> Screened:
+    try:
         plan = kpam.plan(problems.problem(kpam.SolverConfig(config), SCREEN_OPTIONS))
-        if plan.status == "solved":
-            screened.append((1.0, None))
-        else:
-            screened.append((0.5 if _reaches_actuation(plan) else 0.0, plan.status))
-    return screened
+    except MemoryError:
+        raise
+    except BaseException as error:
+        # One candidate in hundreds ends no search, not even by a panic of the solver, which is no Exception.
+        if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
+            raise
+        return 0.0, f"planner error: {type(error).__name__}: {error}"
+    if plan.status == "solved":
+        return 1.0, None
+    return 0.5 if _reaches_actuation(plan) else 0.0, plan.status
 
 
 def _reaches_actuation(plan: kpam.Plan) -> bool:
@@ -111,54 +127,50 @@ def _episode(setting: Setting, config: Mapping[str, Any], seed: int, record: boo
 
     env = environment(setting)
     env.reset(seed=seed)
-    instance, start = _instance(env).id, env.openness
-    plan, actions = plan_episode(env, config)
-    if actions is None:
-        attempt = Attempt(
-            seed=seed,
-            instance=instance,
-            success=False,
-            still_success=None,
-            openness_start=start,
-            openness_end=start,
-            steps=0,
-            cause=f"no plan: {plan.status}",
-            plan_status=plan.status,
-            plan_reason=plan.reason,
-        )
-        return attempt, None
-    episode = run_episode(env, actions, record=record)
-    still = still_success(setting, seed) if episode.success else None
-    success = episode.success and not still
-    attempt = Attempt(
+    instance, start = _instance(env), env.openness
+    unplanned = Attempt(
         seed=seed,
-        instance=instance,
+        instance=instance.id,
+        content_hash=instance.content_hash,
+        success=False,
+        still_success=None,
+        openness_start=_number(start),
+        openness_end=_number(start),
+        steps=0,
+        cause=None,
+        plan_status="",
+        plan_reason="",
+    )
+    try:
+        plan, actions = plan_episode(env, config)
+    except kpam.KpamError as error:  # the config does not fit this object
+        return replace(unplanned, cause="no plan: invalid problem", plan_reason=str(error)), None
+    planned = replace(unplanned, plan_status=plan.status, plan_reason=plan.reason)
+    if actions is None:
+        return replace(planned, cause=f"no plan: {plan.status}"), None
+    episode = run_episode(env, actions, record=record)
+    still = still_episode(setting, seed) if episode.success else None
+    stable = episode.stable and (still is None or still.stable)
+    success = episode.success and stable and still is not None and not still.success
+    if not stable:
+        cause: str | None = UNSTABLE
+    else:
+        moved_by_itself = still is not None and still.success
+        cause = None if success else _cause(env.task, plan, start, episode.openness_end, moved_by_itself)
+    attempt = replace(
+        planned,
         success=success,
-        still_success=still,
-        openness_start=start,
-        openness_end=episode.openness_end,
+        still_success=still.success if still is not None else None,
+        openness_end=_number(episode.openness_end),
         steps=episode.steps,
-        cause=None if success else _cause(env.task, plan, start, episode.openness_end, bool(still)),
-        plan_status=plan.status,
-        plan_reason=plan.reason,
+        cause=cause,
     )
     return attempt, episode.recording if success else None
 
 
-def failed(seed: int, error: Exception) -> Attempt:
-    """The record of an episode that could not be run at all."""
-    return Attempt(
-        seed=seed,
-        instance="",
-        success=False,
-        still_success=None,
-        openness_start=0.0,
-        openness_end=0.0,
-        steps=0,
-        cause=f"not run: {error}",
-        plan_status="",
-        plan_reason="",
-    )
+def _number(value: float) -> float | None:
+    """None where physics left no number: JSON has neither NaN nor infinity."""
+    return value if math.isfinite(value) else None
 
 
 def _instance(env: GenSim2Env) -> Instance:
@@ -168,12 +180,11 @@ def _instance(env: GenSim2Env) -> Instance:
 
 
 @lru_cache(maxsize=4096)
-def still_success(setting: Setting, seed: int) -> bool:
-    """Whether the task comes true on this seed although the arm stays still for a whole episode."""
+def still_episode(setting: Setting, seed: int) -> EpisodeResult:
+    """The episode of this seed in which the arm stays still."""
     from gensim2.demos.rollout import still_arm
 
-    env = environment(setting)
-    return still_arm(env, seed).success
+    return still_arm(environment(setting), seed)
 
 
 def _cause(task: TaskSpec, plan: kpam.Plan, start: float, end: float, still: bool) -> str:

@@ -7,21 +7,32 @@ import gc
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import sapien
 import torch
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.seeding import np_random
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Articulation
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 
 from gensim2.assets.types import Instance
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.planning.scene import Scene
 from gensim2.sim import rendering
+from gensim2.sim.arguments import (
+    ObjectSource,
+    as_library,
+    as_task,
+    check_one_of,
+    check_words,
+    checked_action,
+    checked_seed,
+    chosen_instances,
+)
 from gensim2.sim.objects import apply_friction, load_object
 from gensim2.sim.randomize import RESET_OPTIONS, Draw, check_options, draw_scene, openness_at_reset, placed
 from gensim2.sim.registration import MODULE
@@ -29,16 +40,7 @@ from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.sim.scene_state import read_scene
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import succeeded
-from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
-
-
-class ObjectSource(Protocol):
-    """What the environment needs of an object library."""
-
-    def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
-    def load(self, asset_class: str, instance_id: str, /) -> Instance: ...
-    def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
 
 
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
@@ -56,8 +58,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
-        instances: ``"all"`` (or ``"random"``), ``"train"``, ``"test"``, one id, or several; a reset draws
-            one. An id need not be one that the library lists: any number up to 10^6 is a generated object.
+        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
+            that the library lists: any number up to 10^6 is a generated object.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -93,28 +95,38 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             raise InputError("one environment a process, on physx_cpu", field="num_envs", remedy="use processes")
         if reconfiguration_freq not in (None, 1):
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
+        check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
+        check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
         if robot_uids != "panda":
             raise InputError(f"knows the panda only, not {robot_uids!r}", field="robot_uids")
-        self.task = _as_task(task)
-        self._library = _as_library(assets)
-        self._instances = _choose(self._library, self.task, instances)
+        self.task = as_task(task)
+        self._library = as_library(assets)
+        self._instances = chosen_instances(self._library, self.task, instances)
         self.instance: Instance | None = None
         self._draw: Draw | None = None
         self._spec: EnvSpec | None = None
         self.reset_options: dict[str, Any] = {}
+        self._closed = False
         _spare_imports_from_collection()
-        super().__init__(
-            *args,
-            num_envs=1,
-            robot_uids=robot_uids,
-            control_mode=control_mode,
-            sim_backend="physx_cpu",
-            render_backend=_render_backend(render_backend, obs_mode, render_mode),
-            reconfiguration_freq=1,
-            obs_mode=obs_mode,
-            render_mode=render_mode,
-            **kwargs,
-        )
+        try:
+            super().__init__(
+                *args,
+                num_envs=1,
+                robot_uids=robot_uids,
+                control_mode=control_mode,
+                sim_backend="physx_cpu",
+                render_backend=_render_backend(render_backend, obs_mode, render_mode),
+                reconfiguration_freq=1,
+                obs_mode=obs_mode,
+                render_mode=render_mode,
+                **kwargs,
+            )
+        except (AssertionError, NotImplementedError) as error:  # ManiSkill's word for an argument that it does not know
+            raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see its BaseEnv") from error
+        except RuntimeError as error:
+            if "failed to find device" not in str(error):
+                raise
+            raise InputError(f"{error}", field="render_backend", remedy="use 'auto' or 'none'") from error
 
     @property
     def max_episode_steps(self) -> int:
@@ -163,9 +175,17 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Build a fresh scene; see the class for ``options``. Seeds are whole numbers from 0 to 2**32 - 1."""
+        """Build a fresh scene; see the class for ``options``. Seeds are whole numbers from 0 to 2**32 - 1.
+
+        Raises:
+            InputError: a seed or an option cannot be used.
+            ClosedEnvError: the environment is closed.
+        """
+        self._require_open()
         check_options(options)
-        _check_seed(seed)
+        seed = checked_seed(seed)
+        if seed is not None:  # gymnasium's own generator, which nothing here draws from
+            self._np_random, self._np_random_seed = np_random(seed)
         self.reset_options = {key: value for key, value in (options or {}).items() if key in RESET_OPTIONS}
         result: tuple[Any, dict[str, Any]] = super().reset(seed=seed, options=options)
         return result
@@ -216,6 +236,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             apply_friction(self.object, instance, float(self.object._objs[0].qvel[0]))
 
     def _require_instance(self) -> Instance:
+        self._require_open()
         if self.instance is None:
             raise GenSim2Error("the environment has not been reset yet")
         return self.instance
@@ -231,7 +252,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
-        return read_scene(self.agent.robot, self.object, self._require_instance(), self.object_yaw)
+        instance = self._require_instance()
+        return read_scene(self.agent.robot, self.object, instance, self.object_yaw)
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """``success`` (1,) bool: every criterion of the task holds now; ``openness`` (1,)."""
@@ -259,9 +281,26 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         return reward
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on."""
+        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on.
+
+        Raises:
+            InputError: the action has the wrong shape or is not finite.
+            ClosedEnvError: the environment is closed.
+        """
+        self._require_open()
+        action = checked_action(action, self.single_action_space.shape[0], self.agent.supported_control_modes)
         obs, reward, terminated, _, info = super().step(action)
         return obs, reward, terminated, self.elapsed_steps >= self.max_episode_steps, info
+
+    def close(self) -> None:
+        """End the simulation; a second time does nothing. Afterwards every other call is a ClosedEnvError."""
+        if not self._closed:
+            self._closed = True
+            super().close()
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise ClosedEnvError("the environment is closed; make a new one")
 
     def render(self) -> Any:
         """As in ManiSkill.
@@ -269,41 +308,10 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         Raises:
             GenSim2Error: no Vulkan driver works, or rendering was switched off.
         """
+        self._require_open()
         if self.render_mode is not None and not self.scene.can_render():
             raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
         return super().render()
-
-
-def _check_seed(seed: int | list[int] | None) -> None:
-    for value in seed if isinstance(seed, list | tuple | np.ndarray) else [seed]:
-        if value is not None and not 0 <= int(value) < 2**32:
-            raise InputError(f"must lie in 0..2**32 - 1, is {value}", field="seed")
-
-
-def _as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
-    if isinstance(task, TaskSpec):
-        return task
-    return load_task(task) if isinstance(task, str) else parse_task(dict(task))
-
-
-def _as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
-    if assets is None or isinstance(assets, str | Path):
-        from gensim2.assets import open_library
-
-        library: ObjectSource = open_library(Path(assets) if assets not in (None, "builtin") else assets)
-        return library
-    return assets
-
-
-def _choose(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
-    if instances == "random":  # the reset draws
-        chosen = library.instances(task.asset_class)
-    else:
-        words = (instances,) if isinstance(instances, str) else instances
-        chosen = tuple(dict.fromkeys(i for word in words for i in library.choose(task.asset_class, word)))
-    if not chosen:
-        raise InputError(f"no instance of {task.asset_class} to choose from", field="instances")
-    return chosen
 
 
 def _render_backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:

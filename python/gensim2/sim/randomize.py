@@ -17,6 +17,9 @@ Array = npt.NDArray[np.float64]
 
 RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
 """Reset options of ours; ManiSkill knows ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` besides."""
+FARTHEST = 10.0
+"""Metres from the world's origin at which an object may be put: far beyond the table, and no overflow."""
+
 _MANISKILL_OPTIONS = frozenset({"reconfigure", "env_idx", "reset_to_env_states"})
 
 
@@ -71,6 +74,8 @@ def check_options(options: Mapping[str, Any] | None) -> None:
     Raises:
         InputError: names the option.
     """
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"must be a mapping, is {options!r}", field="options")
     given = dict(options or {})
     for name in given:
         if name not in RESET_OPTIONS | _MANISKILL_OPTIONS:
@@ -81,6 +86,11 @@ def check_options(options: Mapping[str, Any] | None) -> None:
         raise InputError("give either offset or pose", field="offset")
     if given.get("instance") is not None and not isinstance(given["instance"], str):
         raise InputError("must be the id of an instance, as a string", field="instance")
+    if given.get("env_idx") is not None and np.any(np.asarray(given["env_idx"]) != 0):
+        raise InputError("there is one environment, 0", field="env_idx")
+    state = given.get("reset_to_env_states")
+    if state is not None and not (isinstance(state, Mapping) and "env_states" in state):
+        raise InputError("must be a mapping with env_states", field="reset_to_env_states")
     for name, size, what in (
         ("offset", 3, "x, y, yaw"),
         ("pose", 7, "x, y, z, qw, qx, qy, qz"),
@@ -96,6 +106,8 @@ def check_options(options: Mapping[str, Any] | None) -> None:
             raise InputError(
                 f"must be {size} finite numbers ({what})" if size else "must be a finite number", field=name
             )
+        if name != "openness" and np.abs(value[:2] if name == "offset" else value[:3]).max() > FARTHEST:
+            raise InputError(f"must lie within {FARTHEST:g} m", field=name)
         if name == "openness" and not 0.0 <= float(value) <= 1.0:
             raise InputError("must lie in 0..1", field=name)
         if name == "pose" and abs(np.linalg.norm(value[3:]) - 1.0) > 1e-3:

@@ -22,16 +22,16 @@ class Criterion(BaseModel):
 
 
 class Randomization(BaseModel):
-    """Ranges of the initial scene; lengths in metres, angles in radians.
+    """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
     The yaw is drawn from [0, yaw] where the drawn y offset is positive and from [-yaw, 0] where it is not.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    x: Annotated[float, Field(ge=0)] = 0.1
-    y: Annotated[float, Field(ge=0)] = 0.1
-    yaw: Annotated[float, Field(ge=0)] = 0.5235987755982988
+    x: Annotated[float, Field(ge=0, le=1)] = 0.1
+    y: Annotated[float, Field(ge=0, le=1)] = 0.1
+    yaw: Annotated[float, Field(ge=0, le=6.2832)] = 0.5235987755982988
     openness_mean: Annotated[float, Field(ge=0, le=1)] | None = None
     openness_spread: Annotated[float, Field(ge=0, le=1)] = 0.15
 
@@ -51,12 +51,12 @@ class TaskSpec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: Literal[1] = 1
-    name: Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$")]
-    description: str
-    asset_class: str
-    success: Annotated[tuple[Criterion, ...], Field(min_length=1)]
+    name: Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
+    description: Annotated[str, Field(max_length=1000)]
+    asset_class: Annotated[str, Field(max_length=100)]
+    success: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)]
     randomization: Randomization = Randomization()
-    max_episode_steps: Annotated[int, Field(gt=0)] = 400
+    max_episode_steps: Annotated[int, Field(gt=0, le=10_000)] = 400
 
     @property
     def env_id(self) -> str:

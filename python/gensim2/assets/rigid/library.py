@@ -8,13 +8,13 @@ import io
 import os
 import reprlib
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gensim2.assets.cache import cached_hulls, file_name, source_digest
-from gensim2.assets.decompose import components, decompose, make_hull, weld
 from gensim2.assets.errors import AssetError, MissingFileError
 from gensim2.assets.folder import ObjectFolder, existing_folder, shortened
 from gensim2.assets.generate import LICENSE as GENERATED_LICENSE
@@ -22,11 +22,9 @@ from gensim2.assets.info import is_number, numbers, read_info
 from gensim2.assets.library import BUILTIN
 from gensim2.assets.meshes import listed
 from gensim2.assets.objfile import MOST_MESH, read_obj
-from gensim2.assets.real import within
 from gensim2.assets.rigid.food import FOOD
 from gensim2.assets.rigid.household import HOUSEHOLD
 from gensim2.assets.rigid.parts import scaled
-from gensim2.assets.rigid.prepare import prepare
 from gensim2.assets.rigid.types import RigidKeypoint, RigidObject
 from gensim2.assets.shapes import Mesh
 from gensim2.assets.types import Array
@@ -86,6 +84,16 @@ class RigidLibrary(ABC):
         self.check(name)
         return self._load(name)
 
+    def chosen(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The objects of these names, all where there is none.
+
+        Raises:
+            InputError: no such object.
+        """
+        for name in names:
+            self.check(name)
+        return tuple(names) or self.names()
+
     def check(self, name: str) -> None:
         """Whether there is an object of this name; nothing is loaded.
 
@@ -111,6 +119,8 @@ class GeneratedRigidLibrary(RigidLibrary):
         return CLASSES[name].description
 
     def _load(self, name: str) -> RigidObject:
+        from gensim2.assets.rigid.prepare import prepare  # here, as below: naming objects needs no mesh library
+
         digest = source_digest(*_MODULES)
         rule = CLASSES[name]
         blueprint = rule.build()
@@ -214,6 +224,9 @@ def _from_meshes(
     license: str,
 ) -> RigidObject:
     """Collision: each connected piece as its hull where that fills no cavity, else taken apart."""
+    from gensim2.assets.real import within
+    from gensim2.assets.rigid.prepare import prepare
+
     warnings: list[str] = []
     file = folder.path / collision
     told = {key: point.position.tolist() for key, point in keypoints.items()}
@@ -272,6 +285,8 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
 
 def _hulls(pieces: list[tuple[Array, Any]]) -> tuple[list[Array], dict[str, int]]:
     """The files are convex decompositions already: a piece is its own hull unless that adds much to it."""
+    from gensim2.assets.decompose import components, decompose, make_hull, weld
+
     kept: list[Array] = []
     dropped, hollow = 0, []
     for vertices, faces in pieces:

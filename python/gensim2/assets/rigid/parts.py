@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import trimesh
 
 from gensim2.assets.shapes import (
     Array,
@@ -119,6 +118,8 @@ def vessel(outline: Sequence[tuple[float, float]], wall: float, look: Look, side
 
 def sphere(radius: float | Vec3, look: Look, at: Vec3 = (0, 0, 0)) -> Solid:
     """A ball or an ellipsoid: an icosphere of 42 corners to collide, of 642 to look at."""
+    import trimesh  # here: listing what there is needs none of it
+
     scale = np.broadcast_to(np.asarray(radius, float), (3,))
     hull = np.asarray(trimesh.creation.icosphere(1).vertices, float)
     seen = trimesh.creation.icosphere(3)

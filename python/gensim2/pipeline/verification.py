@@ -1,0 +1,79 @@
+"""Put a designed config to the test on fresh seeds; each episode is kept as soon as it is finished."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gensim2.assets import Library
+from gensim2.errors import InputError
+from gensim2.pipeline import worker
+from gensim2.pipeline.attempts import AttemptLog
+from gensim2.pipeline.evaluator import PoolEvaluator
+from gensim2.pipeline.records import Attempt, LoggedAttempt, Verification
+from gensim2.pipeline.runfolder import RunFolder, TaskFolder
+from gensim2.pipeline.search import design_seeds
+from gensim2.processes import Job
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.tasks.spec import TaskSpec
+
+#: Share of fresh episodes that must hold for a task to be kept.
+KEEP_THRESHOLD = 0.7
+
+#: Fresh episodes of a verification, unless more demonstrations than that are asked for.
+VERIFY_EPISODES = 20
+
+#: Episodes of a verification that is under way.
+UNDER_WAY = "verification.jsonl"
+
+
+def verify(
+    task: TaskSpec,
+    config: dict[str, Any],
+    files: TaskFolder,
+    run: RunFolder,
+    evaluator: PoolEvaluator,
+    library: Library,
+    *,
+    episodes: int,
+    seed: int,
+    progress: Progress = NULL_PROGRESS,
+) -> Verification:
+    """Run fresh episodes and write ``verification.json``; a second call reads it.
+
+    Args:
+        episodes: demonstrations asked for; where they are more than ``VERIFY_EPISODES``, as many are run.
+
+    Raises:
+        NotRunError: episodes could not be run; all others are finished.
+        InputError: what an earlier run left cannot be used.
+    """
+    seeds = design_seeds(seed, task, "verify", max(VERIFY_EPISODES, episodes))
+    log_path = files.path / UNDER_WAY
+    verification = files.verification()
+    if verification is not None:
+        if [attempt.seed for attempt in verification.attempts] != seeds:
+            raise InputError(
+                "is not of this run", file=files.verification_path, field="episodes", remedy="delete it and resume"
+            )
+    else:
+        log = AttemptLog(log_path, seeds)
+        progress.start(f"{task.name}: verify", len(seeds))
+        progress.advance(len(log.done))
+        setting = evaluator.setting(task)
+        jobs = [Job(i, (setting, config, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+        for index, attempt in evaluator.run(worker.attempt, jobs, f"{task.name}: verification"):
+            log.add(LoggedAttempt.of(attempt, index))
+            progress.advance()
+        attempts = tuple(_plain(log.done[index]) for index in range(len(seeds)))
+        verification = Verification(attempts, KEEP_THRESHOLD)
+        files.write_verification(verification)
+    log_path.unlink(missing_ok=True)
+    run.add_attempts(library, task.asset_class, verification.attempts, files.verification_path)
+    run.save()
+    return verification
+
+
+def _plain(entry: LoggedAttempt) -> Attempt:
+    value = entry.to_dict()
+    del value["index"], value["episode_digest"]
+    return Attempt(**value)

@@ -1,0 +1,234 @@
+"""One worker process: its life seen from the parent, and what runs inside it.
+
+Workers are forked from a server that has imported what they need and run nothing: they begin with a clean PhysX and a
+clean torch, as spawned ones would, but in a tenth of a second in place of eight, so that a worker can be replaced
+without a second thought.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from gensim2.errors import GenSim2Error
+from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
+
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+_SINGLE_THREADED = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
+)
+"""The processes are the parallelism; threads inside them would only compete."""
+
+SERVER_LOST = 255
+"""Exit code of a process whose server was killed before it could tell the real one."""
+
+START_LIMIT = 300.0
+"""Seconds within which a worker must be ready for its first job."""
+
+
+class Worker:
+    """A place for one process at a time, and the job that it is busy with; the process starts with its first job."""
+
+    def __init__(self, time_limit: float, jobs: int) -> None:
+        self._time_limit, self._jobs = time_limit, jobs
+        self._process: BaseProcess | None = None
+        self._connection: Connection | None = None
+        self._job: Job | None = None
+        self._ready = False
+        self._served = 0
+        self._since = 0.0
+
+    @property
+    def job(self) -> Job | None:
+        """What it is busy with."""
+        return self._job
+
+    @property
+    def connection(self) -> Connection:
+        """Readable when the process has something to say, or is dead."""
+        assert self._connection is not None
+        return self._connection
+
+    @property
+    def deadline(self) -> float:
+        """Monotonic time at which the job counts as hung."""
+        return self._since + (self._time_limit if self._ready else START_LIMIT)
+
+    def send(self, job: Job, function: Callable[..., Any], *, fresh: bool) -> None:
+        """Begin a job; ``fresh`` in a process that has run none before."""
+        payload = pickle.dumps((function, job.arguments))  # fails here, in the caller's face, not in a worker
+        if fresh or self._served >= self._jobs or self._process is None or not self._process.is_alive():
+            self.stop()
+            self._start()
+        self._job, self._since = job, time.monotonic()
+        # A worker that died just now shows as the end of its connection, which is this job's failure.
+        with contextlib.suppress(OSError):
+            self.connection.send_bytes(payload)
+
+    def receive(self, number: int) -> Outcome[Any] | Failure | None:
+        """What came of try ``number`` of the job; None where the worker only says that it is ready for it.
+
+        Raises:
+            WorkerStartError: the process ended by itself before its first job.
+        """
+        assert self._job is not None
+        try:
+            message = self.connection.recv_bytes()
+        except (EOFError, OSError):
+            return self._dead(number)
+        if not self._ready:
+            self._ready, self._since = True, time.monotonic()
+            return None
+        kind, value, text = pickle.loads(message)
+        if kind == "failure":
+            return self.give_up(number, value, text)
+        index, self._job = self._job.index, None
+        self._served += 1
+        return Outcome(index, error=value) if kind == "error" else Outcome(index, value)
+
+    def give_up(self, number: int, reason: str | None = None, text: str | None = None) -> Failure:
+        """End the process; by default because its job took too long."""
+        assert self._job is not None
+        index = self._job.index
+        too_long = f"took longer than {self._time_limit:g} s" if self._ready else f"did not start in {START_LIMIT:g} s"
+        self.stop()
+        return Failure(index, number, reason or too_long, text)
+
+    def stop(self) -> None:
+        """End the process, whatever it is doing."""
+        self._job, self._ready, self._served = None, False, 0
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join(timeout=5)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process = None
+
+    def _dead(self, number: int) -> Failure:
+        process = self._process
+        assert process is not None
+        process.join(timeout=5)
+        # 255: killed together with the server that would have known how.
+        fate, killed = (
+            _fate(process.exitcode),
+            process.exitcode is None or process.exitcode < 0 or process.exitcode == 255,
+        )
+        if not self._ready and not killed:
+            self.stop()
+            raise WorkerStartError(
+                f"a worker process ended before its first job ({fate}). A script that starts workers must do so "
+                'below `if __name__ == "__main__":`, because each worker imports it'
+            )
+        return self.give_up(number, f"the worker process died ({fate})")
+
+    def _start(self) -> None:
+        for number in range(TRIES):
+            ours, theirs = _CONTEXT.Pipe()
+            process = _CONTEXT.Process(target=_serve, args=(theirs, {**os.environ, **_SINGLE_THREADED}), daemon=True)
+            try:
+                with _single_threaded():
+                    process.start()
+                break
+            except (OSError, EOFError) as error:  # the server that forks was killed; the next start makes a new one
+                ours.close()
+                if number == TRIES - 1:
+                    raise WorkerStartError(f"worker processes cannot be started: {error}") from error
+                time.sleep(0.2)
+            except BaseException:
+                ours.close()
+                raise
+            finally:
+                theirs.close()  # so that the worker's death ends the connection
+        self._process, self._connection = process, ours
+
+
+def preload_modules(modules: Sequence[str]) -> None:
+    """Have workers begin with these modules imported; the first call before the first worker of this process counts.
+
+    What cannot be imported is left to the jobs to complain about.
+    """
+    _CONTEXT.set_forkserver_preload(list(modules))
+
+
+@contextlib.contextmanager
+def _single_threaded() -> Iterator[None]:
+    """What starts inside, and what that starts, keeps to one thread: the libraries look when they are imported."""
+    before = {name: os.environ.get(name) for name in _SINGLE_THREADED}
+    os.environ.update(_SINGLE_THREADED)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _fate(exitcode: int | None) -> str:
+    if exitcode is None:
+        return "no exit code"
+    if exitcode >= 0:
+        return f"exit code {exitcode}"
+    try:
+        return signal.Signals(-exitcode).name
+    except ValueError:
+        return f"signal {-exitcode}"
+
+
+def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
+    """Body of a worker process: jobs in, outcomes out, until the parent closes the connection."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    os.environ.clear()
+    os.environ.update(environment)  # the server may have been started before something was set
+    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    with contextlib.suppress(OSError):  # a parent that is gone already shows below
+        connection.send_bytes(b"ready")
+    while True:
+        try:
+            payload = connection.recv_bytes()
+        except (EOFError, OSError):
+            return
+        answer = _answer(payload)
+        try:
+            connection.send_bytes(answer)
+        except OSError:
+            return
+
+
+def _end_with_the_parent() -> None:
+    """End this process when the parent is gone, be it killed: a long job would otherwise run on for nobody."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _answer(payload: bytes) -> bytes:
+    """(kind, value, traceback), pickled; kind is result, error or failure."""
+    try:
+        function, arguments = pickle.loads(payload)
+        try:
+            return pickle.dumps(("result", function(*arguments), None))
+        except GenSim2Error as error:
+            answer = pickle.dumps(("error", error, None))
+            pickle.loads(answer)  # what does not survive the way is a bug like any other
+            return answer
+    except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        return pickle.dumps(("failure", words, traceback.format_exc()))

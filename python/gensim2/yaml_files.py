@@ -1,0 +1,167 @@
+"""The one reader of our YAML: plain data as JSON has it, of bounded size, depth and repetition.
+
+Files come from strangers and from language models, so nothing in them may cost much or mean more than it shows:
+mappings with text for keys, lists, text, numbers, true, false and null. Dates, merges, tags of other types and an
+anchor inside itself are refused; every refusal names file and line.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from gensim2.errors import InputError
+from gensim2.special_files import is_special
+
+#: A config of ours has 2 kB.
+MOST_BYTES = 100_000
+#: Lists and mappings inside each other; ours have 4.
+MOST_DEPTH = 30
+#: Values, each as often as aliases repeat it.
+MOST_VALUES = 20_000
+
+#: Characters; more cannot be 64 bits.
+LONGEST_WHOLE_NUMBER = 100
+TOO_MANY_BITS = "a whole number of more than 64 bits"
+
+_PLAIN = ("map", "seq", "str", "int", "float", "bool", "null")
+_PREFIX = "tag:yaml.org,2002:"
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The fields that a YAML (or JSON) file holds.
+
+    Raises:
+        InputError: it cannot be read, is no regular file, or what it holds is refused by :func:`parse_yaml`.
+    """
+    try:
+        if is_special(path):
+            raise InputError("is not a regular file", file=path)
+        with path.open("rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}", file=path) from error
+    return parse_yaml(data, str(path))
+
+
+def parse_yaml(data: bytes, file: str) -> dict[str, Any]:
+    """The fields that the text of a YAML file holds; numbers are finite, whole ones of at most 64 bits.
+
+    Raises:
+        InputError: it is not UTF-8, not YAML, too large or too deep, or holds what JSON has not; names the line.
+    """
+    if len(data) > MOST_BYTES:
+        raise InputError(f"is larger than {MOST_BYTES // 1000} kB", file=file)
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError("is not UTF-8 text", file=file) from error
+    try:
+        value = yaml.load(text, Loader=_PlainLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}" if mark else None
+        problem = ", ".join(part for part in (error.context, error.problem) if part)
+        raise InputError(f"is not valid YAML: {problem}", file=file, field=where) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise InputError("is not valid YAML: a character that no text has", file=file, field=f"line {line}") from error
+    if not isinstance(value, dict):
+        raise InputError("must hold fields by name", file=file, field="line 1")
+    check_finite(value, file)
+    return value
+
+
+def check_finite(value: Any, file: str | None, field: str = "") -> None:
+    """Refuse NaN and infinity anywhere in plain data.
+
+    Raises:
+        InputError: names the field.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"must be a finite number, is {value}", file=file, field=field)
+    if isinstance(value, dict):
+        for key, item in value.items():
+            check_finite(item, file, f"{field}.{key}" if field else str(key))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            check_finite(item, file, f"{field}.{index}" if field else str(index))
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Composes within the bounds, constructs the types of JSON only."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+        self._values = 0
+        self._repeats: dict[Node, int] = {}
+
+    def compose_node(self, parent: Node | None, index: int) -> Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            node = super().compose_node(parent, index)
+            assert node is not None
+            if node not in self._repeats:
+                raise _refusal(f"*{event.anchor} stands inside itself", event.start_mark)
+            self._count(self._repeats[node], event.start_mark)
+            return node
+        if self._depth == MOST_DEPTH:
+            raise _refusal(f"more than {MOST_DEPTH} values inside each other", event.start_mark)
+        before = self._values
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        self._count(1, event.start_mark)
+        if node is not None and getattr(event, "anchor", None) is not None:
+            self._repeats[node] = self._values - before
+        return node
+
+    def _count(self, values: int, mark: Any) -> None:
+        self._values += values
+        if self._values > MOST_VALUES:
+            raise _refusal(f"more than {MOST_VALUES} values, repeated ones included", mark)
+
+    def construct_object(self, node: Node, deep: bool = False) -> Any:
+        name = node.tag.removeprefix(_PREFIX)
+        if name not in _PLAIN:
+            name = "date" if name == "timestamp" else name.strip("!")
+            raise _refusal(f"a value of type {name} has no use here (put text in quotes)", node.start_mark)
+        try:
+            value = super().construct_object(node, deep=deep)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            if name == "int" and len(node.value) > LONGEST_WHOLE_NUMBER:
+                raise _refusal(TOO_MANY_BITS, node.start_mark) from error
+            raise _refusal(f"{_shown(node)} is no {name}", node.start_mark) from error
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise _refusal(TOO_MANY_BITS, node.start_mark)
+        if isinstance(value, str) and not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+            raise _refusal("half a character (a lone surrogate)", node.start_mark)
+        return value
+
+    def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:
+        if not isinstance(node, MappingNode):
+            raise _refusal(f"{_shown(node)} is no map", node.start_mark)
+        found: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise _refusal(f"the name of a field must be text, is {_shown(key_node)}", key_node.start_mark)
+            if key in found:  # YAML itself would silently keep the last
+                raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
+            found[key] = self.construct_object(value_node, deep=deep)
+        return found
+
+
+def _shown(node: Node) -> str:
+    if isinstance(node, ScalarNode):
+        return f"{node.value!r}"
+    return "a list" if isinstance(node, SequenceNode) else "a mapping"
+
+
+def _refusal(problem: str, mark: Any) -> yaml.constructor.ConstructorError:
+    return yaml.constructor.ConstructorError(None, None, problem, mark)

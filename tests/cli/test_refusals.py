@@ -1,0 +1,235 @@
+"""Bad input is refused in one line, with exit code 2, before anything heavy is imported; so is a broken file system."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gensim2.cli import main as cli
+
+LIBRARY = Path(__file__).parents[2] / "python" / "gensim2" / "tasks" / "library" / "OpenDrawer"
+
+#: What takes seconds to import.
+HEAVY = ("torch", "mani_skill", "sapien", "trimesh", "scipy")
+
+#: Commands, one after the other in one process: exit code, CPU seconds and what was said, and which modules came.
+_SCRIPT = """
+import contextlib, io, json, sys, time
+from gensim2.cli.main import run
+answers = []
+for words in json.load(sys.stdin):
+    started = time.process_time()
+    with contextlib.redirect_stderr(io.StringIO()) as said, contextlib.redirect_stdout(io.StringIO()) as out:
+        code = run(words)
+    answers.append([code, time.process_time() - started, said.getvalue(), out.getvalue()])
+json.dump({"answers": answers, "modules": sorted(sys.modules)}, sys.stdout)
+"""
+
+NINES = "9" * 3000
+
+
+def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
+    """Folders with one thing wrong each: name to (file, words of the refusal)."""
+    task, config = (LIBRARY / "task.yaml").read_text(), (LIBRARY / "solver.yaml").read_text()
+    cases = {
+        "unknown_field": (task, config + "speed: 3\n", "solver.yaml", "speed: is not a known field"),
+        "no_constraints": (task, config.replace("constraint_list:", "task_name:"), "solver.yaml", "given twice"),
+        "empty_config": (task, "task_name: x\n", "solver.yaml", "constraint_list: is missing"),
+        "bad_number": (task, config.replace("tolerance: 0.001", "tolerance: wide"), "solver.yaml", "tolerance: must"),
+        "unknown_class": (task.replace(": drawer", ": nope"), config, "task.yaml", "asset_class: library builtin has"),
+        "escaping_class": (task.replace(": drawer", ": ../../x"), config, "task.yaml", "asset_class: "),
+        "unknown_task_field": (task + "speed: 3\n", config, "task.yaml", "speed: unknown field"),
+        "date": (task + "extra: 2020-13-45\n", config, "task.yaml", "line 9: "),
+        "endless_number": (task.replace("400", "4" * 5000), config, "task.yaml", "64 bits"),
+        "too_many_steps": (task.replace("400", "400000000"), config, "task.yaml", "max_episode_steps"),
+        "laughs": (task, config + "x: &a [" + "1," * 999 + "]\ny: [" + "*a," * 999 + "]\n", "solver.yaml", "20000"),
+        "binary": (task, "\0\1", "solver.yaml", "a character that no text has"),
+    }
+    for name, (task_text, config_text, _, _) in cases.items():
+        (folder / name).mkdir()
+        (folder / name / "task.yaml").write_text(task_text)
+        (folder / name / "solver.yaml").write_text(config_text)
+    (folder / "no_files").mkdir()
+    return {name: (file, words) for name, (_, _, file, words) in cases.items()} | {
+        "no_files": ("task.yaml", "cannot read: No such file")
+    }
+
+
+def _refusals(folder: Path) -> list[tuple[list[str], str]]:
+    long = "x" * 300
+    file = folder / "file"
+    file.write_text("")
+    loop = folder / "loop"
+    loop.symlink_to("loop")
+    found: list[tuple[list[str], str]] = []
+    for name, (broken, words) in _broken_tasks(folder).items():
+        for command in ("demo", "solve"):
+            found.append(([command, str(folder / name)], f"{folder / name / broken}: "))
+            found.append(([command, str(folder / name)], words))
+    for task in ("demo", "solve"):
+        found += [
+            ([task, "Nope"], "unknown task 'Nope'"),
+            ([task, ""], "unknown task ''"),
+            ([task, long], "File name too long"),
+            ([task, "x" * 3000], "(3000 characters)"),
+            ([task, str(loop)], "unknown task"),
+            ([task, "OpenDrawer", "--seed", NINES], "(3000 characters)"),
+            ([task, "OpenDrawer", "--seed", "x"], "--seed"),
+            ([task, "OpenDrawer", "--seed", str(2**32)], "--seed"),
+            ([task, "OpenDrawer", "--instances", ""], "no instance ''"),
+            ([task, "OpenDrawer", "--instances", NINES], "no instance"),
+            ([task, "OpenDrawer", "--instances", "-1"], "no instance '-1'"),
+            ([task, "OpenDrawer", "--assets", str(file)], "no such folder"),
+            ([task, "OpenDrawer", "--assets", ""], "no such folder"),
+            ([task, "OpenDrawer", "--assets", long], "no such folder"),
+            ([task, "OpenDrawer", "--out", str(file)], "cannot write: Not a directory"),
+            ([task, "OpenDrawer", "--out", long], "cannot write: File name too long"),
+            ([task, "OpenDrawer", "--json", str(file / "x")], "--json: cannot write: Not a directory"),
+        ]
+    found += [
+        (["demo", "OpenDrawer", "--episodes", "99999999999999999999999"], "--episodes"),
+        (["demo", "OpenDrawer", "--workers", NINES], "--workers"),
+        (["demo", "OpenDrawer", "--time-limit", "inf"], "--time-limit"),
+        (["demo", "OpenDrawer", "--time-limit", "nan"], "time_limit: must lie in"),
+        (["demo", "OpenDrawer", "--jobs-per-worker", NINES], "--jobs-per-worker"),
+        (["run-pipeline", "--num-tasks", NINES], "--num-tasks"),
+        (["run-pipeline", "--episodes", "0"], "--episodes"),
+        (["run-pipeline", "--target-task", "Nope"], "unknown task"),
+        (["run-pipeline", "--target-task", ""], "unknown task"),
+        (["run-pipeline", "--designer", "Nope"], "unknown designer"),
+        (["run-pipeline", "--assets", str(folder / "nowhere")], "no such folder"),
+        (["bench", "solver", "--problems", str(folder)], "Is a directory"),
+        (["bench", "solver", "--problems", str(file), "--sample-dt", "nan"], "--sample-dt: must be at least"),
+        (["bench", "solver", "--problems", str(file), "--sample-dt", "1e-9"], "--sample-dt: must be at least"),
+        (["bench", "solver", "--problems", str(file), "--threads", "1000000"], "--threads"),
+        (["assets", "list", "--assets", long], "no such folder"),
+        (["assets", "show", "drawr"], "did you mean drawer"),
+        (["assets", "show", "drawer/"], "no instance"),
+        (["assets", "validate", "drawer/x"], "no instance 'x'"),
+        (["assets", "validate", "--random", NINES], "--random"),
+        (["assets", "prepare", "nope"], "no class 'nope'"),
+        (["assets", "export", "nope", "--out", str(folder / "out")], "no class 'nope'"),
+        (["assets", "export", "--out", str(folder / "out")], "name a CLASS"),
+        (["assets", "export", "drawer/1", "--out", str(file)], "--out"),
+        (["assets", "import", long, "--class", "drawer", "--name", "1", "--out", str(folder)], "no such folder"),
+        (["assets", "render", "drawer/1", "--out", str(file / "x.png")], "cannot write: Not a directory"),
+        (["assets", "render", "nope", "--out", str(folder / "x.png")], "no class 'nope'"),
+        (["assets", "gallery", "--classes", "nope", "--out", str(folder / "page")], "no class 'nope'"),
+        (["assets", "rigid", "render", "nope", "--out", str(folder / "x.png")], "no rigid object 'nope'"),
+        (["assets", "rigid", "validate", "nope"], "no rigid object 'nope'"),
+        (["assets", "rigid", "list", "--assets", long], "no such folder"),
+        (["nonsense"], "No such command"),
+    ]
+    return found
+
+
+def test_refusals_are_quick_and_import_nothing_heavy(tmp_path: Path) -> None:
+    cases = _refusals(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", _SCRIPT],
+        input=json.dumps([words for words, _ in cases]),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        cwd=tmp_path,
+        env={**os.environ, "GENSIM2_ASSETS": ""},
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    for (words, expected), (code, seconds, said, out) in zip(cases, result["answers"], strict=True):
+        shown = [word[:60] for word in words]
+        assert code == cli.BAD_INPUT, (shown, said)
+        assert expected in said, (shown, said)
+        assert said.count("\n") == 1, (shown, said)
+        assert len(said) < 1000, shown
+        assert out == "", shown
+        assert seconds < 2.0, shown
+    assert not set(HEAVY) & set(result["modules"])
+
+
+def test_help_and_version_need_click_alone() -> None:
+    for words in (["--help"], ["--version"], ["demo", "--help"], ["assets", "export", "--help"], ["nonsense"]):
+        script = f"import sys; from gensim2.cli.main import run; run({words}); print(*sys.modules, file=sys.stderr)"
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        modules = set(done.stderr.split())
+        assert not modules & {*HEAVY, "numpy", "pydantic", "rich", "yaml", "jinja2", "gymnasium"}
+
+
+def _shell(command: str) -> subprocess.CompletedProcess[str]:
+    script = command.replace("gensim2", f"{sys.executable} -m gensim2.cli")
+    return subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize(
+    "words", ["--help", "--version", "tasks list", "tasks list --json", "assets list", "doctor --help", "demo --help"]
+)
+def test_standard_output_that_is_full_is_one_line(words: str) -> None:
+    done = _shell(f"gensim2 {words} > /dev/full")
+    assert done.returncode == cli.BAD_INPUT
+    assert done.stderr == "gensim2: standard output: No space left on device\n"
+
+
+@pytest.mark.parametrize("words", ["--version", "tasks list --json", "demo OpenDrawer"])
+def test_standard_output_that_is_closed_is_one_line(words: str, tmp_path: Path) -> None:
+    done = _shell(f"cd {tmp_path}; gensim2 {words} >&-")
+    assert done.returncode == cli.BAD_INPUT
+    assert done.stderr == "gensim2: standard output is closed (let it go to a file, or to /dev/null)\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nobody_to_tell_leaves_the_exit_code(tmp_path: Path) -> None:
+    assert _shell("gensim2 tasks list >&- 2>&-").returncode == cli.BAD_INPUT
+    assert _shell("gensim2 demo Nope 2>&-").returncode == cli.BAD_INPUT
+    assert _shell("gensim2 demo Nope 2> /dev/full").returncode == cli.BAD_INPUT
+    # Nothing that is opened may take the number of the closed descriptor, and be written to.
+    done = _shell(f"gensim2 tasks list --json {tmp_path / 'tasks.json'} 2>&-")
+    assert done.returncode == 0
+    assert "tasks" in json.loads((tmp_path / "tasks.json").read_text())
+
+
+def test_a_folder_that_may_not_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Root may read everything, so the refusal is the test's own."""
+
+    def refused(path: Path) -> object:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+    assert cli.run(["assets", "list", "--assets", str(tmp_path)]) == cli.BAD_INPUT
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith(f"gensim2: {tmp_path}: ")
+    assert "Permission denied" in err
+    assert err.count("\n") == 1
+
+
+def test_what_the_file_system_refuses_anywhere_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import gensim2.tasks.library
+
+    def refused() -> object:
+        raise PermissionError(13, "Permission denied", "/some/where")
+
+    monkeypatch.setattr(gensim2.tasks.library, "task_names", refused)
+    assert cli.run(["tasks", "list"]) == cli.BAD_INPUT
+    assert capfd.readouterr().err == "gensim2: /some/where: Permission denied\n"
+
+
+def test_names_that_are_no_text_are_shown(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable.encode(), b"-m", b"gensim2.cli", b"demo", b"\xff\x1b[31m"],
+        capture_output=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == cli.BAD_INPUT
+    assert b"\x1b" not in done.stderr
+    assert done.stderr.count(b"\n") == 1

@@ -1,0 +1,381 @@
+"""Damaged tasks, configs, run folders, episodes and problems, and what the readers and the command line make of them.
+
+``python tests/fuzz/readers.py --inputs 10000 --commands 300`` runs as many in process and through the command line, and
+says how they ended; object folders have ``objects.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
+
+from gensim2.bench import read_problems
+from gensim2.demos.recording import Recording
+from gensim2.demos.trajectory import Provenance, TrajectoryStore
+from gensim2.pipeline.attempts import AttemptLog
+from gensim2.pipeline.inputs import task_and_config
+from gensim2.pipeline.reading import read_record
+from gensim2.pipeline.records import (
+    Attempt,
+    CandidateRecord,
+    Design,
+    DesignRecord,
+    LoggedAttempt,
+    StageRecord,
+    Verification,
+    VerificationRecord,
+)
+from gensim2.pipeline.report import write_report
+from gensim2.pipeline.runfolder import RunFolder
+from gensim2.tasks.library import load_config, load_task, task_names
+
+TASK = "OpenDrawer"
+SEEDS = (11, 12, 13)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A good file, and what reads it.
+
+    Attributes:
+        name: of the kind of input.
+        file: to be damaged, relative to the folder.
+        kind: of its content.
+        read: takes the folder.
+        command: words of a command that reads the file and, where it takes it, still does no more than a second's
+            work; None where no command reads it alone.
+    """
+
+    name: str
+    file: str
+    kind: Kind
+    read: Callable[[Path], object]
+    command: Callable[[Path], list[str]] | None = None
+
+
+def good_folder(folder: Path, problems: str) -> None:
+    """A task folder and a run folder, whole.
+
+    Args:
+        folder: to fill.
+        problems: planning problems, one a line.
+    """
+    task = load_task(TASK)
+    configs = [load_config(name) for name in task_names()]
+    for number, config in enumerate(configs):  # each of the library's, for the sake of its fields
+        (folder / f"task{number}").mkdir(parents=True)
+        fields = load_task(task_names()[number]).model_dump(mode="json", exclude_none=True)
+        (folder / f"task{number}" / "task.yaml").write_text(yaml.safe_dump(fields, sort_keys=False))
+        (folder / f"task{number}" / "solver.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+    (folder / "problems.jsonl").write_text(problems)
+    attempts = [
+        Attempt(
+            seed=seed,
+            instance="3",
+            content_hash="ab" * 16,
+            success=seed != 13,
+            still_success=False,
+            openness_start=0.5,
+            openness_end=0.9,
+            steps=80,
+            cause=None if seed != 13 else "the object stopped short",
+            plan_status="solved",
+            plan_reason="",
+        )
+        for seed in SEEDS
+    ]
+    arguments = {"command": "demo", "seed": 0, "assets": "builtin", "target_task": TASK, "episodes": 2}
+    with RunFolder(folder / "run", arguments, {"task": "0" * 16}, resume=False) as run:
+        files = run.task(TASK)
+        files.write_task(task)
+        files.write_config(configs[0])
+        verification = Verification(tuple(attempts), 0.5).to_dict()
+        (files.path / "verification.json").write_text(json.dumps(verification))
+        stage = StageRecord(name="physics", episodes=2, successes=1.0, causes={"the object did not move": 1})
+        candidate = CandidateRecord(
+            index=0, label="hook", config=configs[0], provenance={}, stages=[stage], cause="the object did not move"
+        )
+        design = {**Design((), configs[0], ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
+        (files.path / "design.json").write_text(json.dumps(design))
+        log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
+        store = TrajectoryStore(files.path)
+        for index, attempt in enumerate(attempts):
+            digest = store.add(index, _recording(attempt.seed))
+            log.add(LoggedAttempt.of(attempt, index, digest))
+        store.merge(_provenance(), range(len(SEEDS)))
+        run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
+
+
+def subjects() -> list[Subject]:
+    """Every kind of file, with its reader."""
+
+    def inside(name: str) -> str:
+        return f"run/tasks/{TASK}/{name}"
+
+    def record(file: str, model: Any) -> Callable[[Path], object]:
+        return lambda folder: read_record(folder / file, model, "restore it")
+
+    def problems(folder: Path) -> list[str]:
+        return ["bench", "solver", "--problems", str(folder / "problems.jsonl"), "--json", str(folder / "out")]
+
+    found = [
+        Subject("run.json", "run/run.json", "json", _resume, _resuming),
+        Subject("run.json, report", "run/run.json", "json", lambda folder: write_report(folder / "run")),
+        Subject("attempts.jsonl", inside("attempts.jsonl"), "lines", _attempts),
+        Subject("verification.json", inside("verification.json"), "json", _verification),
+        Subject("design.json", inside("design.json"), "json", record(inside("design.json"), DesignRecord)),
+        Subject("task.yaml, report", inside("task.yaml"), "yaml", lambda folder: write_report(folder / "run")),
+        Subject("trajectory.json, report", inside("trajectory.json"), "json", lambda f: write_report(f / "run")),
+        Subject("episode.h5", inside("episodes/000001.h5"), "binary", _merge),
+        Subject("problems.jsonl", "problems.jsonl", "lines", lambda f: read_problems(f / "problems.jsonl"), problems),
+    ]
+    for number in range(len(task_names())):
+        folder = f"task{number}"
+        for file in ("task.yaml", "solver.yaml"):
+            reader = _task_reader(folder)
+            found.append(Subject(file, f"{folder}/{file}", "yaml", reader, _demonstrating(folder)))
+    return found
+
+
+def attempt(folder: Path, subject: Subject, generator: np.random.Generator) -> Verdict:
+    """What a reader makes of one damaged file; the good one is put back.
+
+    Raises:
+        AssertionError: it hangs, or refuses in more than one line.
+        Exception: whatever else than an :class:`~gensim2.errors.InputError` it raised.
+    """
+    path = folder / subject.file
+    good = path.read_bytes()
+    path.write_bytes(damaged(good, subject.kind, generator))
+    try:
+        return judged(lambda: subject.read(folder))
+    finally:
+        path.write_bytes(good)
+
+
+def attempt_command(folder: Path, subject: Subject, generator: np.random.Generator) -> tuple[int, float]:
+    """The exit code of a command that is given one damaged file, and its CPU seconds.
+
+    Raises:
+        AssertionError: it hangs, leaves a traceback, or refuses in more than one line.
+    """
+    assert subject.command is not None
+    path = folder / subject.file
+    good = path.read_bytes()
+    path.write_bytes(damaged(good, subject.kind, generator))
+    script = "import sys, time; from gensim2.cli.main import run; code = run(sys.argv[1:]); "
+    script += "print(time.process_time(), file=sys.stderr); sys.exit(code)"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", script, *subject.command(folder)],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=120,
+            check=False,
+            cwd=folder,
+        )
+    finally:
+        path.write_bytes(good)
+    *said, seconds = done.stderr.splitlines()
+    assert "Traceback" not in done.stderr, done.stderr
+    assert done.returncode in (0, 2), done.stderr
+    if done.returncode == 2:
+        refusal = [text for text in said if not text.startswith(("scenes: ", "plans: "))]
+        assert len(refusal) == 1, refusal
+        assert len(refusal[0]) <= LONGEST_MESSAGE, refusal[0][:200]
+    spent = float(seconds)
+    assert spent < LIMIT, f"took {spent:.1f} s of CPU"
+    return done.returncode, spent
+
+
+def _resume(folder: Path) -> None:
+    arguments = {"command": "demo", "seed": 0, "assets": "builtin", "target_task": TASK, "episodes": 2}
+    with RunFolder(folder / "run", arguments, {"task": "0" * 16}, resume=True):
+        pass
+
+
+def _attempts(folder: Path) -> None:
+    AttemptLog(folder / "run" / "tasks" / TASK / "attempts.jsonl", SEEDS)
+
+
+def _verification(folder: Path) -> None:
+    path = folder / "run" / "tasks" / TASK / "verification.json"
+    record = read_record(path, VerificationRecord, "delete it")
+    assert len(record.episodes) >= record.successes
+
+
+def _merge(folder: Path) -> None:
+    store = TrajectoryStore(folder / "run" / "tasks" / TASK)
+    store.merge(_provenance(), store.indices())
+
+
+def _task_reader(name: str) -> Callable[[Path], object]:
+    return lambda folder: task_and_config(str(folder / name))
+
+
+def _demonstrating(name: str) -> Callable[[Path], list[str]]:
+    """A good task ends at the folder that holds a run already."""
+    return lambda folder: ["demo", str(folder / name), "--assets", "builtin", "--out", str(folder / "run")]
+
+
+def _resuming(folder: Path) -> list[str]:
+    """A good record ends at its config, which is another."""
+    run = ["--out", str(folder / "run"), "--resume"]
+    return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
+
+
+def _recording(seed: int, steps: int = 5) -> Recording:
+    generator = np.random.default_rng(seed)
+
+    def floats(*shape: int) -> Any:
+        return generator.random(shape).astype(np.float32)
+
+    return Recording(
+        seed=seed,
+        reset_options={"instance": "3"},
+        control_mode="pd_joint_pos",
+        actions=floats(steps, 8),
+        obs=floats(steps + 1, 40),
+        env_states={"articulations": {"panda": floats(steps + 1, 31), "object": floats(steps + 1, 15)}},
+        rewards=floats(steps),
+        terminated=np.zeros(steps, dtype=bool),
+        truncated=np.zeros(steps, dtype=bool),
+        success=np.ones(steps, dtype=bool),
+        openness=floats(steps + 1),
+    )
+
+
+def _provenance() -> Provenance:
+    return Provenance(load_task(TASK), load_config(TASK), "builtin", {"drawer/3": "CC0"}, 0, {})
+
+
+def problem_line() -> str:
+    """One planning problem, as the recorded ones are written: a drawer before the arm, to be pulled open."""
+    pose = np.eye(4)
+    pose[:3, 3] = (0.5, 0.0, 0.2)
+    config = {
+        "constraint_list": [
+            {
+                "type": "point2point_constraint",
+                "keypoint_name": "tool_head",
+                "target_keypoint_name": "articulated_object_head",
+                "tolerance": 0.001,
+            }
+        ],
+        "pre_actuation_motions": [["translate_z", -0.05]],
+        "post_actuation_motions": [["translate_x", -0.05]],
+    }
+    drawer = {
+        "cls": "drawer",
+        "id": "1",
+        "root_p": [0.0, 0.0, 0.1],
+        "root_q": [1.0, 0.0, 0.0, 0.0],
+        "qpos": [0.1],
+        "close_qpos": 0.0,
+        "open_qpos": 0.3,
+        "scale": 0.2,
+    }
+    return (
+        json.dumps(
+            {
+                "id": "a",
+                "objects": {"articulated": drawer, "rigid": None},
+                "config": config,
+                "start_time": 0.0,
+                "actuation_time": 6.0,
+                "pre_actuation_times": [3.0],
+                "post_actuation_times": [9.0],
+                "q_current": [0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04],
+                "T_world_base": np.eye(4).tolist(),
+                "T_base_object": pose.tolist(),
+                "tool_keypoints_hand": {"tool_head": [0.0, 0.0, 0.105]},
+                "object_keypoints_base": {"articulated_object_head": [0.5, 0.0, 0.2]},
+                "object_yaw": 0.0,
+                "object_axis": "y",
+            }
+        )
+        + "\n"
+    )
+
+
+@dataclass
+class Tally:
+    """How many ended how, and what the slowest took."""
+
+    ended: Counter[str]
+    slowest: float = 0.0
+    faults: int = 0
+
+
+def run(
+    count: int, seed: int, commands: bool, folder: Path, say: Callable[[str], object], only: str | None = None
+) -> Tally:
+    """Try ``count`` inputs, kinds in turn; faults are said and counted."""
+    tally = Tally(Counter())
+    chosen = [
+        subject
+        for subject in subjects()
+        if (subject.command is not None or not commands) and (only is None or subject.name.startswith(only))
+    ]
+    for number in range(count):
+        subject = chosen[number % len(chosen)]
+        generator = np.random.default_rng([seed, number])
+        try:
+            if commands:
+                code, seconds = attempt_command(folder, subject, generator)
+                outcome = f"exit code {code}"
+            else:
+                verdict = attempt(folder, subject, generator)
+                outcome, seconds = "accepted" if verdict.accepted else "refused", verdict.seconds
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            tally.faults += 1
+            say(f"{subject.name} {number}: {type(error).__name__}: {str(error)[-1500:]}")
+        else:
+            tally.ended[f"{subject.name}: {outcome}"] += 1
+            tally.slowest = max(tally.slowest, seconds)
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=10_000, help="through the readers in process")
+    parser.add_argument("--commands", type=int, default=300, help="through the command line")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", help="kinds of input that begin so")
+    parser.add_argument("--problems", type=Path, help="recorded planning problems, of which the first is damaged too")
+    options = parser.parse_args(arguments)
+    faults = 0
+    with tempfile.TemporaryDirectory() as name:
+        line = problem_line() if options.problems is None else options.problems.open().readline()
+        good_folder(Path(name), line)
+        for commands, count in ((False, options.inputs), (True, options.commands)):
+            began = time.monotonic()
+            tally = run(
+                count, options.seed, commands, Path(name), lambda text: print(text, file=sys.stderr), options.only
+            )
+            faults += tally.faults
+            where = "commands" if commands else "inputs"
+            spent = time.monotonic() - began
+            print(f"{count} {where}, {tally.faults} faults, slowest {tally.slowest:.2f} s, {spent:.0f} s in all")
+            for outcome, number in sorted(tally.ended.items()):
+                print(f"  {outcome} {number}")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

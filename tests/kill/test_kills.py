@@ -1,0 +1,72 @@
+"""Ten kills in a made-up world: what a run leaves is what an undisturbed run leaves, byte for byte.
+
+``python tests/kill/kill_runs.py --kills 100`` does the same with the simulator.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).with_name("kill_runs.py")
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds workers in /proc")
+
+spec = importlib.util.spec_from_file_location("kill_runs", SCRIPT)
+assert spec is not None
+assert spec.loader is not None
+kill_runs = importlib.util.module_from_spec(spec)
+sys.modules["kill_runs"] = kill_runs
+spec.loader.exec_module(kill_runs)
+
+
+def test_ten_kills_change_nothing(tmp_path: Path) -> None:
+    tally, wrong = kill_runs.kill_runs(10, "fake", seed=1, folder=tmp_path)
+    assert wrong == []
+    assert sum(tally.kills.values()) == 10
+    assert {"driver SIGKILL", "worker SIGKILL"} <= set(tally.kills)
+    assert tally.mid_collection >= 5
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)])
+def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    out = tmp_path / "run"
+    command = kill_runs.COMMANDS[0].line(out, "fake", resume=False)
+    process = kill_runs.start(command, tmp_path / "log")
+    attempts = out / "tasks/PushDrawerClose/attempts.jsonl"
+    deadline = time.monotonic() + 120
+    while not attempts.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    servers = kill_runs.children(process.pid)
+    workers = [pid for server in servers for pid in kill_runs.children(server)]
+    assert workers
+    os.kill(process.pid, number)
+    assert process.wait(timeout=60) == code
+    words = [line for line in (tmp_path / "log").read_text().splitlines() if line.strip()]
+    assert words[-1] == "gensim2: interrupted; what was finished is kept"
+    assert not any("Traceback" in line for line in words)
+    while any(kill_runs.command_line(pid) for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(kill_runs.command_line(pid) for pid in workers)
+    assert attempts.read_bytes().count(b"\n") >= 1
+    assert [path.name for path in out.rglob(".*")] == [".lock"]
+
+
+def test_a_signal_that_is_to_be_ignored_is_ignored() -> None:
+    script = (
+        "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "import os; from gensim2.cli.signals import stopping_signals\n"
+        "with stopping_signals(): os.kill(os.getpid(), signal.SIGHUP)\n"
+        "print('went on')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout == "went on\n"

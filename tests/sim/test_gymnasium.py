@@ -1,0 +1,156 @@
+"""gymnasium's own checker passes, and what nobody should pass to an environment is refused in one typed line."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from mani_skill.utils.wrappers import CPUGymWrapper
+
+import gensim2.sim  # noqa: F401 - registers the tasks
+from gensim2.errors import ClosedEnvError, InputError
+from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.tasks.spec import TaskSpec
+
+ZERO = np.zeros(8, dtype=np.float32)
+
+
+@pytest.fixture
+def env(crates: Callable[..., Any], crate_task: TaskSpec) -> GenSim2Env:
+    return make_env(crate_task, assets=crates())
+
+
+@pytest.mark.parametrize("obs_mode", ["state", "state_dict"])
+def test_the_checker_of_gymnasium_passes(obs_mode: str) -> None:
+    """ManiSkill batches every value; its wrapper for one environment on the CPU takes the batch off."""
+    made = CPUGymWrapper(gym.make("GenSim2-OpenDrawer-v1", assets="builtin", obs_mode=obs_mode))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # advice on spaces
+        # Neither of ManiSkill's wrappers can be made again from a spec, which the closing check would do.
+        check_env(made, skip_render_check=True, skip_close_check=True)
+    made.close()
+    made.close()
+
+
+def test_a_seed_seeds_the_generator_of_gymnasium(env: GenSim2Env) -> None:
+    states = []
+    for seed in (3, 4, 3):
+        env.reset(seed=seed)
+        assert env.np_random_seed == seed
+        states.append(env.np_random.bit_generator.state)
+    assert states[0] == states[2]
+    assert states[0] != states[1]
+
+
+@pytest.mark.parametrize(
+    ("seed", "expected"),
+    [
+        ("a", "seed: must be a whole number, is 'a'"),
+        (1.5, "seed: must be a whole number"),
+        (float("nan"), "seed: must be a whole number"),
+        (True, "seed: must lie in 0"),
+        ([1, 2], "seed: one environment takes one seed"),
+        ([], "seed: one environment takes one seed"),
+        (["a"], "seed: must be a whole number"),
+        (2**1000, "a number of 1001 bits"),
+    ],
+)
+def test_odd_seeds_are_named(env: GenSim2Env, seed: Any, expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        env.reset(seed=seed)
+    assert expected in str(caught.value)
+
+
+def test_seeds_of_numpy_and_lists_of_one_are_seeds(env: GenSim2Env) -> None:
+    for seed in (np.int64(7), [7], np.array([7])):
+        env.reset(seed=seed)  # type: ignore[arg-type]
+        assert int(env._episode_seed[0]) == 7
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], "options: must be a mapping"),
+        ("openness", "options: must be a mapping"),
+        ({"offset": [1e308, 0, 0]}, "offset: must lie within 10 m"),
+        ({"pose": [0, 0, 1e30, 1, 0, 0, 0]}, "pose: must lie within 10 m"),
+        ({"env_idx": [3]}, "env_idx: there is one environment"),
+        ({"reset_to_env_states": 5}, "reset_to_env_states: must be a mapping"),
+    ],
+)
+def test_odd_reset_options_are_named(env: GenSim2Env, options: Any, expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        env.reset(seed=0, options=options)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("action", "expected"),
+    [
+        (np.full(8, np.inf), "action: must be finite"),
+        (np.full(8, np.nan), "action: must be finite"),
+        (torch.tensor([[float("inf")] * 8]), "action: must be finite"),
+        (np.zeros(7), "action: must be 8 numbers, has the shape (7,)"),
+        (np.zeros((2, 8)), "action: must be 8 numbers, has the shape (2, 8)"),
+        ("up", "action: must be numbers"),
+        ([1, [2]], "action: must be numbers"),
+        ({"a": 1}, "action: a mapping must hold"),
+        ({"control_mode": "fly", "action": ZERO}, "control_mode: must be one of"),
+        ({"control_mode": "pd_joint_pos", "action": np.full(8, np.nan)}, "action: must be finite"),
+    ],
+)
+def test_odd_actions_are_named_and_change_nothing(env: GenSim2Env, action: Any, expected: str) -> None:
+    env.reset(seed=0)
+    before = env.get_state().clone()
+    with pytest.raises(InputError) as caught:
+        env.step(action)
+    assert expected in str(caught.value)
+    assert torch.equal(before, env.get_state())
+    assert int(env.elapsed_steps[0]) == 0
+
+
+def test_actions_of_every_usual_kind_are_taken(env: GenSim2Env) -> None:
+    env.reset(seed=0)
+    for action in (ZERO, ZERO[None], ZERO.tolist(), torch.zeros(8), torch.zeros(1, 8), None):
+        env.step(action)
+    assert int(env.elapsed_steps[0]) == 6
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "expected"),
+    [
+        ({"assets": 5}, "assets: must be None"),
+        ({"assets": ""}, "no such folder"),
+        ({"assets": "x" * 300}, "no such folder"),
+        ({"task": 5}, "task: must be a name"),
+        ({"instances": 5}, "instances: must be text"),
+        ({"instances": ""}, "instance: "),
+        ({"instances": "random"}, "instances: 'random' is one object"),
+        ({"obs_mode": "smell"}, "smell"),
+        ({"obs_mode": 5}, "obs_mode: must be text"),
+        ({"control_mode": "fly"}, "fly not in supported modes"),
+        ({"render_mode": "oil"}, "render_mode: must be one of"),
+        ({"reward_mode": "dense"}, "dense"),
+        ({"render_backend": "abacus"}, "render_backend: "),
+    ],
+)
+def test_odd_arguments_are_named(kwargs: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        GenSim2Env(**{"task": "OpenDrawer", "assets": "builtin", **kwargs})
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_closed_environment_says_so(env: GenSim2Env) -> None:
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    for use in (lambda: env.step(ZERO), env.reset, env.render, env.scene_state, env.evaluate):
+        with pytest.raises(ClosedEnvError, match="is closed"):
+            use()
