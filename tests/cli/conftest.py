@@ -31,6 +31,7 @@ def episode(index: int, success: bool) -> dict[str, Any]:
     return {
         "seed": 1000 + index,
         "instance": str(index % 4),
+        "content_hash": "ab12",
         "success": success,
         "still_success": False,
         "openness_start": start,
@@ -58,10 +59,19 @@ def add_task(run_dir: Path, name: str, successes: int, *, parent: str = "tasks")
     episodes = [episode(index, index < successes) for index in range(20)]
     write_json(
         folder / "verification.json",
-        {"schema_version": 1, "threshold": 0.7, "kept": successes >= 14, "episodes": episodes},
+        {
+            "schema_version": 1,
+            "threshold": 0.7,
+            "kept": successes >= 14,
+            "successes": successes,
+            "causes": {"the hand slipped": 20 - successes} if successes < 20 else {},
+            "episodes": episodes,
+        },
     )
     write_json(folder / "design.json", design())
-    write_json(folder / "trajectory.json", {"episodes": [{"episode_id": i} for i in range(3)]})
+    environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
+    recorded = {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]}
+    write_json(folder / "trajectory.json", recorded)
 
 
 def design() -> dict[str, Any]:
@@ -109,8 +119,9 @@ def run_dir(tmp_path: Path) -> Path:
     write_json(
         run_dir / "run.json",
         {
-            "schema_version": 1,
+            "schema_version": 2,
             "arguments": {"command": "run-pipeline", "seed": 0, "assets": "builtin"},
+            "identity": {"objects": "0123456789abcdef"},
             "command_line": ["run-pipeline", "--num-tasks", "3"],
             "started": "2026-01-01T10:00:00+0000",
             "finished": "2026-01-01T10:04:00+0000",
