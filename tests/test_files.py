@@ -71,9 +71,10 @@ def test_a_long_name_that_fits_can_be_written(tmp_path: Path) -> None:
 
 
 def test_leftovers_of_killed_writers_are_removed_and_nothing_else(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit), replacing(tmp_path / "a" / "data.h5") as temporary:
-        left = temporary.name
-        raise SystemExit
+    with replacing(tmp_path / "a" / "data.h5") as temporary:
+        temporary.write_text("x")
+    left = temporary.name
+    (tmp_path / "a" / "data.h5").unlink()
     for name in (left, ".notes.tmp", "data.tmp", ".lock"):
         (tmp_path / "a" / name).write_text("x")
     remove_temporaries(tmp_path)
