@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from gensim2.files import write_atomic, write_json
-from gensim2.pipeline.records import Attempt, Verification
 
 CONFIG = {
     "task_name": "OpenDemo",
@@ -32,7 +31,7 @@ def episode(index: int, success: bool) -> dict[str, Any]:
     return {
         "seed": 1000 + index,
         "instance": str(index % 4),
-        "content_hash": "ab" * 16,
+        "content_hash": "ab12",
         "success": success,
         "still_success": False,
         "openness_start": start,
@@ -58,11 +57,21 @@ def add_task(run_dir: Path, name: str, successes: int, *, parent: str = "tasks")
     write_atomic(folder / "task.yaml", yaml.safe_dump(task, sort_keys=False))
     write_atomic(folder / "solver.yaml", yaml.safe_dump(CONFIG, sort_keys=False))
     episodes = [episode(index, index < successes) for index in range(20)]
-    attempts = tuple(Attempt(**entry) for entry in episodes)
-    write_json(folder / "verification.json", Verification(attempts, 0.7).to_dict())
+    write_json(
+        folder / "verification.json",
+        {
+            "schema_version": 1,
+            "threshold": 0.7,
+            "kept": successes >= 14,
+            "successes": successes,
+            "causes": {"the hand slipped": 20 - successes} if successes < 20 else {},
+            "episodes": episodes,
+        },
+    )
     write_json(folder / "design.json", design())
     environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
-    write_json(folder / "trajectory.json", {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]})
+    recorded = {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]}
+    write_json(folder / "trajectory.json", recorded)
 
 
 def design() -> dict[str, Any]:
@@ -111,8 +120,8 @@ def run_dir(tmp_path: Path) -> Path:
         run_dir / "run.json",
         {
             "schema_version": 2,
-            "identity": {},
             "arguments": {"command": "run-pipeline", "seed": 0, "assets": "builtin"},
+            "identity": {"objects": "0123456789abcdef"},
             "command_line": ["run-pipeline", "--num-tasks", "3"],
             "started": "2026-01-01T10:00:00+0000",
             "finished": "2026-01-01T10:04:00+0000",

@@ -17,7 +17,7 @@ from gensim2.cli import main as cli
 from gensim2.cli.output import report
 from gensim2.cli.solve import solve
 from gensim2.doctor import Check, Diagnosis
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError
 
 
 def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
@@ -36,6 +36,7 @@ def _command_that_raises(monkeypatch: pytest.MonkeyPatch, error: BaseException) 
         (MissingExtraError("mani_skill", "sim"), 2, "pip install 'gensim2[sim]'"),
         (ModuleNotFoundError("no", name="sapien.core"), 2, "pip install 'gensim2[sim]'"),
         (GenSim2Error("a worker died"), 1, "a worker died"),
+        (NotRunError("OpenBox: demos", {4: "took too long"}), 3, "OpenBox: demos: could not be run: 4 (took too long"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )

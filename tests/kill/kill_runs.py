@@ -218,12 +218,15 @@ def kill_runs(kills: int, world: str, seed: int, folder: Path) -> tuple[Tally, l
     """
     dice = random.Random(seed)
     tally = Tally(Counter())
-    undisturbed = {}
-    for command in COMMANDS:
-        out = folder / command.name
-        if start(command.line(out, world, resume=False), out.with_suffix(".log")).wait(timeout=LIFE_LIMIT) != 0:
+    peaceful = [folder / command.name for command in COMMANDS]
+    running = [
+        start(command.line(out, world, resume=False), out.with_suffix(".log"))
+        for command, out in zip(COMMANDS, peaceful, strict=True)
+    ]
+    for process, out in zip(running, peaceful, strict=True):
+        if process.wait(timeout=LIFE_LIMIT) != 0:
             raise SystemExit(out.with_suffix(".log").read_text())
-        undisturbed[command.name] = contents(out)
+    undisturbed = {out.name: contents(out) for out in peaceful}
     wrong: list[str] = []
     while (left := kills - sum(tally.kills.values())) > 0:
         command = COMMANDS[tally.runs % len(COMMANDS)]

@@ -81,7 +81,8 @@ def validate(
     Raises:
         MissingExtraError: ``physics`` without SAPIEN.
     """
-    with WorkerPool(workers) as pool:
+    modules = ("gensim2.assets.validate", "gensim2.sim.objects") if physics else ("gensim2.assets.validate",)
+    with WorkerPool(workers, preload=modules) as pool:
         jobs = enumerated((library, *item, physics) for item in items)
         for outcome in in_order(pool.map_unordered(check_object, jobs)):
             if outcome.failures:
