@@ -162,9 +162,7 @@ impl KeypointProblem {
                 return fail(&format!("q_start[{i}]"), message);
             }
         }
-        if Model::new(&self.robot, &self.q_start).is_none() {
-            return fail("robot", "needs 1 to 12 independent joints between base and hand".to_owned());
-        }
+        Model::new(&self.robot, &self.q_start)?;
         for (field, map) in [("tool_keypoints", &self.tool_keypoints), ("object_keypoints", &self.object_keypoints)] {
             for (name, p) in map {
                 place(&format!("{field}[{name:?}]"), p)?;

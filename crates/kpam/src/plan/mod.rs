@@ -28,6 +28,10 @@ pub enum Status {
     Collision,
     /// The clock asks for more than the joints' limits give.
     TooFast,
+    /// The search for a free motion spent its samples and found none; there may be one.
+    NotFound,
+    /// The caller cancelled it.
+    Cancelled,
 }
 
 impl Status {
@@ -41,6 +45,8 @@ impl Status {
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::TooFast => "too_fast",
+            Self::NotFound => "not_found",
+            Self::Cancelled => "cancelled",
         }
     }
 }
@@ -147,9 +153,8 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     let clock = cpu_time::ThreadTime::now();
     let rest = resting_joints(problem);
     let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
-        (Some(model), Ok(resolved)) => (model, resolved),
-        (None, _) => return (refused("the robot has no joints to plan for".to_owned()), times),
-        (_, Err(e)) => return (refused(e.to_string()), times),
+        (Ok(model), Ok(resolved)) => (model, resolved),
+        (Err(e), _) | (_, Err(e)) => return (refused(e.to_string()), times),
     };
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let found = search.run(problem.options.seeds);
@@ -224,7 +229,7 @@ fn refused(reason: String) -> Plan {
 #[must_use]
 pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
     let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem))?;
+    let model = Model::new(&problem.robot, &resting_joints(problem)).ok()?;
     let mut judge = Judge::new(problem, &model);
     let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
     let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
