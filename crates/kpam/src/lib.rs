@@ -11,6 +11,7 @@ pub mod config;
 mod contact;
 mod curve;
 mod error;
+mod fingers;
 mod free_space;
 mod hand_path;
 mod joint_map;
