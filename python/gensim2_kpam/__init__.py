@@ -23,6 +23,7 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
+    retime,
 )
 
 __all__ = [
@@ -43,4 +44,5 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
+    "retime",
 ]

@@ -166,8 +166,8 @@ class Trajectory:
         """(N, n) joint positions at ``times``."""
     @property
     def duration(self) -> float: ...
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at t, each (n,)."""
+    def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
     def sample_every(self, dt: float) -> Array:
         """(ceil(duration / dt) + 1, n) positions."""
 
@@ -177,7 +177,7 @@ class Plan:
     @property
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
-        "unreachable", "collision", "too_fast"."""
+        "unreachable", "collision", "too_fast", "cannot_stop" (no motion from the start stays within the limits)."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
@@ -232,3 +232,35 @@ def in_collision(problem: KeypointProblem, q: Numbers) -> bool | npt.NDArray[np.
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
     """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object"."""
+
+def retime(
+    waypoints: npt.ArrayLike,
+    velocity_limits: npt.ArrayLike,
+    acceleration_limits: npt.ArrayLike,
+    jerk_limits: npt.ArrayLike,
+    *,
+    stops: Sequence[int] = (),
+    slowest: npt.ArrayLike | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    start_acceleration: npt.ArrayLike | None = None,
+    position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    method: Literal["reachability", "conic"] = "reachability",
+) -> tuple[Trajectory, Array]:
+    """The fastest motion along the cubic spline through waypoints that keeps velocity, acceleration and jerk limits.
+
+    Args:
+        waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
+        velocity_limits, acceleration_limits, jerk_limits: (n,) per second, per second squared and cubed.
+        stops: waypoints at which the motion rests, beside the last.
+        slowest: (N - 1,) least time of each interval between waypoints, s.
+        start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
+            towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        position_limits: (n,) lower and upper limits that a start under way has to stop within.
+        method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
+
+    Returns:
+        The motion from time 0, and the (N,) times at which it passes the waypoints.
+
+    Raises:
+        ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.
+    """

@@ -9,7 +9,6 @@ mod cancel;
 mod collision_check;
 pub mod config;
 mod contact;
-mod curve;
 mod error;
 mod fingers;
 mod free_space;
@@ -23,7 +22,7 @@ pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
-mod trajectory;
+mod timing;
 
 pub use cancel::Cancel;
 pub use collision_check::CollisionCheck;
@@ -34,4 +33,4 @@ pub use plan::{
     Collision, KeyframeReport, Plan, Residual, StageTimes, Status, min_clearance, plan, plan_batch, plan_timed,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
-pub use trajectory::{Sample, Trajectory};
+pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};

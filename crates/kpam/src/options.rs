@@ -66,6 +66,10 @@ pub struct Options {
     pub jerk_limits: Option<Vec<f64>>,
     /// Velocity at the start, a full joint; by default at rest.
     pub start_velocity: Option<Vec<f64>>,
+    /// Acceleration at the start, a full joint; by default none.
+    pub start_acceleration: Option<Vec<f64>>,
+    /// Greatest speed (m/s) of the point that touches, from the actuation on; null for what the joints can do.
+    pub contact_speed: Option<f64>,
     /// Reading of list-type post-actuation translations.
     pub frames: Frames,
     /// Path of "rotate".
@@ -104,6 +108,8 @@ impl Default for Options {
             acceleration_limits: None,
             jerk_limits: None,
             start_velocity: None,
+            start_acceleration: None,
+            contact_speed: None,
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
             seeds: 48,

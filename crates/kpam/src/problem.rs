@@ -107,6 +107,9 @@ const SLACK: f64 = 0.01;
 /// Fastest joint that a motion may start with (rad/s or m/s).
 const FASTEST: f64 = 100.0;
 
+/// Greatest acceleration that a motion may start with (rad/s^2 or m/s^2).
+const HARDEST: f64 = 1e4;
+
 impl KeypointProblem {
     /// A problem with default options, no joint, no obstacles, and the world at the base.
     ///
@@ -249,10 +252,19 @@ impl KeypointProblem {
                 return fail(name, format!("needs {n} numbers from 1e-6 to 1e9, one a joint"));
             }
         }
-        if let Some(v) = &o.start_velocity
-            && (v.len() != n || !v.iter().all(|l| l.abs() <= FASTEST))
+        for (name, v, most) in
+            [("start_velocity", &o.start_velocity, FASTEST), ("start_acceleration", &o.start_acceleration, HARDEST)]
         {
-            return fail("start_velocity", format!("needs {n} numbers within {FASTEST} per second, one a joint"));
+            if let Some(v) = v
+                && (v.len() != n || !v.iter().all(|l| l.abs() <= most))
+            {
+                return fail(name, format!("needs {n} numbers within {most}, one a joint"));
+            }
+        }
+        if let Some(speed) = o.contact_speed
+            && !(1e-3..=1e3).contains(&speed)
+        {
+            return fail("contact_speed", format!("must lie in 0.001 to 1000 m/s, not {speed}"));
         }
         resting_joints(self)?;
         for (i, window) in o.contacts.iter().flatten().enumerate() {

@@ -3,6 +3,7 @@
 mod convert;
 mod geometry;
 mod planning;
+mod timing;
 
 use pyo3::create_exception;
 use pyo3::exceptions::PyException;
@@ -32,11 +33,12 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<geometry::PyJoint>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
-    m.add_class::<planning::PyTrajectory>()?;
+    m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::retime, m)?)?;
     Ok(())
 }

@@ -3,6 +3,7 @@
 mod attempt;
 mod planner;
 mod report;
+mod timed;
 
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,8 @@ pub enum Status {
     Collision,
     /// The clock asks for more than the joints' limits give.
     TooFast,
+    /// No motion from the state at the start stays within the joints' limits.
+    CannotStop,
     /// The search for a free motion spent its samples and found none; there may be one.
     NotFound,
     /// The caller cancelled it.
@@ -46,6 +49,7 @@ impl Status {
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::TooFast => "too_fast",
+            Self::CannotStop => "cannot_stop",
             Self::NotFound => "not_found",
             Self::Cancelled => "cancelled",
         }
@@ -160,7 +164,13 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let found = search.run(problem.options.seeds);
     times.actuation = clock.elapsed().as_secs_f64();
-    let mut planner = Planner::new(problem, &model, &resolved);
+    let mut planner = match Planner::new(problem, &model, &resolved) {
+        Ok(planner) => planner,
+        Err(e) => {
+            let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name;
+            return (ended(Status::CannotStop, format!("{joint} cannot be stopped in time: {}", e.reason)), times);
+        }
+    };
     let plan = match found.candidates.first() {
         None => planner.infeasible(found.best_effort),
         Some(_) => planner.whole_motion(&found, &mut search),
@@ -183,9 +193,13 @@ pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Resu
 }
 
 fn refused(reason: String) -> Plan {
+    ended(Status::ActuationInfeasible, reason)
+}
+
+fn ended(status: Status, reason: String) -> Plan {
     Plan {
         schema_version: 1,
-        status: Status::ActuationInfeasible,
+        status,
         reason,
         warnings: Vec::new(),
         q_actuation: None,

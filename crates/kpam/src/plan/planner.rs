@@ -5,14 +5,13 @@ use super::{Plan, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
 use crate::contact::{Hit, Judge, TOUCH};
-use crate::curve::{Curve, Limits, length, rounded};
 use crate::free_space;
 use crate::hand_path::Follower;
 use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::problem::Resolved;
-use crate::trajectory::{Builder, Trajectory};
+use crate::timing::{Builder, CannotStop, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
 
 /// What has been tried, and the best of it.
 #[derive(Default)]
@@ -46,7 +45,14 @@ pub(super) struct Planner<'p> {
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
     pub judge: Judge<'p>,
-    pub limits: Limits,
+    /// State at the start, the ways from there to where planning begins, and the one that is taken.
+    pub start: Start,
+    pub leads: Vec<Lead>,
+    pub lead: usize,
+    /// What is in the way of all of them, once that was looked at.
+    lead_judged: Option<Option<Hit>>,
+    /// What a trajectory of this problem is built from.
+    pub builder: Builder,
     pub clock: Option<Vec<f64>>,
     /// Where the start leaves what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
@@ -56,11 +62,32 @@ pub(super) struct Planner<'p> {
 const FIRST_SAMPLES: usize = 150;
 /// Clearance (m) of the free approach where the one asked for cannot be kept.
 const TIGHT: f64 = 2e-4;
+/// Less clearance (m) that curves may keep than the polygons that they follow.
+const EASED: f64 = 1e-3;
+/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
+const WIDE: f64 = 0.5;
+const NEAR: f64 = 0.04;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
 impl<'p> Planner<'p> {
-    pub(super) fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
+    /// # Errors
+    /// No motion from the start stays within the joint limits.
+    pub(super) fn new(
+        problem: &'p KeypointProblem,
+        model: &'p Model,
+        resolved: &'p Resolved,
+    ) -> Result<Self, CannotStop> {
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
+        let options = &problem.options;
+        let start = Start {
+            position: model.start(),
+            velocity: rates(&options.start_velocity),
+            acceleration: rates(&options.start_acceleration),
+        };
+        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -68,16 +95,20 @@ impl<'p> Planner<'p> {
             // The config's own check has passed; a start time past its first keyframe ends as TooFast.
             Timing::Config => problem.config.clock(f64::NEG_INFINITY).ok(),
         };
-        Self {
+        Ok(Self {
             problem,
             model,
             resolved,
             follower: Follower::new(problem, model),
             judge: Judge::new(problem, model),
-            limits: Limits::of(problem, model),
+            start,
+            leads,
+            lead: 0,
+            lead_judged: None,
+            builder,
             clock,
             exit: None,
-        }
+        })
     }
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {
@@ -154,20 +185,24 @@ impl<'p> Planner<'p> {
         overlaps
     }
 
-    /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not
-    /// count.
+    /// Free motion from the start to the first keyframe, and what it hits where hits do not count. Pieces end at rest,
+    /// and begin there but for the first of a start under way.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
         let n = self.model.n();
-        let start = self.start_after_brake();
-        let near = self.model.start();
-        let braking = self.judge.sweep(&near, &start, 1, &Margins::plain(0.0));
-        let straight = |hit| Ok((vec![vec![start, *goal]], Some(hit)));
-        if let Some(hit) = braking {
-            return if self.problem.options.avoid_collisions { Err(hit) } else { straight(hit) };
+        let braking = self.choose_lead();
+        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
+            return Err(hit.clone());
         }
+        let lead = self.leads[self.lead].clone();
+        let start = lead.rest();
+        let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
-            let hit = self.judge.sweep(&start, goal, 1, &Margins::plain(0.0));
-            return Ok((vec![vec![start, *goal]], hit));
+            let hit = braking.or_else(|| self.judge.sweep(&start, goal, 1, &Margins::plain(0.0)));
+            let way = match turn(&self.builder, &lead, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
+                Some(turned) => vec![turned.waypoints],
+                None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
+            return Ok((way, hit));
         }
         // What overlaps at the start comes apart first, and then stays apart.
         let out = self.way_out(&start);
@@ -178,28 +213,66 @@ impl<'p> Planner<'p> {
             Err(_) if wish > TIGHT => self.connect(&begin, goal, TIGHT, out.is_some(), samples)?,
             other => other?,
         };
-        if corners.len() == 2 {
-            pieces.push(corners);
-            return Ok((pieces, None));
-        }
-        // One smooth curve where it stays free, with knots ever closer to the corners; else stop at each corner.
         let (mut lower, mut upper) = (self.model.lower, self.model.upper);
         for v in 0..n {
             lower[v] = lower[v].min(begin[v]).min(goal[v]);
             upper[v] = upper[v].max(begin[v]).max(goal[v]);
         }
-        for spacing in [0.5, 0.2, 0.08] {
-            let curve = rounded(n, &corners, spacing);
-            let course = Curve::new(n, &curve, &self.limits);
-            if course.keeps_within(&lower, &upper)
-                && self.judge.sweep_along(&course.along(0.05), 1, &margins.eased(1e-3)).is_none()
-            {
+        let eased = margins.eased(EASED);
+        let free = |judge: &mut Judge<'_>, path: &Spline| {
+            let all = 0..path.intervals();
+            path.keeps_within(all.clone(), &lower, &upper)
+                && judge.sweep_along(&path.along(all, 0.05), 1, &eased).is_none()
+        };
+        if out.is_none() {
+            let rest = |end: &Row, spacing: f64| {
+                let mut corners = corners.clone();
+                corners[0] = *end;
+                rounded(n, &corners, spacing, NEAR)[1..].to_vec()
+            };
+            for spacing in SPACINGS {
+                let judge = &mut self.judge;
+                let turned =
+                    turn(&self.builder, &lead, &corners[1], |end| rest(end, spacing), |path| free(judge, path));
+                if let Some(turned) = turned {
+                    return Ok((vec![turned.waypoints], None));
+                }
+            }
+        }
+        pieces.splice(0..0, lead.line());
+        if corners.len() == 2 {
+            pieces.push(straight(&corners));
+            return Ok((pieces, None));
+        }
+        // One smooth curve where it stays free, with knots ever closer to the corners; else stop at each corner.
+        for spacing in SPACINGS {
+            let curve = rounded(n, &corners, spacing, NEAR);
+            if free(&mut self.judge, &Spline::through(n, &curve, None)) {
                 pieces.push(curve);
                 return Ok((pieces, None));
             }
         }
-        pieces.extend(corners.windows(2).map(<[Row]>::to_vec));
+        pieces.extend(corners.windows(2).map(straight));
         Ok((pieces, None))
+    }
+
+    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
+    /// none is.
+    fn choose_lead(&mut self) -> Option<Hit> {
+        if self.lead_judged.is_none() {
+            let mut first = None;
+            for (k, lead) in self.leads.iter().enumerate() {
+                match self.judge.sweep_along(&lead.way(&self.start), 1, &Margins::plain(0.0)) {
+                    None => {
+                        (self.lead, first) = (k, None);
+                        break;
+                    }
+                    Some((_, hit)) => first = first.or(Some(hit)),
+                }
+            }
+            self.lead_judged = Some(first);
+        }
+        self.lead_judged.clone().flatten()
     }
 
     /// Corners of a free motion that keeps a clearance, and the margins that they keep to.
@@ -226,58 +299,5 @@ impl<'p> Planner<'p> {
             self.exit = Some(free_space::way_out(&mut self.judge, self.model, start, 1));
         }
         self.exit.flatten()
-    }
-
-    fn start_velocity(&self) -> Row {
-        self.problem.options.start_velocity.as_ref().map_or([0.0; MOST_JOINTS], |v| self.model.pick(v))
-    }
-
-    fn start_after_brake(&self) -> Row {
-        let mut builder = Builder::new(self.model.n(), self.limits, 0.0);
-        builder.brake(&self.model.start(), &self.start_velocity())
-    }
-
-    /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
-    pub(super) fn timed(&self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
-        let count = attempt.motions.keyframes.len();
-        let mut times = vec![None; count];
-        let mut builder = Builder::new(self.model.n(), self.limits, self.problem.options.start_time);
-        builder.brake(&self.model.start(), &self.start_velocity());
-        let due = |keyframe: usize| self.clock.as_ref().map(|c| c[keyframe]);
-        let late = |keyframe: usize, builder: &Builder, needed: f64| {
-            let allowed = due(keyframe).map_or(0.0, |d| d - builder.now());
-            Failure::TooFast { keyframe, allowed, needed }
-        };
-        let pieces = attempt.approach.len();
-        let lengths: Vec<f64> = attempt.approach.iter().map(|p| length(self.model.n(), p)).collect();
-        let total: f64 = lengths.iter().sum();
-        let begin = builder.now();
-        let mut gone = 0.0;
-        for (k, piece) in attempt.approach.iter().enumerate() {
-            gone += lengths[k];
-            // Pieces share the time by their length.
-            let end =
-                due(0).map(|d| if k + 1 == pieces || total == 0.0 { d } else { begin + (d - begin) * gone / total });
-            builder.push(piece, end).map_err(|needed| late(0, &builder, needed))?;
-        }
-        times[0] = Some(builder.now());
-        for (i, waypoints) in attempt.paths.iter().enumerate() {
-            if waypoints.len() < 2 {
-                break;
-            }
-            let whole = i < attempt.motions.actuation + attempt.after.0;
-            // A part of a path takes its part of the time.
-            let end = due(i + 1).map(|d| if whole { d } else { builder.now() + (d - builder.now()) * attempt.after.1 });
-            builder.push(waypoints, end).map_err(|needed| late(i + 1, &builder, needed))?;
-            if whole {
-                times[i + 1] = Some(builder.now());
-            }
-        }
-        Ok((builder.build(self.model.map()), times))
-    }
-
-    pub(super) fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
-        self.clock.as_ref()?;
-        self.timed(attempt).err()
     }
 }

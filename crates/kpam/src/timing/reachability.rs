@@ -1,0 +1,105 @@
+//! Time-optimal speed along a path by reachability analysis (Pham and Pham, "A New Approach to Time-Optimal Path
+//! Parameterization Based on Reachability Analysis", 2018). From the end backwards: the greatest x at each station from
+//! which the rest can be driven; then forwards, as fast as that admits. Each step is a linear program in (u, x), solved
+//! in closed form.
+
+use super::grid::Grid;
+use super::limits::Limits;
+
+/// Coefficients of u smaller than this times that of x say nothing of u.
+const FLAT: f64 = 1e-9;
+
+/// Band of u: slope * x - half <= u <= slope * x + half.
+#[derive(Debug, Clone, Copy)]
+struct Band {
+    slope: f64,
+    half: f64,
+}
+
+/// The bands of all cells in one list, and the greatest x by rows that say nothing of u.
+struct Bands {
+    bands: Vec<Band>,
+    ends: Vec<usize>,
+    caps: Vec<f64>,
+}
+
+impl Bands {
+    fn new(grid: &Grid, limits: &Limits) -> Self {
+        let mut out = Self { bands: Vec::new(), ends: vec![0], caps: Vec::new() };
+        let mut rows = Vec::new();
+        for cell in 0..grid.cells() {
+            grid.rows(limits, cell, &mut rows);
+            let mut cap = f64::INFINITY;
+            for &[a, b, c] in &rows {
+                if a.abs() > FLAT * b.abs() {
+                    out.bands.push(Band { slope: -b / a, half: c / a.abs() });
+                } else if b != 0.0 {
+                    cap = cap.min(c / b.abs());
+                }
+            }
+            out.ends.push(out.bands.len());
+            out.caps.push(cap);
+        }
+        out
+    }
+
+    /// Least and greatest u at the start of a cell of length `step` with x there and at most `next` at its end, each
+    /// with its slope over x.
+    fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> [(f64, f64); 2] {
+        let slope = -0.5 / step;
+        let mut low = (slope * x, slope);
+        let mut high = (0.5 * (next - x) / step, slope);
+        for band in &self.bands[self.ends[cell]..self.ends[cell + 1]] {
+            let middle = band.slope * x;
+            if middle - band.half > low.0 {
+                low = (middle - band.half, band.slope);
+            }
+            if middle + band.half < high.0 {
+                high = (middle + band.half, band.slope);
+            }
+        }
+        [low, high]
+    }
+
+    /// Greatest x up to `most` at the start of a cell from which some u leads to at most `next`.
+    fn greatest(&self, cell: usize, most: f64, step: f64, next: f64) -> f64 {
+        let mut x = most.min(self.caps[cell]);
+        // What is left between the bounds of u is concave in x and positive at zero: Newton's method comes down to its
+        // root and meets it after as many steps as there are different bounds, at most.
+        for _ in 0..32 {
+            if !x.is_finite() {
+                x = 1e30;
+            }
+            let [low, high] = self.range(cell, x, step, next);
+            let room = high.0 - low.0;
+            let slope = high.1 - low.1;
+            if room >= -1e-12 * (high.0.abs() + low.0.abs()) || slope >= 0.0 {
+                break;
+            }
+            x = (x - room / slope).max(0.0);
+        }
+        x
+    }
+}
+
+/// The greatest x at each station, from `begin` at the first to 0 at the last; `None` where `begin` is too much.
+pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
+    const SLACK: f64 = 1e-9;
+    let cells = grid.cells();
+    let bands = Bands::new(grid, limits);
+    let mut x = grid.ceilings(limits);
+    x[cells] = 0.0;
+    for cell in (0..cells).rev() {
+        x[cell] = bands.greatest(cell, x[cell], grid.step(cell), x[cell + 1]);
+    }
+    if begin > x[0] * (1.0 + SLACK) {
+        return None;
+    }
+    x[0] = begin;
+    for cell in 0..cells {
+        let step = grid.step(cell);
+        let [low, high] = bands.range(cell, x[cell], step, x[cell + 1]);
+        x[cell + 1] = (x[cell] + 2.0 * step * high.0.max(low.0)).clamp(0.0, x[cell + 1]);
+    }
+    Some(x)
+}
