@@ -22,6 +22,8 @@ pub enum Method {
 const ROUNDS: usize = 6;
 /// Share of the acceleration limit aimed at, so that most cells need no second round.
 const AIM: f64 = 0.998;
+/// Where the whole would take this much longer at most, it does, and no further round is made.
+const NEGLIGIBLE: f64 = 1.003;
 /// A motion that starts under way may exceed limits by this share, the rounding of its start.
 const ROUNDING: f64 = 1e-6;
 /// Cells that take less time than this (s) are not told apart.
@@ -73,13 +75,15 @@ pub(crate) fn drive(
         if kept {
             return Some((nodes, grid));
         }
+        if !under_way && worst[0].max(worst[1].sqrt()) < NEGLIGIBLE {
+            break;
+        }
     }
     if under_way {
         // The start cannot be slowed.
         let close = worst.iter().all(|w| *w <= 1.0 + ROUNDING);
         return close.then_some((nodes, grid));
     }
-    // What is left is small, and goes with the time that the whole takes.
     let factor = worst[0].max(worst[1].sqrt());
     stretch(&mut nodes, factor);
     Some((nodes, grid))

@@ -43,37 +43,47 @@ impl Bands {
         out
     }
 
-    /// Least and greatest u at the start of a cell of length `step` with x there and at most `next` at its end, each
-    /// with its slope over x.
-    fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> [(f64, f64); 2] {
-        let slope = -0.5 / step;
-        let mut low = (slope * x, slope);
-        let mut high = (0.5 * (next - x) / step, slope);
-        for band in &self.bands[self.ends[cell]..self.ends[cell + 1]] {
+    fn of(&self, cell: usize) -> &[Band] {
+        &self.bands[self.ends[cell]..self.ends[cell + 1]]
+    }
+
+    /// Least and greatest u at the start of a cell of length `step` with x there and at most `next` at its end.
+    fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> (f64, f64) {
+        let turn = 0.5 / step;
+        let (mut low, mut high) = (-turn * x, turn * (next - x));
+        for band in self.of(cell) {
             let middle = band.slope * x;
-            if middle - band.half > low.0 {
-                low = (middle - band.half, band.slope);
-            }
-            if middle + band.half < high.0 {
-                high = (middle + band.half, band.slope);
-            }
+            let (least, most) = (middle - band.half, middle + band.half);
+            low = if least > low { least } else { low };
+            high = if most < high { most } else { high };
         }
-        [low, high]
+        (low, high)
+    }
+
+    /// How the room between the bounds of u that `range` gave changes with x.
+    fn room_slope(&self, cell: usize, x: f64, step: f64, (low, high): (f64, f64)) -> f64 {
+        let (mut below, mut above) = (-0.5 / step, -0.5 / step);
+        for band in self.of(cell) {
+            let middle = band.slope * x;
+            below = if middle - band.half >= low { band.slope } else { below };
+            above = if middle + band.half <= high { band.slope } else { above };
+        }
+        above - below
     }
 
     /// Greatest x up to `most` at the start of a cell from which some u leads to at most `next`.
     fn greatest(&self, cell: usize, most: f64, step: f64, next: f64) -> f64 {
-        let mut x = most.min(self.caps[cell]);
-        // What is left between the bounds of u is concave in x and positive at zero: Newton's method comes down to its
-        // root and meets it after as many steps as there are different bounds, at most.
+        let mut x = most.min(self.caps[cell]).min(1e30);
+        // The room between the bounds of u is concave in x and positive at zero: Newton's method comes down to its root
+        // and meets it after as many steps as there are different bounds, at most.
         for _ in 0..32 {
-            if !x.is_finite() {
-                x = 1e30;
+            let (low, high) = self.range(cell, x, step, next);
+            let room = high - low;
+            if room >= -1e-12 * (high.abs() + low.abs()) {
+                break;
             }
-            let [low, high] = self.range(cell, x, step, next);
-            let room = high.0 - low.0;
-            let slope = high.1 - low.1;
-            if room >= -1e-12 * (high.0.abs() + low.0.abs()) || slope >= 0.0 {
+            let slope = self.room_slope(cell, x, step, (low, high));
+            if slope >= 0.0 {
                 break;
             }
             x = (x - room / slope).max(0.0);
@@ -98,8 +108,8 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f6
     x[0] = begin;
     for cell in 0..cells {
         let step = grid.step(cell);
-        let [low, high] = bands.range(cell, x[cell], step, x[cell + 1]);
-        x[cell + 1] = (x[cell] + 2.0 * step * high.0.max(low.0)).clamp(0.0, x[cell + 1]);
+        let (low, high) = bands.range(cell, x[cell], step, x[cell + 1]);
+        x[cell + 1] = (x[cell] + 2.0 * step * high.max(low)).clamp(0.0, x[cell + 1]);
     }
     Some(x)
 }
