@@ -6,9 +6,7 @@
 
 mod actuation;
 mod cancel;
-mod collision_check;
 pub mod config;
-mod contact;
 mod curve;
 mod error;
 mod fingers;
@@ -16,7 +14,6 @@ mod free_space;
 mod hand_path;
 mod joint_map;
 mod ldl;
-mod margins;
 pub mod model;
 mod motion;
 pub mod options;
@@ -24,14 +21,16 @@ mod plan;
 mod problem;
 pub mod qp;
 mod trajectory;
+mod world;
 
 pub use cancel::Cancel;
-pub use collision_check::CollisionCheck;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;
 pub use plan::{
-    Collision, KeyframeReport, Plan, Residual, StageTimes, Status, min_clearance, plan, plan_batch, plan_timed,
+    Collision, IkSolution, KeyframeReport, Plan, Request, Residual, StageTimes, Status, TriedPose, ik, joint_travel,
+    min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 pub use trajectory::{Sample, Trajectory};
+pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{Constraint, Frame, TargetAxis};
 use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::{Options, ProblemError, SolverConfig};
+use crate::{Bodies, Options, ProblemError, SolverConfig};
 
 /// What the default contact rules go by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,9 +38,11 @@ pub struct Body {
     /// Role.
     pub role: Role,
     /// Convex shapes in the body frame.
-    pub shapes: Vec<Convex>,
+    pub shapes: Arc<[Convex]>,
     /// Pose in the robot base frame; of an attached body, in the hand frame.
     pub pose: Pose,
+    /// Keypoints in the body frame (m); of use to scenes.
+    pub keypoints: BTreeMap<String, Vector3<f64>>,
 }
 
 /// Kind of the object's joint.
@@ -92,8 +94,8 @@ pub struct KeypointProblem {
     pub object_yaw: f64,
     /// World in the base frame.
     pub world: Pose,
-    /// Obstacles.
-    pub bodies: Vec<Body>,
+    /// Obstacles, and what rides on the hand.
+    pub bodies: Bodies,
     /// Options.
     pub options: Options,
 }
@@ -131,7 +133,7 @@ impl KeypointProblem {
             object_axis: 1,
             object_yaw: 0.0,
             world: Pose::identity(),
-            bodies: Vec::new(),
+            bodies: Bodies::default(),
             options: Options::default(),
         };
         problem.check()?;
@@ -193,7 +195,43 @@ impl KeypointProblem {
         }
         self.check_options()?;
         self.check_motions()?;
+        self.check_acts()?;
         self.resolve().map(|_| ())
+    }
+
+    /// Whether a body rides on the hand in some leg of the motion.
+    pub(crate) fn rides(&self, name: &str) -> bool {
+        let attached = |b: &Body| b.name == name && b.role == Role::Attached;
+        self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
+    }
+
+    /// What the hand picks and releases is there, and the joint's travel has an entry a motion.
+    fn check_acts(&self) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
+            for (i, name) in names.iter().enumerate() {
+                match self.bodies.iter().find(|b| b.name == *name) {
+                    None => return fail(&format!("{field}[{i}]"), format!("{name:?} is not a body")),
+                    Some(b) if field == "pick" && b.role == Role::MovingLink => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is moved by the joint"));
+                    }
+                    Some(b) if field == "release" && b.role != Role::Attached => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is not attached"));
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        if let Some(travel) = &self.options.joint_travel {
+            let motions = self.config.post.len();
+            if self.joint.is_none() {
+                return fail("joint_travel", "is given without a joint".to_owned());
+            }
+            if travel.len() != motions || travel.iter().any(|t| !t.is_finite()) {
+                return fail("joint_travel", format!("needs {motions} finite numbers, one a post-actuation motion"));
+            }
+        }
+        Ok(())
     }
 
     /// Mimic joints that planning moves stand where their sources take them.
@@ -256,8 +294,10 @@ impl KeypointProblem {
         }
         resting_joints(self)?;
         for (i, window) in o.contacts.iter().flatten().enumerate() {
-            if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {
-                return fail(&format!("contacts[{i}].links"), format!("{name:?} is not a link"));
+            let known = |name: &String| self.robot.link_index(name).is_some() || self.rides(name);
+            if let Some(name) = window.links.iter().find(|name| !known(name)) {
+                let message = format!("{name:?} is neither a link nor a body that rides on the hand");
+                return fail(&format!("contacts[{i}].links"), message);
             }
             if let Some(name) = window.bodies.iter().find(|name| !self.bodies.iter().any(|b| b.name == **name)) {
                 return fail(&format!("contacts[{i}].bodies"), format!("{name:?} is not a body"));

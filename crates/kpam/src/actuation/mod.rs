@@ -137,6 +137,12 @@ impl<'p> ActuationSearch<'p> {
         (self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
     }
 
+    /// The pose itself where it meets the constraints, else what it projects to.
+    pub fn from(&mut self, x: &Row) -> Option<Candidate> {
+        let mut x = *x;
+        (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
+    }
+
     /// The distinct poses that start values number `from..to` project to, cheapest first.
     pub fn more(&mut self, from: usize, to: usize) -> Vec<Candidate> {
         let poses = (from..to).filter_map(|seed| self.sample(seed)).collect();
