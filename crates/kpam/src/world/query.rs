@@ -3,7 +3,7 @@
 use gensim2_geometry::{Proximity, Target};
 
 use super::rules::{Group, Verdict};
-use super::{EXACT, Hit, Leg, Margins, State, TOUCH, World};
+use super::{EXACT, GUESSED, Hit, Leg, Margins, State, TOUCH, World};
 use crate::model::Row;
 use crate::problem::Role;
 
@@ -58,12 +58,18 @@ impl World<'_> {
         whole
     }
 
-    /// What margins ask of a group and something else.
-    pub(super) fn asked(&self, margins: &Margins, group: usize, seen: Seen) -> f64 {
+    /// What margins ask of a group and something else in a leg.
+    pub(super) fn asked(&self, leg: Leg, margins: &Margins, group: usize, seen: Seen) -> f64 {
         match seen {
             Seen::Body(body) => margins.body(&self.known, group, body),
+            Seen::Pair(pair) if self.is_guess(leg, pair) => margins.pair(&self.known, pair).min(-GUESSED),
             Seen::Pair(pair) => margins.pair(&self.known, pair),
         }
+    }
+
+    /// Whether where one of a pair is in a leg is a guess.
+    fn is_guess(&self, leg: Leg, pair: usize) -> bool {
+        self.table(leg).guessed && matches!(self.cast.groups[self.cast.pairs[pair].1], Group::Moved(_))
     }
 
     /// Takes the overlaps in a state for those of the start.
@@ -145,7 +151,7 @@ impl World<'_> {
         self.look(
             leg,
             EXACT,
-            |world, group, seen| world.asked(margins, group, seen),
+            |world, group, seen| world.asked(leg, margins, group, seen),
             |_, _, p| {
                 found = Some(*p);
                 false
@@ -176,7 +182,7 @@ impl World<'_> {
         out
     }
 
-    /// Adds the distances in a state to the smallest so far.
+    /// Adds the distances in a state to the smallest so far; those of guesses are left out.
     pub fn measure(&mut self, state: State<'_>, leg: Leg, out: &mut Clearances) {
         self.place(state, leg);
         // Only what is nearer than the smallest so far matters.
@@ -190,6 +196,7 @@ impl World<'_> {
             },
         };
         let reach = |world: &Self, _: usize, seen: Seen| match kind(world, seen) {
+            _ if matches!(seen, Seen::Pair(pair) if world.is_guess(leg, pair)) => f64::NEG_INFINITY,
             Kind::Table => table,
             Kind::Object => object,
             Kind::Itself => itself,

@@ -5,6 +5,7 @@ use gensim2_geometry::{Robot, judged_pairs};
 use super::bubble::Carried;
 use super::leg::{Course, Leg};
 use super::movers::{Movers, is_below};
+use super::travel::joint_steps;
 use crate::KeypointProblem;
 use crate::problem::{Body, Role};
 
@@ -57,6 +58,8 @@ pub(crate) struct LegWorld {
     pub pairs: Vec<usize>,
     /// Which joints carry which groups.
     pub carried: Carried,
+    /// Whether how far the object's joint moves is a guess.
+    pub guessed: bool,
 }
 
 /// Everything that moves in a problem, and which pairs of it are ever judged.
@@ -178,7 +181,8 @@ impl<'c, 'p> Compiler<'c, 'p> {
             .collect();
         let judged = |pair: &usize| self.between(self.cast.pairs[*pair], leg, &carriers, &carried) == Verdict::Judged;
         let pairs = (0..self.cast.pairs.len()).filter(judged).collect();
-        LegWorld { carriers, present, bodies, pairs, carried }
+        let guessed = matches!(leg, Leg::Post(i) if joint_steps(self.problem)[i].is_none());
+        LegWorld { carriers, present, bodies, pairs, carried, guessed }
     }
 
     fn is_after(leg: Leg) -> bool {

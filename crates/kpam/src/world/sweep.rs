@@ -128,7 +128,7 @@ impl World<'_> {
             coarse,
             |_, _, _| within,
             |world, seen, p| {
-                let gap = p.contact.distance - world.asked(margins, p.group, seen);
+                let gap = p.contact.distance - world.asked(leg, margins, p.group, seen);
                 if gap < 0.0 {
                     blocked = Some(*p);
                     return false;

@@ -12,11 +12,13 @@ use crate::problem::{ObjectJoint, ObjectJointKind};
 /// A contact point nearer than this (m) to a joint's axis does not turn it.
 const ON_AXIS: f64 = 1e-3;
 
-/// By how much (rad or m) each post-actuation motion moves the object's joint, where it names that: those that follow
-/// or trace the joint, or all of them where `options.joint_travel` says.
+/// By how much (rad or m) each post-actuation motion moves the object's joint, where that is known: those that follow
+/// or trace the joint say so, `options.joint_travel` says it of all of them, and a hand that picks or releases something
+/// leaves the joint alone.
 pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
     let mut value = problem.joint.map_or(0.0, |j| j.value);
     let motions = problem.config.post.iter().enumerate();
+    let busy = !(problem.options.pick.is_empty() && problem.options.release.is_empty());
     motions
         .map(|(i, motion)| {
             let step = match *motion {
@@ -25,7 +27,8 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
                     problem.joint.map(|j| j.lower + openness * (j.upper - j.lower) - value)
                 }
                 Motion::Translate { .. } | Motion::Move(_) | Motion::Rotate(_) => {
-                    problem.options.joint_travel.as_ref().and_then(|travel| travel.get(i)).copied()
+                    let named = problem.options.joint_travel.as_ref().and_then(|travel| travel.get(i)).copied();
+                    named.or(busy.then_some(0.0))
                 }
             };
             value += step.unwrap_or(0.0);
@@ -37,7 +40,7 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
 /// Travel of the object's joint at `count` even steps of `part` (within 0..1) of post-actuation path number `post`;
 /// `from` is the travel where that part begins.
 ///
-/// A motion that names no travel takes the joint along as far as its contact point goes along the joint's axis, or
+/// A motion of which it is not known takes the joint along as far as its contact point goes along the joint's axis, or
 /// around it. No joint goes beyond its range.
 pub(crate) fn travel_along(
     problem: &KeypointProblem,
