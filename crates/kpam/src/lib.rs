@@ -8,6 +8,7 @@ mod actuation;
 mod cancel;
 pub mod config;
 mod curve;
+mod default_limits;
 mod error;
 mod fingers;
 mod free_space;
@@ -20,6 +21,7 @@ pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
+mod resolve;
 mod trajectory;
 mod world;
 
@@ -28,8 +30,8 @@ pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;
 pub use plan::{
-    Collision, IkSolution, KeyframeReport, Plan, Request, Residual, StageTimes, Status, TriedPose, ik, joint_travel,
-    min_clearance, plan, plan_batch, plan_timed, plan_with,
+    Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,
+    TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 pub use trajectory::{Sample, Trajectory};

@@ -5,16 +5,19 @@ use std::sync::Arc;
 
 use gensim2_geometry::Robot;
 use gensim2_kpam::{
-    Bodies, Body, Gripper, KeypointProblem, ObjectJoint, Options, Plan, Request, SolverConfig, StageTimes, Trajectory,
+    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Options, Plan, Request, SolverConfig, StageTimes,
+    Trajectory,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
 
-use crate::convert::{self, problem_error};
+use crate::KpamError;
+use crate::convert;
+use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
-use crate::scene::PyCancel;
-use crate::{ConfigError, KpamError, ProblemError};
+use crate::interrupt::interruptible;
+use crate::scene::{PyCancel, PyScene};
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
@@ -24,8 +27,8 @@ pub(crate) struct PySolverConfig(SolverConfig);
 impl PySolverConfig {
     #[new]
     fn new(config: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let value = convert::json(config, "", 0)?;
-        SolverConfig::from_value(&value).map(Self).map_err(|e| ConfigError::new_err(e.to_string()))
+        let value = convert::json(config, "", 0, config_error)?;
+        SolverConfig::from_value(&value).map(Self).map_err(|e| from_config(&e))
     }
 
     /// The config as it was given.
@@ -80,8 +83,11 @@ impl Question<'_, '_> {
         let options = match self.options {
             None => Options::default(),
             Some(o) => {
-                let value = convert::json(o, "options", 0)?;
-                serde_json::from_value(value).map_err(|e| problem_error("options", e))?
+                let value = convert::json(o, "options", 0, problem_error)?;
+                serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
+                    "." => problem_error("options", e.inner()),
+                    path => problem_error(&format!("options.{path}"), e.inner()),
+                })?
             }
         };
         let object_axis = match self.object_axis {
@@ -116,7 +122,7 @@ pub(crate) struct PyKeypointProblem(pub Arc<KeypointProblem>);
 
 impl PyKeypointProblem {
     pub fn checked(problem: KeypointProblem) -> PyResult<Self> {
-        problem.check().map_err(|e| ProblemError::new_err(e.to_string()))?;
+        problem.check().map_err(|e| from_problem(&e))?;
         Ok(Self(Arc::new(problem)))
     }
 }
@@ -158,6 +164,12 @@ impl PyKeypointProblem {
         Self::checked(question.on(Arc::clone(&robot.get().0), bodies.into(), joint.map(|j| j.get().0))?)
     }
 
+    /// The scene that it is asked of; a joint is named "joint" there.
+    #[getter]
+    fn scene(&self) -> PyScene {
+        PyScene(self.0.scene())
+    }
+
     #[staticmethod]
     fn _thaw(bytes: &[u8]) -> PyResult<Self> {
         convert::thaw(bytes).map(|p| Self(Arc::new(p)))
@@ -168,6 +180,9 @@ impl PyKeypointProblem {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &bytes),)))
     }
 }
+
+/// Most rows that a motion is sampled into.
+const MOST_ROWS: f64 = 1e6;
 
 /// Timed joint motion. Pickles.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
@@ -206,8 +221,12 @@ impl PyTrajectory {
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < 1e7) {
-            return Err(problem_error("dt", format!("must be positive and not tiny, not {dt}")));
+        if !(dt > 0.0 && steps < MOST_ROWS) {
+            let least = (end - start) / MOST_ROWS;
+            return Err(problem_error(
+                "dt",
+                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
+            ));
         }
         let rows: Vec<Vec<f64>> =
             (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
@@ -377,7 +396,7 @@ impl PyPlan {
     }
 }
 
-/// Plans one problem, the GIL released meanwhile. `former` is an earlier plan, tried first; `resume` the keyframe to go
+/// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `former` is an earlier plan, tried first; `resume` the keyframe to go
 /// on to from q_start in the middle of that plan's motion; `max_checks` ends planning after so many collision checks,
 /// `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
@@ -393,10 +412,10 @@ pub(crate) fn plan(
 ) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
     let former = former.map(|plan| &plan.get().0);
-    let cancel = cancel.map(|c| c.get().0.clone());
-    let request = Request { former, resume, most_checks: max_checks, cancel, explain };
-    let planned = py.detach(|| gensim2_kpam::plan_with(&problem, &request));
-    planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| ProblemError::new_err(e.to_string()))
+    let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
+    let request = Request { former, resume, most_checks: max_checks, cancel: Some(cancel.clone()), explain };
+    let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
+    planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
 /// The cheapest distinct poses that meet the problem's constraints, cheapest first and `most` of them: dicts `q` (n,)
@@ -409,7 +428,7 @@ pub(crate) fn ik<'py>(
     most: usize,
 ) -> PyResult<Bound<'py, PyList>> {
     let problem = Arc::clone(&problem.get().0);
-    let found = py.detach(|| gensim2_kpam::ik(&problem, most)).map_err(|e| ProblemError::new_err(e.to_string()))?;
+    let found = py.detach(|| gensim2_kpam::ik(&problem, most)).map_err(|e| from_problem(&e))?;
     let out = PyList::empty(py);
     for pose in found {
         let d = PyDict::new(py);
@@ -435,8 +454,8 @@ pub(crate) fn joint_travel<'py>(
     Ok(convert::array1(py, &found).into_any())
 }
 
-/// Plans many problems on `threads` threads (default: all cores), the GIL released. Results are those of `plan`, in
-/// order, whatever the number of threads.
+/// Plans many problems on `threads` threads, 1 to 256 (default: all cores), the GIL released; Ctrl-C ends it. Results
+/// are those of `plan`, in order, whatever the number of threads.
 #[pyfunction]
 #[pyo3(signature = (problems, threads = None))]
 pub(crate) fn plan_batch(
@@ -444,16 +463,14 @@ pub(crate) fn plan_batch(
     problems: Vec<PyRef<'_, PyKeypointProblem>>,
     threads: Option<usize>,
 ) -> PyResult<Vec<PyPlan>> {
-    if threads == Some(0) {
-        return Err(problem_error("threads", "must be at least 1"));
-    }
     let shared: Vec<Arc<KeypointProblem>> = problems.iter().map(|p| Arc::clone(&p.0)).collect();
     drop(problems);
-    let plans = py.detach(|| {
+    let plans = interruptible(py, Cancel::new(), |cancel| {
         let borrowed: Vec<&KeypointProblem> = shared.iter().map(AsRef::as_ref).collect();
-        gensim2_kpam::plan_batch(&borrowed, threads)
-    });
-    plans.map(|p| p.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect()).map_err(KpamError::new_err)
+        gensim2_kpam::plan_batch(&borrowed, threads, cancel)
+    })?;
+    let plans = plans.map_err(|e| from_problem(&e))?;
+    Ok(plans.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect())
 }
 
 /// Smallest signed distances (m) of the judged pairs along a plan's motion, sampled every `step` seconds: `self`,
@@ -465,13 +482,9 @@ pub(crate) fn min_clearance<'py>(
     plan: &Bound<'py, PyPlan>,
     step: f64,
 ) -> PyResult<Option<Bound<'py, PyDict>>> {
-    if step.is_nan() || step <= 0.0 {
-        return Err(problem_error("step", format!("must be positive, not {step}")));
-    }
-    let (problem, plan) = (&problem.get().0, &plan.get().0);
-    let Some([itself, table, object]) = py.detach(|| gensim2_kpam::min_clearance(problem, plan, step)) else {
-        return Ok(None);
-    };
+    let (problem, plan) = (problem.get().0.as_ref(), &plan.get().0);
+    let found = interruptible(py, Cancel::new(), |cancel| gensim2_kpam::min_clearance(problem, plan, step, cancel))?;
+    let Some([itself, table, object]) = found.map_err(|e| from_problem(&e))? else { return Ok(None) };
     let out = PyDict::new(py);
     out.set_item("self", itself)?;
     out.set_item("table", table)?;

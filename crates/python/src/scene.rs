@@ -3,19 +3,16 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, Pose};
-use gensim2_kpam::{Cancel, KeypointProblem, Nearness, Scene, SceneJoint};
+use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, Scene, SceneJoint};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
-use crate::ProblemError;
-use crate::convert::{self, problem_error};
+use crate::convert::{self, JointRows};
+use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::interrupt::interruptible;
 use crate::planning::{PyKeypointProblem, PySolverConfig, Question};
-
-fn scene_error(e: gensim2_kpam::ProblemError) -> PyErr {
-    ProblemError::new_err(e.to_string())
-}
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
@@ -56,7 +53,7 @@ impl PySceneJoint {
 
 /// A robot and what stands about it, built once and shared by every problem on it.
 #[pyclass(name = "Scene", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyScene(Scene);
+pub(crate) struct PyScene(pub Scene);
 
 #[pymethods]
 impl PyScene {
@@ -69,7 +66,7 @@ impl PyScene {
     ) -> PyResult<Self> {
         let bodies = bodies.iter().map(|b| b.0.clone()).collect();
         let joints = joints.iter().map(|j| j.0.clone()).collect();
-        Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(scene_error)
+        Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
     }
 
     #[getter]
@@ -96,24 +93,24 @@ impl PyScene {
 
     /// The scene with a joint at another value; the bodies that it moves go with it.
     fn with_joint(&self, name: &str, value: f64) -> PyResult<Self> {
-        self.0.with_joint(name, value).map(Self).map_err(scene_error)
+        self.0.with_joint(name, value).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
     fn with_pose(&self, body: &str, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
-        self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(scene_error)
+        self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// The scene with a body held by the hand at joints `q`: it rides from there on, and no joint moves it.
     fn attached(&self, body: &str, q: &Bound<'_, PyAny>) -> PyResult<Self> {
-        self.0.attached(body, &self.hand(q)?).map(Self).map_err(scene_error)
+        self.0.attached(body, &self.hand(q)?).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// The scene with an attached body left where the hand at joints `q` holds it: a rigid obstacle from there on, which
     /// moves with the joint `on` where it lies on something that does.
     #[pyo3(signature = (body, q, on = None))]
     fn detached(&self, body: &str, q: &Bound<'_, PyAny>, on: Option<&str>) -> PyResult<Self> {
-        self.0.detached(body, &self.hand(q)?, on).map(Self).map_err(scene_error)
+        self.0.detached(body, &self.hand(q)?, on).map(Self).map_err(|e| from_problem(&e))
     }
 
     /// A problem on this scene; the keypoints of its bodies are added to those given. `joint` names the joint that the
@@ -147,8 +144,8 @@ impl PyScene {
             T_base_world,
             options,
         };
-        let found = joint.map(|name| self.0.joint(name).map(|j| j.joint)).transpose().map_err(scene_error)?;
-        let bodies = self.0.bodies_about(joint).map_err(scene_error)?;
+        let found = joint.map(|name| self.0.joint(name).map(|j| j.joint)).transpose().map_err(|e| from_problem(&e))?;
+        let bodies = self.0.bodies_about(joint).map_err(|e| from_problem(&e))?;
         let mut problem: KeypointProblem = question.on(Arc::clone(self.0.robot()), bodies, found)?;
         problem.tool_keypoints.extend(self.0.tool_keypoints());
         problem.object_keypoints.extend(self.0.object_keypoints());
@@ -157,12 +154,9 @@ impl PyScene {
 
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
     fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let (rows, one) = self.rows(q)?;
-        let hits: Vec<bool> = py.detach(|| {
-            let mut checker = self.0.checker();
-            rows.iter().map(|row| checker.hits(row)).collect()
-        });
-        if one {
+        let q = self.rows(q)?;
+        let hits: Vec<bool> = self.each(py, &q, |checker, row| checker.hits(row))?;
+        if q.count.is_none() {
             return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
         }
         Ok(PyArray1::from_vec(py, hits).into_any())
@@ -173,12 +167,9 @@ impl PyScene {
     #[pyo3(signature = (q, most = 1.0))]
     fn distance<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, most: f64) -> PyResult<Bound<'py, PyAny>> {
         is_reach(most, "most")?;
-        let (rows, one) = self.rows(q)?;
-        let found: Vec<f64> = py.detach(|| {
-            let mut checker = self.0.checker();
-            rows.iter().map(|row| checker.distance(row, most)).collect()
-        });
-        if one {
+        let q = self.rows(q)?;
+        let found: Vec<f64> = self.each(py, &q, |checker, row| checker.distance(row, most))?;
+        if q.count.is_none() {
             return Ok(found[0].into_pyobject(py)?.into_any());
         }
         Ok(convert::array1(py, &found).into_any())
@@ -189,28 +180,14 @@ impl PyScene {
     #[pyo3(signature = (q, reach = 0.0))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {
         is_reach(reach, "reach")?;
-        let (rows, one) = self.rows(q)?;
-        let found: Vec<Vec<Nearness>> = py.detach(|| {
-            let mut checker = self.0.checker();
-            rows.iter().map(|row| checker.near(row, reach)).collect()
-        });
-        let listed = |near: &[Nearness]| -> PyResult<Bound<'py, PyList>> {
-            let out = PyList::empty(py);
-            for n in near {
-                let d = PyDict::new(py);
-                d.set_item("bodies", (&n.first, &n.second))?;
-                d.set_item("distance", n.distance)?;
-                d.set_item("point", convert::array1(py, n.point.coords.as_slice()))?;
-                out.append(d)?;
-            }
-            Ok(out)
-        };
-        if one {
-            return listed(&found[0]);
+        let q = self.rows(q)?;
+        let found: Vec<Vec<Nearness>> = self.each(py, &q, |checker, row| checker.near(row, reach))?;
+        if q.count.is_none() {
+            return listed(py, &found[0]);
         }
         let out = PyList::empty(py);
         for near in &found {
-            out.append(listed(near)?)?;
+            out.append(listed(py, near)?)?;
         }
         Ok(out)
     }
@@ -235,13 +212,34 @@ impl PyScene {
         Ok(frames.tip)
     }
 
-    /// Rows of joint values, and whether there is just the one.
-    fn rows(&self, q: &Bound<'_, PyAny>) -> PyResult<(Vec<Vec<f64>>, bool)> {
-        let n = self.0.robot().joints().len();
-        let (data, count) = convert::joint_rows(q, n)?;
-        let rows = count.unwrap_or(1);
-        Ok(((0..rows).map(|k| data[k * n..(k + 1) * n].to_vec()).collect(), count.is_none()))
+    fn rows(&self, q: &Bound<'_, PyAny>) -> PyResult<JointRows> {
+        JointRows::of(q, self.0.robot().joints().len())
     }
+
+    /// The answer to a question of each row.
+    fn each<T: Send>(
+        &self,
+        py: Python<'_>,
+        q: &JointRows,
+        ask: impl Fn(&mut Checker<'_>, &[f64]) -> T + Sync,
+    ) -> PyResult<Vec<T>> {
+        interruptible(py, Cancel::new(), |cancel| {
+            let mut checker = self.0.checker();
+            q.rows().take_while(|_| !cancel.is_cancelled()).map(|row| ask(&mut checker, row)).collect()
+        })
+    }
+}
+
+fn listed<'py>(py: Python<'py>, near: &[Nearness]) -> PyResult<Bound<'py, PyList>> {
+    let out = PyList::empty(py);
+    for n in near {
+        let d = PyDict::new(py);
+        d.set_item("bodies", (&n.first, &n.second))?;
+        d.set_item("distance", n.distance)?;
+        d.set_item("point", convert::array1(py, n.point.coords.as_slice()))?;
+        out.append(d)?;
+    }
+    Ok(out)
 }
 
 fn is_reach(value: f64, field: &str) -> PyResult<()> {

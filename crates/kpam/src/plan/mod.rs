@@ -14,7 +14,7 @@ use crate::fingers::resting_joints;
 use crate::model::Model;
 use crate::motion::motions;
 use crate::world::{Clearances, State, World, travel_along};
-use crate::{KeypointProblem, ProblemError, Trajectory};
+use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
 pub use request::Request;
 use resume::{Rest, former_pose};
@@ -165,13 +165,14 @@ pub struct StageTimes {
 /// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
 #[must_use]
 pub fn plan(problem: &KeypointProblem) -> Plan {
-    plan_timed(problem).0
+    plan_timed(problem, &Cancel::new()).0
 }
 
-/// As [`plan`], with the time each stage took.
+/// As [`plan`], with the time each stage took; ends early, with [`Status::Cancelled`], where `cancel` is set.
 #[must_use]
-pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
-    plan_with(problem, &Request::default()).unwrap_or_else(|e| (refused(e.to_string()), StageTimes::default()))
+pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
+    let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
+    plan_with(problem, &request).unwrap_or_else(|e| (refused(e.to_string()), StageTimes::default()))
 }
 
 /// As [`plan_timed`], with what the request asks for.
@@ -184,6 +185,9 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let entry = entry(problem, request)?;
+    if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
+        return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
+    }
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let mut planner = Planner::new(problem, &model, &resolved, request, entry);
     let joints = problem.robot.joints().len();
@@ -194,7 +198,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
         times.trajectory = clock.elapsed().as_secs_f64();
         return Ok((plan, times));
     }
-    let found = search.run(problem.options.seeds);
+    let found = search.run(problem.options.starts);
     times.actuation = clock.elapsed().as_secs_f64();
     let plan = match found.candidates.first() {
         None => planner.infeasible(found.best_effort),
@@ -230,7 +234,7 @@ pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, Pro
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.seeds);
+    let found = search.run(problem.options.starts);
     let full = |x| {
         let mut q = Vec::new();
         model.map().positions(x, &mut q);
@@ -248,17 +252,31 @@ pub struct IkSolution {
     pub cost: f64,
 }
 
-/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
+/// Most threads that [`plan_batch`] starts.
+pub const MOST_THREADS: usize = 256;
+
+/// Plans many problems on `threads` threads, 1 to [`MOST_THREADS`] (one a core where `None`). Each result is that of
+/// [`plan_timed`].
 ///
 /// # Errors
-/// A sentence, where the threads cannot be started.
-pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
+/// A number of threads out of range, or threads that cannot be started.
+pub fn plan_batch(
+    problems: &[&KeypointProblem],
+    threads: Option<usize>,
+    cancel: &Cancel,
+) -> Result<Vec<(Plan, StageTimes)>, ProblemError> {
     use rayon::prelude::*;
+    if let Some(count) = threads
+        && !(1..=MOST_THREADS).contains(&count)
+    {
+        return Err(ProblemError::new("threads", format!("must be 1 to {MOST_THREADS}, not {count}")));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
+        .num_threads(threads.unwrap_or(cores).min(MOST_THREADS).min(problems.len()).max(1))
         .build()
-        .map_err(|e| format!("cannot start threads: {e}"))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
+        .map_err(|e| ProblemError::new("threads", format!("cannot be started: {e}")))?;
+    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))
 }
 
 fn refused(reason: String) -> Plan {
@@ -319,22 +337,40 @@ pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Ve
 /// Places at which a path is looked at to see how far it takes the object's joint.
 const PLACES: usize = 64;
 
+/// Most places of a motion that [`min_clearance`] measures.
+pub const MOST_CHECKS: usize = 100_000;
+
 /// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion; infinite where nothing is judged within a metre.
-#[must_use]
-pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
-    let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem).ok()?).ok()?;
+/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
+///
+/// # Errors
+/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
+pub fn min_clearance(
+    problem: &KeypointProblem,
+    plan: &Plan,
+    step: f64,
+    cancel: &Cancel,
+) -> Result<Option<[f64; 3]>, ProblemError> {
+    let Some(trajectory) = &plan.trajectory else { return Ok(None) };
+    let (start, end) = (trajectory.start(), trajectory.end());
+    let steps = ((end - start) / step).ceil().max(1.0);
+    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
+        let least = (end - start) / MOST_CHECKS as f64;
+        return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
+    }
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let mut world = World::new(problem, &model);
     if let Some(q) = plan.q_plan.as_ref().filter(|q| q.len() == problem.q_start.len()) {
         world.act_at(&model.pick(q));
     }
     let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
-    let steps = ((trajectory.end() - trajectory.start()) / step).ceil().max(1.0) as usize;
-    let times: Vec<f64> = (0..=steps).map(|k| (trajectory.start() + step * k as f64).min(trajectory.end())).collect();
+    let times: Vec<f64> = (0..=steps as usize).map(|k| (start + step * k as f64).min(end)).collect();
     for (t, travel) in times.iter().zip(joint_travel(problem, plan, &times)) {
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
         let leg = world.course.toward(toward(plan, *t));
         world.measure(State { x: &trajectory.moving(*t), travel }, leg, &mut out);
     }
-    Some([out.itself, out.table, out.object])
+    Ok(Some([out.itself, out.table, out.object]))
 }

@@ -10,8 +10,8 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{Checker, joint_motion};
-use crate::ProblemError;
 use crate::problem::{Body, ObjectJoint, Role};
+use crate::{KeypointProblem, ProblemError};
 
 #[derive(Default)]
 struct Shared {
@@ -115,6 +115,13 @@ impl Scene {
             }
         }
         Ok(Self { robot, bodies: bodies.into(), joints: joints.into() })
+    }
+
+    /// The scene of a problem; its bodies are shared, and its joint is named `joint`.
+    pub(crate) fn of(problem: &KeypointProblem) -> Self {
+        let moves = problem.bodies.iter().filter(|b| b.role == Role::MovingLink).map(|b| b.name.clone());
+        let joint = problem.joint.map(|joint| SceneJoint { name: "joint".to_owned(), joint, moves: moves.collect() });
+        Self { robot: Arc::clone(&problem.robot), bodies: problem.bodies.clone(), joints: joint.into_iter().collect() }
     }
 
     /// The robot.
