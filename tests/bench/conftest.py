@@ -96,7 +96,7 @@ def make_problem() -> dict[str, Any]:
             "tool_keypoint_name_list": ["tool_head", "tool_tail", "tool_side"],
             "object_keypoint_name_list": ["articulated_object_head"],
             "constraint_list": constraints,
-            "pre_actuation_motions": [["translate_z", -0.05], ["translate_z", -0.08]],
+            "pre_actuation_motions": [["translate_z", -0.08], ["translate_z", -0.05]],
             "post_actuation_motions": ["move-left", ["translate_z", -0.05]],
         },
         "start_time": 0,

@@ -104,6 +104,18 @@ def test_a_good_plan_has_none(problem: dict[str, Any], good: dict[str, Any], ass
     assert errors_of(problem, good, assets) == ""
 
 
+def test_pre_actuation_motions_are_listed_backwards_in_time(problem: dict[str, Any], good: dict[str, Any]) -> None:
+    import rules
+
+    problem["config"]["pre_actuation_motions"] = [["translate_z", -0.05], ["translate_x", 0.08]]
+    keyframes = rules.expected_keyframes(problem, np.eye(4), "original")
+    origins = {frame.time: frame.pose[:3, 3].tolist() for frame in keyframes}
+    assert origins[20] == [0.0, 0.0, -0.05]
+    assert origins[16] == [0.08, 0.0, -0.05]
+    at = {frame["time"]: np.asarray(frame["T_base_hand"]) for frame in good["keyframes"]}
+    np.testing.assert_allclose(at[20][:3, 3], at[24][:3, 3] - 0.08 * at[24][:3, 2], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

@@ -48,6 +48,25 @@ def test_the_whole_motion(panda: kpam.Robot) -> None:
     np.testing.assert_allclose(plan.keyframes[3]["T_base_hand"][:3, 3], back + np.array([0, 0, 0.06]), atol=1e-9)
 
 
+def test_pre_actuation_motions_chain_outwards_from_the_actuation(panda: kpam.Robot) -> None:
+    settings = config(
+        pre_actuation_motions=[["translate_z", -0.04], "move-up", ["translate_x", 0.05]],
+        pre_actuation_times=[6, 8, 9],
+        actuation_time=10,
+        post_actuation_times=[12, 14],
+    )
+    plan = kpam.plan(problem(panda, config=settings))
+    assert plan.status == "solved", plan.reason
+    labels = [frame["label"] for frame in plan.keyframes]
+    assert labels == ["pre_2", "pre_1", "pre_0", "actuation", "post_0", "post_1"]
+    assert [frame["time"] for frame in plan.keyframes] == pytest.approx([6, 8, 9, 10, 12, 14])
+    origins = {frame["label"]: frame["T_base_hand"][:3, 3] for frame in plan.keyframes}
+    axes = plan.keyframes[3]["T_base_hand"][:3, :3]
+    np.testing.assert_allclose(origins["pre_0"], origins["actuation"] - 0.04 * axes[:, 2], atol=1e-9)
+    np.testing.assert_allclose(origins["pre_1"], origins["pre_0"] + [0, 0, 0.06], atol=1e-9)
+    np.testing.assert_allclose(origins["pre_2"], origins["pre_1"] + 0.05 * axes[:, 0], atol=1e-9)
+
+
 def test_translations_are_straight_and_limits_hold(panda: kpam.Robot) -> None:
     plan = kpam.plan(problem(panda))
     path = hand_path(panda, plan, "pre_0", "actuation")[:, :3, 3]
@@ -166,7 +185,7 @@ def test_a_blocked_goal_names_the_bodies(panda: kpam.Robot) -> None:
     assert "lid" in plan.reason
     assert plan.collisions[0]["bodies"][1] == "lid"
     assert plan.collisions[0]["distance"] < 0
-    # The hand may touch the moving link from the last pre-actuation keyframe on, and what it reaches for.
+    # The hand may touch the moving link from pre_0 on, and what it reaches for.
     for role in ("moving_link", "target"):
         free = kpam.Body("lid", role, [kpam.Shape.box([0.02, 0.02, 0.02])], pose)
         assert kpam.plan(problem(panda, bodies=[table(), free])).status == "solved"
@@ -199,6 +218,24 @@ def test_contact_windows_replace_the_rules(panda: kpam.Robot) -> None:
     }
     plan = kpam.plan(problem(panda, bodies=[table(), lid], options={"contacts": [window]}))
     assert plan.status == "solved", plan.reason
+
+
+def test_contact_windows_count_pre_actuation_keyframes_from_the_actuation(panda: kpam.Robot) -> None:
+    # The fingers are in the block at pre_0, 4 cm above the actuation pose, and above it at pre_1.
+    settings = config(pre_actuation_motions=[["translate_z", -0.04], ["translate_z", -0.06]])
+    pose = np.eye(4)
+    pose[:3, 3] = [0.5, 0.1, 0.23]
+    block = kpam.Body("block", "object_body", [kpam.Shape.box([0.02, 0.05, 0.03])], pose)
+    hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+
+    def status(start: str, end: str) -> str:
+        window = {"links": hand, "bodies": ["block"], "from": start, "to": end}
+        question = problem(panda, config=settings, bodies=[table(), block], options={"contacts": [window]})
+        return kpam.plan(question).status
+
+    assert status("pre_1", "end") == "solved"
+    assert status("pre_0", "end") == "collision"
+    assert status("pre_1", "pre_0") == "collision"
 
 
 def test_an_attached_body_is_part_of_the_hand(panda: kpam.Robot) -> None:
@@ -250,7 +287,15 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"object_keypoints": {}}, "object_keypoints"),
         ({"tool_keypoints": {**TOOL, "tool_tail": TOOL["tool_head"]}}, "tool_keypoints"),
         ({"object_axis": "w"}, "object_axis"),
-        ({"options": {"speed": 1}}, "speed"),
+        ({"options": {"speed": 1}}, r"options\.speed"),
+        ({"options": {"velocity_scale": "fast"}}, r"options\.velocity_scale"),
+        ({"options": {"velocity_scale": float("nan")}}, r"options\.velocity_scale"),
+        ({"options": {"contacts": [{"links": 3}]}}, r"options\.contacts\[0\]\.links"),
+        ({"options": {"candidates": 0}}, r"options\.candidates"),
+        ({"options": {"harvest": 10**9}}, r"options\.harvest"),
+        ({"options": {"samples": 10**9}}, r"options\.samples"),
+        ({"options": {"jerk_limits": [1e-9] * 9}}, r"options\.jerk_limits\[0\]"),
+        ({"object_yaw": np.nan}, "object_yaw"),
         ({"options": {"velocity_scale": 0}}, "velocity_scale"),
         ({"options": {"velocity_limits": [1.0]}}, "velocity_limits"),
         ({"options": {"velocity_limits": [1e300] * 9}}, "velocity_limits"),
@@ -258,7 +303,7 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"options": {"start_time": 1e300}}, "start_time"),
         ({"options": {"finger_width": 1e300}}, "finger_width"),
         ({"options": {"margin": 1e300}}, "margin"),
-        ({"options": {"seeds": 10**9}}, "seeds"),
+        ({"options": {"starts": 10**9}}, r"options\.starts"),
         ({"object_keypoints": {"edge": [1e300, 0, 0]}}, "object_keypoints"),
         ({"tool_keypoints": {**TOOL, "tool_head": [1e300, 0, 0]}}, "tool_keypoints"),
         ({"options": {"workspace": [[1, 1, 1], [0, 0, 0]]}}, "workspace"),
@@ -279,6 +324,8 @@ def test_bad_shapes_are_named() -> None:
         kpam.Shape.convex_hull([[0, 0, 0], [0, 0, np.nan]])
     with pytest.raises(kpam.ProblemError, match=r"triangles\[0\]"):
         kpam.Shape.mesh(np.zeros((3, 3)), [[0, 1, 7]])
+    with pytest.raises(kpam.ProblemError, match=r"triangles\[0\].*1\.5"):
+        kpam.Shape.mesh(np.eye(3), [[0, 1.5, 2]])
     with pytest.raises(kpam.ProblemError, match="axis"):
         kpam.Joint("revolute", [0, 0, 0], [0, 0, 0], 0, 0, 1)
     with pytest.raises(kpam.ProblemError, match="role"):
@@ -295,7 +342,7 @@ def test_bad_shapes_are_named() -> None:
 )
 def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -> None:
     file = robots / urdf
-    robot = kpam.Robot.from_urdf(str(file), hand_link=hand)
+    robot = kpam.Robot.from_urdf(file, hand_link=hand)
     settings = kpam.SolverConfig(
         {
             "constraint_list": [

@@ -294,10 +294,12 @@ pub fn signed_distance(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        GJKResult::NoIntersection(n) => {
+        // The search says the x axis where it ran out of rounds, which proves nothing.
+        GJKResult::NoIntersection(n) if n != Vector3::x_axis() || apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
         }
+        GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)),
         GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
     };
     let (p, q, normal, core) = found?;
@@ -308,6 +310,45 @@ pub fn signed_distance(
         on_second: q - normal * second.1,
         normal,
     })
+}
+
+/// Directions along which nothing man-made lies.
+const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
+
+/// How far two hulls are apart along a unit direction from the first to the second: never more than their distance.
+fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
+    (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
+}
+
+/// Points, normal and signed distance of two hulls whose distance the search has not found: it is begun anew from other
+/// directions, and failing all of them, what is known to part the hulls stands in for their distance. They are never
+/// said to be further apart than they are.
+fn undecided(
+    a: &Corners,
+    b: &Corners,
+    direction: &Unit<Vector3<f64>>,
+) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
+    let same = Isometry3::identity();
+    let mut widest = (direction.into_inner(), apart_along(a, b, direction));
+    for skew in SKEW {
+        let from = Unit::new_normalize(Vector3::from(skew));
+        let mut simplex = VoronoiSimplex::new();
+        simplex.reset(CSOPoint::from_shapes(&same, a, b, &from));
+        match gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut simplex) {
+            GJKResult::ClosestPoints(p, q, n) => return (p, q, n.into_inner(), (q - p).norm()),
+            GJKResult::Proximity(_) | GJKResult::Intersection => return deepest(a, b, &simplex, direction),
+            GJKResult::NoIntersection(_) => {
+                for n in [from.into_inner(), -from.into_inner()] {
+                    let apart = apart_along(a, b, &n);
+                    if apart > widest.1 {
+                        widest = (n, apart);
+                    }
+                }
+            }
+        }
+    }
+    let (n, apart) = widest;
+    (a.furthest(&n), b.furthest(&-n), n, apart)
 }
 
 /// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
@@ -321,10 +362,9 @@ fn deepest(
     simplex: &VoronoiSimplex,
     direction: &Unit<Vector3<f64>>,
 ) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
-    const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
     const SLACK: f64 = 1e-7;
     let same = Isometry3::identity();
-    let parting = |n: &Vector3<f64>| (a.furthest(n) - b.furthest(&-n)).dot(n);
+    let parting = |n: &Vector3<f64>| -apart_along(a, b, n);
     let fallback = (a.furthest(direction), b.furthest(&-direction.into_inner()), direction.into_inner());
     let mut best = (fallback, parting(direction));
     let mut look = |simplex: &VoronoiSimplex| {

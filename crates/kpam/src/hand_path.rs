@@ -36,6 +36,24 @@ pub(crate) struct Followed {
     pub fraction: f64,
 }
 
+/// A path of the hand over 0..1.
+pub(crate) trait Guide {
+    /// Pose at `s` in 0..1.
+    fn at(&self, s: f64) -> Pose;
+    /// Length of the hand origin's way (m) and angle turned (rad).
+    fn length(&self) -> (f64, f64);
+}
+
+impl Guide for HandPath {
+    fn at(&self, s: f64) -> Pose {
+        HandPath::at(self, s)
+    }
+
+    fn length(&self) -> (f64, f64) {
+        HandPath::length(self)
+    }
+}
+
 pub(crate) struct Follower<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
@@ -59,7 +77,7 @@ impl<'p> Follower<'p> {
     ///
     /// The motion runs on the curve through the waypoints, so that has to keep to the path and to the joint limits
     /// between them as well: where a joint turns sharply, waypoints come closer together, or the path ends there.
-    pub fn follow(&mut self, path: &HandPath, x: &Row, backwards: bool) -> Followed {
+    pub fn follow(&mut self, path: &impl Guide, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
         let mut out = Followed { waypoints: vec![*x], fraction: 0.0 };
@@ -72,7 +90,7 @@ impl<'p> Follower<'p> {
         out
     }
 
-    fn follow_in(&mut self, path: &HandPath, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
+    fn follow_in(&mut self, path: &impl Guide, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
         let steps = strides * finer;
         // A push of one stride, shared among finer steps, drives the arm as fast as it would a stride at a time.
         let keep = KEEP.powf(1.0 / finer as f64);
@@ -96,7 +114,7 @@ impl<'p> Follower<'p> {
     }
 
     /// The first waypoint after which the curve through them leaves the path or the joint limits.
-    fn strays(&mut self, path: &HandPath, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
+    fn strays(&mut self, path: &impl Guide, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
         let curve = Spline::through(n, waypoints, None);

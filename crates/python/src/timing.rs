@@ -1,12 +1,15 @@
 //! Trajectories and retiming.
 
-use gensim2_kpam::{Limits, Method, ProblemError as TimingError, RetimeOptions, Trajectory};
+use gensim2_kpam::{Limits, Method, RetimeOptions, Trajectory};
 use numpy::{PyArray2, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::ProblemError;
-use crate::convert::{self, problem_error};
+use crate::convert;
+use crate::errors::{from_problem, problem_error};
+
+/// Most rows that a motion is sampled into.
+const MOST_ROWS: f64 = 1e6;
 
 /// Timed joint motion. Pickles.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
@@ -64,8 +67,12 @@ impl PyTrajectory {
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < 1e7) {
-            return Err(problem_error("dt", format!("must be positive and not tiny, not {dt}")));
+        if !(dt > 0.0 && steps < MOST_ROWS) {
+            let least = (end - start) / MOST_ROWS;
+            return Err(problem_error(
+                "dt",
+                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
+            ));
         }
         let rows: Vec<Vec<f64>> =
             (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
@@ -80,10 +87,6 @@ impl PyTrajectory {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
     }
-}
-
-fn refused(error: &TimingError) -> PyErr {
-    ProblemError::new_err(error.to_string())
 }
 
 /// The fastest motion along the cubic spline through (N, n) waypoints within (n,) velocity, acceleration and jerk
@@ -120,7 +123,7 @@ pub(crate) fn retime<'py>(
         &limit(acceleration_limits, "acceleration_limits")?,
         &limit(jerk_limits, "jerk_limits")?,
     )
-    .map_err(|e| refused(&e))?;
+    .map_err(|e| from_problem(&e))?;
     let (data, shape) = convert::numbers(waypoints, "waypoints")?;
     if shape.len() != 2 || shape[1] != limits.joints() {
         let message = format!("must have shape (N, {}), not {shape:?}", limits.joints());
@@ -145,6 +148,6 @@ pub(crate) fn retime<'py>(
         "conic" => Method::Conic,
         other => return Err(problem_error("method", format!("must be reachability or conic, not {other:?}"))),
     };
-    let out = py.detach(|| gensim2_kpam::retime(&rows, &limits, &options)).map_err(|e| refused(&e))?;
+    let out = py.detach(|| gensim2_kpam::retime(&rows, &limits, &options)).map_err(|e| from_problem(&e))?;
     Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
 }

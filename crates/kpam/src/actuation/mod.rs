@@ -12,15 +12,13 @@ use gensim2_geometry::Pose;
 use self::projection::Residuals;
 use crate::KeypointProblem;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
-use crate::problem::Resolved;
 use crate::qp::{ActiveSet, Bound};
+use crate::resolve::Resolved;
 
 /// Starts that are always projected; further ones only until there are `ENOUGH` poses.
 const FIRST: usize = 16;
 /// See [`FIRST`].
 const ENOUGH: usize = 3;
-/// Projected poses that are moved to their optimum, cheapest first.
-const DESCENTS: usize = 3;
 /// Width of the starts about the present joints, as a fraction of the joint ranges.
 const NEARBY: f64 = 0.5;
 /// Poses closer than this in every joint are one (rad or m).
@@ -118,7 +116,7 @@ impl<'p> ActuationSearch<'p> {
         }
         let mut poses = self.distinct(poses);
         let mut optima: Vec<Candidate> = Vec::new();
-        for pose in poses.iter().take(DESCENTS) {
+        for pose in poses.iter().take(self.problem.options.descents) {
             if let Some(better) = self.descend(&pose.x, &optima) {
                 optima.push(better);
             }
@@ -135,6 +133,12 @@ impl<'p> ActuationSearch<'p> {
     pub fn sample(&mut self, seed: usize) -> Option<Candidate> {
         let mut x = self.seed(seed);
         (self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
+    }
+
+    /// The pose itself where it meets the constraints, else what it projects to.
+    pub fn from(&mut self, x: &Row) -> Option<Candidate> {
+        let mut x = *x;
+        (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
     }
 
     /// The distinct poses that start values number `from..to` project to, cheapest first.
@@ -240,7 +244,7 @@ mod tests {
     use super::descent::Curvature;
     use super::*;
     use crate::SolverConfig;
-    use crate::problem::AxisBound;
+    use crate::resolve::AxisBound;
     use gensim2_geometry::Robot;
     use nalgebra::Vector3;
     use proptest::prelude::*;
@@ -294,7 +298,7 @@ mod tests {
         let mut resolved = problem.resolve().unwrap();
         resolved.points.clear();
         resolved.axes.clear();
-        resolved.costs.push(crate::problem::PlaneTerm {
+        resolved.costs.push(crate::resolve::PlaneTerm {
             on_hand: Vector3::new(0.1, 0.0, 0.2),
             target: Vector3::new(0.3, 0.2, 0.1),
             normal: Vector3::new(0.6, 0.0, 0.8),

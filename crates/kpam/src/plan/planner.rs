@@ -1,23 +1,25 @@
 //! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
-use super::attempt::{Attempt, Failure};
-use super::{Plan, refused};
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::{Plan, Request, Status, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::contact::{Hit, Judge, TOUCH};
-use crate::free_space;
+use crate::free_space::{self, NoWay};
 use crate::hand_path::Follower;
-use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
-use crate::problem::Resolved;
+use crate::resolve::Resolved;
 use crate::timing::{Builder, CannotStop, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
+use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
 
 /// What has been tried, and the best of it.
 #[derive(Default)]
 struct Trial {
     best: Option<Attempt>,
     tried: usize,
+    /// What became of each pose, where that is asked for.
+    poses: Vec<TriedPose>,
     /// Poses that lack nothing but the free approach, with their ranks.
     again: Vec<(Row, usize)>,
 }
@@ -44,7 +46,7 @@ pub(super) struct Planner<'p> {
     pub model: &'p Model,
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
-    pub judge: Judge<'p>,
+    pub world: World<'p>,
     /// State at the start, the ways from there to where planning begins, and the one that is taken.
     pub start: Start,
     pub leads: Vec<Lead>,
@@ -56,18 +58,22 @@ pub(super) struct Planner<'p> {
     pub clock: Option<Vec<f64>>,
     /// Where the start leaves what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
+    /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
+    pub entry: usize,
+    pub former: Option<&'p Plan>,
+    explain: bool,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
 /// Clearance (m) of the free approach where the one asked for cannot be kept.
 const TIGHT: f64 = 2e-4;
-/// Less clearance (m) that curves may keep than the polygons that they follow.
-const EASED: f64 = 1e-3;
+/// A smooth curve may take this much of the clearance of its corners (m).
+const CURVED: f64 = 1e-3;
 /// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
-const WIDE: f64 = 0.5;
-const NEAR: f64 = 0.04;
+pub(super) const WIDE: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.04;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
@@ -78,6 +84,8 @@ impl<'p> Planner<'p> {
         problem: &'p KeypointProblem,
         model: &'p Model,
         resolved: &'p Resolved,
+        request: &Request<'p>,
+        entry: usize,
     ) -> Result<Self, CannotStop> {
         let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
         let options = &problem.options;
@@ -88,6 +96,9 @@ impl<'p> Planner<'p> {
         };
         let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
         let leads = leads(&builder, &start, &model.lower, &model.upper)?;
+        let mut world = World::new(problem, model);
+        world.measure_start(State::still(&model.start()), world.course.toward(entry));
+        world.limit(request.most_checks, request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -100,7 +111,7 @@ impl<'p> Planner<'p> {
             model,
             resolved,
             follower: Follower::new(problem, model),
-            judge: Judge::new(problem, model),
+            world,
             start,
             leads,
             lead: 0,
@@ -108,6 +119,9 @@ impl<'p> Planner<'p> {
             builder,
             clock,
             exit: None,
+            entry,
+            former: request.former,
+            explain: request.explain,
         })
     }
 
@@ -117,22 +131,32 @@ impl<'p> Planner<'p> {
         q
     }
 
+    /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
+    /// actuation there is no other.
+    pub(super) fn former_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
+        let past = self.entry > self.problem.config.pre.len();
+        let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
+        let mut trial = Trial::default();
+        let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
+        self.try_one(&pose.x, samples, &mut trial);
+        (past || trial.done()).then(|| self.conclude(trial, &pose))
+    }
+
     pub(super) fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
-        let cheapest = found.candidates[0];
         let options = &self.problem.options;
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
-        if !trial.done() && found.used < options.seeds {
+        if !self.is_done(&trial) && found.used < options.starts {
             // The poses that the cheapest one did not need, cheapest first.
-            let more = search.more(found.used, options.seeds);
+            let more = search.more(found.used, options.starts);
             let left = most.saturating_sub(trial.tried);
             self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
         }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for seed in options.seeds..options.seeds + options.harvest {
-            if trial.done() || extra > most {
+        for seed in options.starts..options.starts + options.harvest {
+            if self.is_done(&trial) || extra > most {
                 break;
             }
             let Some(c) = search.sample(seed) else { continue };
@@ -141,21 +165,46 @@ impl<'p> Planner<'p> {
             extra += usize::from(!overlaps);
         }
         for (x, rank) in std::mem::take(&mut trial.again) {
-            if trial.done() {
+            if self.is_done(&trial) {
                 break;
             }
             let attempt = self.attempt(&x, rank, samples, trial.bar());
-            trial.keep(attempt);
+            self.keep(attempt, &mut trial);
         }
-        let Trial { best, tried, .. } = trial;
+        self.conclude(trial, &found.candidates[0])
+    }
+
+    /// Whether there is nothing more to try: a whole motion is found, or planning has to end.
+    fn is_done(&self, trial: &Trial) -> bool {
+        trial.done() || self.world.is_over()
+    }
+
+    fn keep(&self, attempt: Attempt, trial: &mut Trial) {
+        if self.explain {
+            trial.poses.push(self.explained(&attempt));
+        }
+        trial.keep(attempt);
+    }
+
+    /// What the trials come to; `cheapest` is the pose that obstacles aside would be taken.
+    fn conclude(&mut self, trial: Trial, cheapest: &Candidate) -> Plan {
+        let solved = trial.done();
+        let Trial { best, tried, poses, .. } = trial;
         let mut out = match best {
             Some(attempt) => self.report(attempt),
             None => refused("no actuation pose was tried".to_owned()),
         };
+        if !solved && self.world.is_cancelled() {
+            (out.status, out.reason) = (Status::Cancelled, "planning was cancelled".to_owned());
+        } else if !solved && self.world.is_spent() && out.status != Status::Partial {
+            out.status = Status::NotFound;
+            out.reason = format!("the collision checks are spent; so far {}", out.reason);
+        }
         out.tried = tried;
+        out.tried_poses = poses;
         out.q_actuation = Some(self.full(&cheapest.x));
         out.cost = Some(cheapest.cost);
-        out.start_overlap = self.judge.start_overlap;
+        out.start_overlap = self.world.start_overlap;
         if out.start_overlap > 0.0 {
             out.warnings.push(format!("the robot overlaps something by {:.4} m at the start", out.start_overlap));
         }
@@ -164,7 +213,7 @@ impl<'p> Planner<'p> {
 
     fn try_each(&mut self, candidates: &[Candidate], most: usize, samples: usize, trial: &mut Trial) {
         for c in candidates.iter().take(most) {
-            if trial.done() {
+            if self.is_done(trial) {
                 return;
             }
             self.try_one(&c.x, samples, trial);
@@ -175,29 +224,29 @@ impl<'p> Planner<'p> {
     fn try_one(&mut self, x: &Row, samples: usize, trial: &mut Trial) -> bool {
         let attempt = self.attempt(x, trial.tried, samples, trial.bar());
         trial.tried += 1;
-        let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
         let overlaps = attempt.overlaps;
-        if blocked_approach && !overlaps && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES
-        {
+        let not_found = matches!(attempt.failure, Some(Failure::NotFound { .. }));
+        if not_found && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES {
             trial.again.push((*x, attempt.rank));
         }
-        trial.keep(attempt);
+        self.keep(attempt, trial);
         overlaps
     }
 
     /// Free motion from the start to the first keyframe, and what it hits where hits do not count. Pieces end at rest,
     /// and begin there but for the first of a start under way.
-    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), NoWay> {
         let n = self.model.n();
-        let braking = self.choose_lead();
+        let leg = self.world.course.toward(self.entry);
+        let braking = self.choose_lead(leg);
         if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
-            return Err(hit.clone());
+            return Err(NoWay::Blocked(hit.clone()));
         }
         let lead = self.leads[self.lead].clone();
         let start = lead.rest();
         let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
-            let hit = braking.or_else(|| self.judge.sweep(&start, goal, 1, &Margins::plain(0.0)));
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
             let way = match turn(&self.builder, &lead, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
                 Some(turned) => vec![turned.waypoints],
                 None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
@@ -205,64 +254,85 @@ impl<'p> Planner<'p> {
             return Ok((way, hit));
         }
         // What overlaps at the start comes apart first, and then stays apart.
-        let out = self.way_out(&start);
+        let out = self.way_out(&start, leg);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        pieces.splice(0..0, lead.line());
         let wish = self.problem.options.margin;
-        let (corners, margins) = match self.connect(&begin, goal, wish, out.is_some(), samples) {
+        let kept = self.margins(&begin, goal, leg, wish, out.is_some()).eased(CURVED);
+        if let Some(way) = self.former_way(&begin, goal, leg, &kept) {
+            let along = |_: &Row, _: f64| way.clone();
+            match self.turned(&way, leg, &kept, along).filter(|_| out.is_none()) {
+                Some(turned) => pieces = vec![turned],
+                None => pieces.push(way),
+            }
+            return Ok((pieces, None));
+        }
+        let (corners, margins) = match self.connect(&begin, goal, leg, wish, out.is_some(), samples) {
             // The clearance is a wish; a free motion without it is still free.
-            Err(_) if wish > TIGHT => self.connect(&begin, goal, TIGHT, out.is_some(), samples)?,
+            Err(_) if wish > TIGHT => self.connect(&begin, goal, leg, TIGHT, out.is_some(), samples)?,
             other => other?,
         };
-        let (mut lower, mut upper) = (self.model.lower, self.model.upper);
-        for v in 0..n {
-            lower[v] = lower[v].min(begin[v]).min(goal[v]);
-            upper[v] = upper[v].max(begin[v]).max(goal[v]);
-        }
-        let eased = margins.eased(EASED);
-        let free = |judge: &mut Judge<'_>, path: &Spline| {
-            let all = 0..path.intervals();
-            path.keeps_within(all.clone(), &lower, &upper)
-                && judge.sweep_along(&path.along(all, 0.05), 1, &eased).is_none()
+        let from = |end: &Row, spacing: f64| {
+            let mut corners = corners.clone();
+            corners[0] = *end;
+            rounded(n, &corners, spacing, NEAR)
         };
-        if out.is_none() {
-            let rest = |end: &Row, spacing: f64| {
-                let mut corners = corners.clone();
-                corners[0] = *end;
-                rounded(n, &corners, spacing, NEAR)[1..].to_vec()
-            };
-            for spacing in SPACINGS {
-                let judge = &mut self.judge;
-                let turned =
-                    turn(&self.builder, &lead, &corners[1], |end| rest(end, spacing), |path| free(judge, path));
-                if let Some(turned) = turned {
-                    return Ok((vec![turned.waypoints], None));
-                }
-            }
+        if let Some(turned) = self.turned(&corners, leg, &margins.eased(CURVED), from).filter(|_| out.is_none()) {
+            return Ok((vec![turned], None));
         }
-        pieces.splice(0..0, lead.line());
         if corners.len() == 2 {
             pieces.push(straight(&corners));
             return Ok((pieces, None));
         }
-        // One smooth curve where it stays free, with knots ever closer to the corners; else stop at each corner.
-        for spacing in SPACINGS {
-            let curve = rounded(n, &corners, spacing, NEAR);
-            if free(&mut self.judge, &Spline::through(n, &curve, None)) {
-                pieces.push(curve);
-                return Ok((pieces, None));
-            }
+        match self.rounded(&corners, leg, &margins) {
+            Some(curve) => pieces.push(curve),
+            None => pieces.extend(corners.windows(2).map(straight)),
         }
-        pieces.extend(corners.windows(2).map(straight));
         Ok((pieces, None))
+    }
+
+    /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
+    fn rounded(&mut self, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+        let n = self.model.n();
+        let margins = margins.eased(CURVED);
+        SPACINGS
+            .into_iter()
+            .map(|spacing| rounded(n, corners, spacing, NEAR))
+            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, &margins))
+    }
+
+    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
+    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
+    fn turned(
+        &mut self,
+        way: &[Row],
+        leg: Leg,
+        margins: &Margins,
+        from: impl Fn(&Row, f64) -> Vec<Row>,
+    ) -> Option<Vec<Row>> {
+        let lead = &self.leads[self.lead];
+        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
+        SPACINGS.into_iter().find_map(|spacing| {
+            let free = |path: &Spline| curve_is_free(world, model, path, leg, margins);
+            turn(builder, lead, way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
+                .map(|turned| turned.waypoints)
+        })
+    }
+
+    /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
+    fn margins(&mut self, from: &Row, to: &Row, leg: Leg, clearance: f64, parted: bool) -> Margins {
+        let margins = self.world.margins_between(from, to, leg, clearance);
+        if parted { margins.parted() } else { margins }
     }
 
     /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
     /// none is.
-    fn choose_lead(&mut self) -> Option<Hit> {
+    fn choose_lead(&mut self, leg: Leg) -> Option<Hit> {
         if self.lead_judged.is_none() {
             let mut first = None;
             for (k, lead) in self.leads.iter().enumerate() {
-                match self.judge.sweep_along(&lead.way(&self.start), 1, &Margins::plain(0.0)) {
+                let way = lead.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), leg, &Margins::plain(0.0)) {
                     None => {
                         (self.lead, first) = (k, None);
                         break;
@@ -280,24 +350,31 @@ impl<'p> Planner<'p> {
         &mut self,
         from: &Row,
         to: &Row,
+        leg: Leg,
         clearance: f64,
         parted: bool,
         samples: usize,
-    ) -> Result<(Vec<Row>, Margins), Hit> {
-        let margins = self.judge.margins_between(from, to, 1, clearance);
-        let margins = if parted { margins.parted() } else { margins };
-        let corners = free_space::connect(&mut self.judge, self.model, from, to, 1, &margins, samples)?;
+    ) -> Result<(Vec<Row>, Margins), NoWay> {
+        let margins = self.margins(from, to, leg, clearance, parted);
+        let corners = free_space::connect(&mut self.world, self.model, from, to, leg, &margins, samples)?;
         Ok((corners, margins))
     }
 
     /// A free pose near the start, where that overlaps something and can get out of it.
-    fn way_out(&mut self, start: &Row) -> Option<Row> {
-        if self.judge.start_overlap <= TOUCH {
+    fn way_out(&mut self, start: &Row, leg: Leg) -> Option<Row> {
+        if self.world.start_overlap <= TOUCH {
             return None;
         }
         if self.exit.is_none() {
-            self.exit = Some(free_space::way_out(&mut self.judge, self.model, start, 1));
+            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, leg));
         }
         self.exit.flatten()
     }
+}
+
+/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+fn curve_is_free(world: &mut World<'_>, model: &Model, path: &Spline, leg: Leg, margins: &Margins) -> bool {
+    let all = 0..path.intervals();
+    path.keeps_within(all.clone(), &model.lower, &model.upper)
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), leg, margins).is_none()
 }

@@ -1,13 +1,16 @@
 //! The timed motion of an attempt: legs joined to one smooth path wherever nothing has to stop.
 
-use super::attempt::{Attempt, Failure};
-use super::planner::Planner;
+use std::borrow::Cow;
+
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::planner::{NEAR, Planner, WIDE};
 use crate::Gripper;
 use crate::hand_path::OFF_PATH;
-use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Row};
 use crate::motion::HandPath;
-use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, unit};
+use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounded, unit};
+use crate::world::{Leg as WorldLeg, Margins, Way};
 
 /// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
 const BEND: usize = 6;
@@ -15,12 +18,18 @@ const BEND: usize = 6;
 const FINE: f64 = 0.01;
 
 /// Joint waypoints that lead from one keyframe, or stop, to the next.
-struct Leg<'a> {
-    waypoints: &'a [Row],
+struct Stretch<'a> {
+    waypoints: Cow<'a, [Row]>,
+    /// Travel of the object's joint at the waypoints.
+    travel: Cow<'a, [f64]>,
+    /// What is judged along it.
+    leg: WorldLeg,
     /// Keyframe at its end; none for part of the approach or of a path.
     keyframe: Option<usize>,
     /// Keyframe that it leads to.
     toward: usize,
+    /// Whether it comes after the actuation.
+    contact: bool,
     /// Path of the hand that it keeps to, and how much of that it goes.
     hand: Option<(&'a HandPath, f64)>,
     /// Whether the motion rests at its end.
@@ -56,11 +65,14 @@ impl Planner<'_> {
         outcome.map(|()| (builder.build(self.model.map()), times))
     }
 
-    fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Leg<'a>> {
+    fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
-        let rests =
-            |keyframe: usize| clock.is_some() || (keyframe == act && self.problem.config.gripper == Gripper::Grasp);
+        let options = &self.problem.options;
+        // The gripper acts at the actuation pose.
+        let acts =
+            self.problem.config.gripper == Gripper::Grasp || !options.pick.is_empty() || !options.release.is_empty();
+        let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts);
         let mut legs = Vec::new();
         let total: f64 = attempt.approach.iter().map(|piece| length(n, piece)).sum();
         let mut gone = 0.0;
@@ -69,13 +81,39 @@ impl Planner<'_> {
             let last = k + 1 == attempt.approach.len();
             // Pieces share the time by their length.
             let due = clock.map(|c| {
-                let begin = self.builder.now();
-                if last || total == 0.0 { c[0] } else { begin + (c[0] - begin) * gone / total }
+                let (begin, end) = (self.builder.now(), c[self.entry]);
+                if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
             });
-            let keyframe = last.then_some(0);
-            legs.push(Leg { waypoints, keyframe, toward: 0, hand: None, stops: !last || rests(0), due });
+            legs.push(Stretch {
+                waypoints: Cow::Borrowed(waypoints),
+                travel: Cow::Borrowed(&[]),
+                leg: self.world.course.toward(self.entry),
+                keyframe: last.then_some(self.entry),
+                toward: self.entry,
+                contact: self.entry > act,
+                hand: None,
+                stops: !last || rests(self.entry),
+                due,
+            });
         }
-        for (i, waypoints) in attempt.paths.iter().enumerate() {
+        let first = attempt.first;
+        if self.entry > act
+            && let (Some(line), Some(travel)) = (self.leads[self.lead].line(), attempt.travel[first].first())
+        {
+            // Under way past the actuation: on along the line, and back to the path of the hand without a stop.
+            legs.push(Stretch {
+                waypoints: Cow::Owned(rounded(n, &line, WIDE, NEAR)),
+                travel: Cow::Owned(vec![*travel]),
+                leg: self.world.course.along(first),
+                keyframe: None,
+                toward: self.entry,
+                contact: self.entry > act,
+                hand: None,
+                stops: clock.is_some(),
+                due: None,
+            });
+        }
+        for (i, waypoints) in attempt.paths.iter().enumerate().skip(first) {
             if waypoints.len() < 2 {
                 break;
             }
@@ -83,15 +121,25 @@ impl Planner<'_> {
             let share = if whole { 1.0 } else { attempt.after.1 };
             // A part of a path takes its part of the time.
             let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
-            let hand = (i >= act).then_some((&attempt.motions.paths[i], share));
-            let keyframe = whole.then_some(i + 1);
-            legs.push(Leg { waypoints, keyframe, toward: i + 1, hand, stops: rests(i + 1), due });
+            // Taken up on the way, the hand comes back to its path by and by.
+            let kept = i >= act && i + 1 != self.entry;
+            legs.push(Stretch {
+                waypoints: Cow::Borrowed(waypoints),
+                travel: Cow::Borrowed(&attempt.travel[i]),
+                leg: self.world.course.along(i),
+                keyframe: whole.then_some(i + 1),
+                toward: i + 1,
+                contact: i >= act,
+                hand: kept.then_some((&attempt.motions.paths[i], share)),
+                stops: rests(i + 1),
+                due,
+            });
         }
         legs
     }
 
     /// How many of the legs can be driven in one go.
-    fn joined(&mut self, legs: &[Leg<'_>], velocity: &Row) -> usize {
+    fn joined(&mut self, legs: &[Stretch<'_>], velocity: &Row) -> usize {
         let mut count = legs.len();
         // A leg fewer may bend otherwise at the end, never more.
         while count > 1 {
@@ -106,7 +154,7 @@ impl Planner<'_> {
     }
 
     /// The path through legs, and the waypoint at the start of each and at the end.
-    fn path(&self, legs: &[Leg<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
+    fn path(&self, legs: &[Stretch<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
         let mut waypoints: Vec<Row> = Vec::new();
         let mut ends = vec![0];
         for leg in legs {
@@ -121,14 +169,14 @@ impl Planner<'_> {
     }
 
     /// Whether the path keeps to joint limits, to the hand's path and off everything where leg `k` meets the next.
-    fn bend_stands(&mut self, leg: &Leg<'_>, next: &Leg<'_>, path: &Spline, ends: &[usize], k: usize) -> bool {
+    fn bend_stands(&mut self, leg: &Stretch<'_>, next: &Stretch<'_>, path: &Spline, ends: &[usize], k: usize) -> bool {
         let [start, corner, end] = [k, k + 1, k + 2].map(|i| path.knot_of(ends[i]));
         let before = start.max(corner.saturating_sub(BEND))..corner;
         let after = corner..end.min(corner + BEND);
         self.side_stands(leg, path, before, start) && self.side_stands(next, path, after, corner)
     }
 
-    fn side_stands(&mut self, leg: &Leg<'_>, path: &Spline, knots: std::ops::Range<usize>, first: usize) -> bool {
+    fn side_stands(&mut self, leg: &Stretch<'_>, path: &Spline, knots: std::ops::Range<usize>, first: usize) -> bool {
         if !path.keeps_within(knots.clone(), &self.model.lower, &self.model.upper) {
             return false;
         }
@@ -142,19 +190,36 @@ impl Planner<'_> {
                 }
             }
         }
-        let margins = Margins::plain(0.0);
-        let margins = if leg.toward == 0 { margins } else { margins.parted() };
-        !self.problem.options.avoid_collisions
-            || knots.is_empty()
-            || self.judge.sweep_along(&path.along(knots, FINE), leg.toward + 1, &margins).is_none()
+        if !self.problem.options.avoid_collisions || knots.is_empty() {
+            return true;
+        }
+        // What overlaps where the motion begins may persist; on the approach it has come apart.
+        let begins = leg.toward == self.entry;
+        let margins = if begins { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
+        let (mut waypoints, mut travel) = (vec![path.at(knots.start, 0.0)], Vec::new());
+        for i in knots {
+            let inside = path.along(i..i + 1, FINE);
+            if let (Some(from), Some(to)) = (leg.travel.get(i - first), leg.travel.get(i - first + 1)) {
+                if travel.is_empty() {
+                    travel.push(*from);
+                }
+                let steps = (inside.len() - 1) as f64;
+                travel.extend((1..inside.len()).map(|k| from + (to - from) * k as f64 / steps));
+            }
+            waypoints.extend_from_slice(&inside[1..]);
+        }
+        if travel.is_empty() {
+            travel.extend(leg.travel.first());
+        }
+        self.world.sweep_along(Way { waypoints: &waypoints, travel: &travel }, leg.leg, &margins).is_none()
     }
 
     /// Least time (s) of each interval between waypoints of legs in contact.
-    fn slowest(&mut self, legs: &[Leg<'_>]) -> Vec<f64> {
+    fn slowest(&mut self, legs: &[Stretch<'_>]) -> Vec<f64> {
         let tip = nalgebra::Point3::from(self.problem.contact_point());
         let mut out = Vec::new();
         for leg in legs {
-            let speed = if leg.hand.is_some() { self.problem.options.contact_speed } else { None };
+            let speed = if leg.contact { self.problem.options.contact_speed } else { None };
             let Some(speed) = speed else {
                 out.resize(out.len() + leg.waypoints.len() - 1, 0.0);
                 continue;
@@ -169,7 +234,7 @@ impl Planner<'_> {
     fn drive(
         &mut self,
         builder: &mut Builder,
-        legs: &[Leg<'_>],
+        legs: &[Stretch<'_>],
         velocity: &Row,
         times: &mut [Option<f64>],
     ) -> Result<(), Failure> {
