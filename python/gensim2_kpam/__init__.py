@@ -27,6 +27,7 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
+    refine,
     retime,
 )
 
@@ -52,5 +53,6 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
+    "refine",
     "retime",
 ]

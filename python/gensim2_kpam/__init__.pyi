@@ -280,3 +280,27 @@ def retime(
     Raises:
         ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.
     """
+
+def refine(
+    problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
+) -> dict[str, Any]:
+    """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
+
+    The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
+    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free stay
+    free; the cost is never more than before.
+
+    Args:
+        problem: what was planned.
+        plan: a plan of it that has a trajectory.
+        times: (N,) times of the plan's motion at which waypoints lie, s, beside its start, end and keyframes; about 40
+            evenly by default.
+        keep_paths: keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+
+    Returns:
+        ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (numbers of their waypoints), ``cost_before``,
+        ``cost_after``, ``rounds``. ``retime`` makes a motion of the waypoints.
+
+    Raises:
+        ProblemError: the plan has no motion, or a time is not within it.
+    """

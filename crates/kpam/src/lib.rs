@@ -20,6 +20,7 @@ pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
+mod refine;
 mod resolve;
 mod timing;
 mod world;
@@ -33,5 +34,6 @@ pub use plan::{
     TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
+pub use refine::{RefineOptions, Refined, refine};
 pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

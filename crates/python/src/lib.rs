@@ -33,5 +33,6 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(planning::joint_travel, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
     m.add_function(wrap_pyfunction!(timing::retime, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::refine, m)?)?;
     Ok(())
 }

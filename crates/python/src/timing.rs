@@ -1,12 +1,13 @@
-//! Trajectories and retiming.
+//! Trajectories, retiming and refinement.
 
-use gensim2_kpam::{Limits, Method, RetimeOptions, Trajectory};
+use gensim2_kpam::{Limits, Method, RefineOptions, RetimeOptions, Trajectory};
 use numpy::{PyArray2, ndarray};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyDict};
 
 use crate::convert;
 use crate::errors::{from_problem, problem_error};
+use crate::planning::{PyKeypointProblem, PyPlan};
 
 /// Most rows that a motion is sampled into.
 const MOST_ROWS: f64 = 1e6;
@@ -150,4 +151,31 @@ pub(crate) fn retime<'py>(
     };
     let out = py.detach(|| gensim2_kpam::retime(&rows, &limits, &options)).map_err(|e| from_problem(&e))?;
     Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
+}
+
+/// A plan's whole waypoint path made shorter by sequential quadratic programming: a dict of `waypoints` (N, n), `times`
+/// (N,), `keyframes` (numbers of their waypoints), `cost_before`, `cost_after` and `rounds`.
+#[pyfunction]
+#[pyo3(signature = (problem, plan, *, times = None, keep_paths = false))]
+pub(crate) fn refine<'py>(
+    py: Python<'py>,
+    problem: &Bound<'py, PyKeypointProblem>,
+    plan: &Bound<'py, PyPlan>,
+    times: Option<&Bound<'py, PyAny>>,
+    keep_paths: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut options = RefineOptions::default();
+    options.times = times.map(|v| convert::vector(v, "times", None)).transpose()?;
+    options.keep_paths = keep_paths;
+    let (problem, plan) = (&problem.get().0, &plan.get().0);
+    let found = py.detach(|| gensim2_kpam::refine(problem, plan, &options)).map_err(|e| from_problem(&e))?;
+    let out = PyDict::new(py);
+    let columns = problem.robot.joints().len();
+    out.set_item("waypoints", convert::array2(py, &found.waypoints, columns))?;
+    out.set_item("times", convert::array1(py, &found.times))?;
+    out.set_item("keyframes", found.keyframes)?;
+    out.set_item("cost_before", found.cost_before)?;
+    out.set_item("cost_after", found.cost_after)?;
+    out.set_item("rounds", found.rounds)?;
+    Ok(out)
 }
