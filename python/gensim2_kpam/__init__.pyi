@@ -287,8 +287,8 @@ def refine(
     """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
 
     The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
-    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free stay
-    free; the cost is never more than before.
+    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free
+    stay free; the cost is never more than before.
 
     Args:
         problem: what was planned.

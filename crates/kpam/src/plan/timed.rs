@@ -14,7 +14,8 @@ use crate::world::{Leg as WorldLeg, Margins, Way};
 
 /// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
 const BEND: usize = 6;
-/// Spacing (rad or m) of the points at which a bend is swept.
+/// Points at which each interval of a bend is swept, where they are not nearer to each other than this (rad or m).
+const PARTS: f64 = 6.0;
 const FINE: f64 = 0.01;
 
 /// Joint waypoints that lead from one keyframe, or stop, to the next.
@@ -198,7 +199,8 @@ impl Planner<'_> {
         let margins = if begins { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
         let (mut waypoints, mut travel) = (vec![path.at(knots.start, 0.0)], Vec::new());
         for i in knots {
-            let inside = path.along(i..i + 1, FINE);
+            let apart = path.knots[i + 1] - path.knots[i];
+            let inside = path.along(i..i + 1, (apart / PARTS).max(FINE));
             if let (Some(from), Some(to)) = (leg.travel.get(i - first), leg.travel.get(i - first + 1)) {
                 if travel.is_empty() {
                     travel.push(*from);
