@@ -153,7 +153,7 @@ mod tests {
                 prop_assert!(now.velocity[j].abs() <= most_v * (1.0 + 1e-5), "velocity {} {most_v}", now.velocity[j]);
                 prop_assert!(now.acceleration[j].abs() <= most_a * (1.0 + 1e-5), "{} {most_a}", now.acceleration[j]);
                 let jerk = (now.acceleration[j] - previous.acceleration[j]).abs() / h;
-                prop_assert!(jerk <= most_j * (1.0 + 1e-5) + 1e-6 / h, "jerk {jerk} {most_j} at {}", h * k as f64);
+                prop_assert!(jerk <= most_j * (1.0 + 1e-5) + 1e-5 / h, "jerk {jerk} {most_j} at {}", h * k as f64);
                 let slope = (now.position[j] - previous.position[j]) / h;
                 let between = 0.5 * (now.velocity[j] + previous.velocity[j]);
                 prop_assert!((slope - between).abs() <= most_j * h * h + 1e-7, "{slope} {between}");
