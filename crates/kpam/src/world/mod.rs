@@ -37,7 +37,7 @@ const EXACT: f64 = f64::INFINITY;
 pub(crate) const TOUCH: f64 = 1e-4;
 
 /// Where it is a guess how far the object's joint moves, overlaps of what it moves up to this (m) prove nothing.
-const GUESSED: f64 = 0.01;
+const GUESSED: f64 = 0.03;
 
 /// An overlap that breaks the rules, or a distance for a report.
 #[derive(Debug, Clone)]
