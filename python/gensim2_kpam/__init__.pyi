@@ -149,7 +149,8 @@ class KeypointProblem:
             margin: clearance wished for on the free approach, m (0.005).
             avoid_collisions: True; False only reports them. allow_partial: False; True takes the longest part of the
                 motion after the actuation pose, with status "partial".
-            finger_width: value of the finger joints while planning, m; default as in q_start.
+            finger_width: value of the finger joints (those below the hand) while planning, m or rad, within their limits;
+                mimic joints among them follow; default as in q_start.
             seeds, candidates, harvest, samples: budgets (starts, poses tried, further starts, tree growths).
             contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
                 keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end".

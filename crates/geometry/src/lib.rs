@@ -23,6 +23,7 @@ mod collision;
 mod convex;
 mod error;
 mod mesh;
+mod mimic;
 mod pose;
 mod robot;
 mod urdf;

@@ -14,10 +14,11 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// A joint that follows another: `value = multiplier * source + offset`.
+/// A joint that follows another: `value = multiplier * source + offset`. The source follows none: what a URDF writes as
+/// a mimic of a mimic is composed when it is read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mimic {
-    /// Index of the source in the joint vector.
+    /// Index of the source in the joint vector; it has no mimic itself.
     pub source: usize,
     /// Factor.
     pub multiplier: f64,
@@ -144,12 +145,23 @@ impl Robot {
             }
         }
         if and_overlapping {
-            let middle: Vec<f64> = self.joints.iter().map(middle_of_range).collect();
+            let mut middle: Vec<f64> = (0..self.joints.len()).map(|j| self.middle_of_range(j)).collect();
+            self.apply_mimic(&mut middle);
             let overlapping = crate::collision::overlapping_pairs(self, &middle);
             self.allowed.extend(overlapping);
         }
         self.allowed.sort_unstable();
         self.allowed.dedup();
+    }
+
+    /// Middle of an independent joint's range; the value nearest to zero where an end is open.
+    fn middle_of_range(&self, j: usize) -> f64 {
+        let joint = &self.joints[j];
+        let (lower, upper) = match self.range(j) {
+            (lower, upper) if lower <= upper => (lower, upper),
+            _ => (joint.lower, joint.upper),
+        };
+        if lower.is_finite() && upper.is_finite() { 0.5 * (lower + upper) } else { 0.0_f64.max(lower).min(upper) }
     }
 
     /// Name in the URDF.
@@ -200,16 +212,33 @@ impl Robot {
         self.links.iter().position(|l| l.name == name)
     }
 
-    /// Joint value of a mimic joint set from its source; all others untouched.
-    pub fn apply_mimic(&self, q: &mut [f64], moved: &[usize]) {
+    /// The independent joint that moves joint `j`, with factor and summand: `value = factor * source + offset`.
+    #[must_use]
+    pub fn drive(&self, j: usize) -> Mimic {
+        self.joints[j].mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 })
+    }
+
+    /// Sets mimic joints to what their sources make of them; entries of independent joints stay.
+    pub fn apply_mimic(&self, q: &mut [f64]) {
         for (i, joint) in self.joints.iter().enumerate() {
-            if let Some(m) = joint.mimic
-                && moved.contains(&m.source)
-                && !moved.contains(&i)
-            {
+            if let Some(m) = joint.mimic {
                 q[i] = m.multiplier * q[m.source] + m.offset;
             }
         }
+    }
+
+    /// Range (rad or m) in which an independent joint keeps its own limits and those of all joints that follow it. It
+    /// is empty (lower above upper) where they contradict each other.
+    #[must_use]
+    pub fn range(&self, source: usize) -> (f64, f64) {
+        let (mut lower, mut upper) = (self.joints[source].lower, self.joints[source].upper);
+        for joint in &self.joints {
+            let Some(m) = joint.mimic.filter(|m| m.source == source && m.multiplier != 0.0) else { continue };
+            let ends = [joint.lower, joint.upper].map(|limit| (limit - m.offset) / m.multiplier);
+            lower = lower.max(ends[0].min(ends[1]));
+            upper = upper.min(ends[0].max(ends[1]));
+        }
+        (lower, upper)
     }
 
     /// Pose of every link in the base frame, written into `out`; `q` has one entry a joint.
@@ -242,10 +271,6 @@ impl Robot {
         self.chain_to(link).forward(q, &mut frames);
         frames.tip
     }
-}
-
-fn middle_of_range(joint: &Joint) -> f64 {
-    if joint.lower.is_finite() && joint.upper.is_finite() { 0.5 * (joint.lower + joint.upper) } else { 0.0 }
 }
 
 /// One moving joint of a chain, with the fixed transforms before it folded in.

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use crate::robot::{Joint, JointKind, Link, Mimic};
-use crate::{Convex, Pose, Robot, UrdfError, mesh, pose_from_xyz_rpy, xml};
+use crate::{Convex, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
@@ -76,6 +76,11 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
             joints.push(built);
         }
     }
+    let mut names: Vec<&str> = model.joints.iter().map(|j| j.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(fail(&format!("joint {}", pair[0]), "stands twice; names are unique".to_owned()));
+    }
     for (j, joint) in model.joints.iter().enumerate() {
         if let (Some(at), Some(mimic)) = (slot[j], &joint.mimic) {
             let field = format!("joint {}: mimic", joint.name);
@@ -91,6 +96,7 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
             joints[at].mimic = Some(Mimic { source, multiplier, offset });
         }
     }
+    mimic::compose(&mut joints, file)?;
 
     let folder = Path::new(file).parent().map(Path::to_path_buf).unwrap_or_default();
     let mut links = Vec::with_capacity(order.len());
@@ -113,14 +119,13 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
         }
         links.push(Link { name: link.name.clone(), parent, origin, joint: joint.and_then(|j| slot[j]), shapes });
     }
-    let hand_index = links
-        .iter()
-        .position(|l| l.name == hand)
-        .ok_or_else(|| fail("hand_link", format!("{hand:?} is not a link below the base; links: {}", names(&links))))?;
+    let hand_index = links.iter().position(|l| l.name == hand).ok_or_else(|| {
+        fail("hand_link", format!("{hand:?} is not a link below the base; links: {}", listed(&links)))
+    })?;
     Ok(Robot::assemble(model.name.clone(), links, joints, hand_index))
 }
 
-fn names(links: &[Link]) -> String {
+fn listed(links: &[Link]) -> String {
     let mut all: Vec<&str> = links.iter().map(|l| l.name.as_str()).collect();
     let more = all.len().saturating_sub(30);
     all.truncate(30);

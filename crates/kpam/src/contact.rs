@@ -70,7 +70,7 @@ impl<'p> Judge<'p> {
         let robot: &Robot = &problem.robot;
         let links = robot.links();
         let carrier: Vec<usize> =
-            model.indices.iter().map(|j| links.iter().position(|l| l.joint == Some(*j)).unwrap_or(0)).collect();
+            model.map().indices().iter().map(|j| links.iter().position(|l| l.joint == Some(*j)).unwrap_or(0)).collect();
         let below = |mut link: usize, top: usize| loop {
             if link == top {
                 return true;
@@ -116,7 +116,7 @@ impl<'p> Judge<'p> {
     }
 
     fn measure_start(&mut self) {
-        let start = self.model.pick(&self.model.rest);
+        let start = self.model.start();
         self.place(&start);
         let mut body_overlaps = Vec::new();
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -172,7 +172,7 @@ impl<'p> Judge<'p> {
     }
 
     fn place(&mut self, x: &Row) {
-        self.model.fill(&self.problem.robot, x, &mut self.q);
+        self.model.map().positions(x, &mut self.q);
         self.shapes.place(&self.problem.robot, &self.q, &mut self.scratch);
     }
 
@@ -283,7 +283,7 @@ impl<'p> Judge<'p> {
         bubble.levers.resize(links.len(), [0.0; MOST_JOINTS]);
         let poses = self.shapes.poses(&self.scratch);
         for v in 0..n {
-            let joint = &self.problem.robot.joints()[self.model.indices[v]];
+            let joint = &self.problem.robot.joints()[self.model.map().indices()[v]];
             let frame = &poses[self.carrier[v]];
             let axis = frame.rotation * joint.axis;
             for l in 0..links.len() {

@@ -22,13 +22,14 @@ impl Limits {
         let o = &problem.options;
         let seven = model.n() == 7;
         let mut out = Self { velocity: [1.0; MOST_JOINTS], acceleration: [1.0; MOST_JOINTS], jerk: [1.0; MOST_JOINTS] };
-        for (v, j) in model.indices.iter().enumerate() {
-            let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| l[*j]);
-            let velocity = given(&o.velocity_limits).unwrap_or(problem.robot.joints()[*j].velocity);
-            let acceleration =
-                given(&o.acceleration_limits).unwrap_or(if seven { FRANKA_ACCELERATION[v] } else { 10.0 });
-            let jerk = given(&o.jerk_limits).unwrap_or(if seven { FRANKA_JERK[v] } else { 5000.0 });
-            out.velocity[v] = o.velocity_scale * velocity;
+        // Limits of mimic joints bind the variables that drive them.
+        let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
+        let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
+        let (acceleration, jerk) = (given(&o.acceleration_limits), given(&o.jerk_limits));
+        for v in 0..model.n() {
+            let acceleration = acceleration.map_or(if seven { FRANKA_ACCELERATION[v] } else { 10.0 }, |row| row[v]);
+            let jerk = jerk.map_or(if seven { FRANKA_JERK[v] } else { 5000.0 }, |row| row[v]);
+            out.velocity[v] = o.velocity_scale * velocity[v];
             out.acceleration[v] = o.acceleration_scale * acceleration;
             out.jerk[v] = o.acceleration_scale * jerk;
         }

@@ -5,13 +5,16 @@
 //! solved and what was not. Metres, radians, seconds; poses are in the robot base frame.
 
 mod actuation;
+mod cancel;
 mod collision_check;
 pub mod config;
 mod contact;
 mod curve;
 mod error;
+mod fingers;
 mod free_space;
 mod hand_path;
+mod joint_map;
 mod ldl;
 mod margins;
 pub mod model;
@@ -22,6 +25,7 @@ mod problem;
 pub mod qp;
 mod trajectory;
 
+pub use cancel::Cancel;
 pub use collision_check::CollisionCheck;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};

@@ -78,7 +78,8 @@ pub struct Options {
     pub margin: f64,
     /// Take the longest part of the motion where the whole is out of reach or blocked after the actuation pose.
     pub allow_partial: bool,
-    /// Value of every finger joint during the motion (m); by default as in `q_start`.
+    /// Value of the finger joints (those below the hand) during the motion (m or rad), within their limits; mimic joints
+    /// among them follow. By default as in `q_start`.
     pub finger_width: Option<f64>,
     /// Most actuation poses that are tried for the whole motion.
     pub candidates: usize,

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Constraint, Frame, TargetAxis};
+use crate::fingers::resting_joints;
 use crate::model::Model;
 use crate::{Options, ProblemError, SolverConfig};
 
@@ -100,6 +101,9 @@ pub struct KeypointProblem {
 /// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
 const FARTHEST: f64 = 1e3;
 
+/// Simulators rest a hair outside joint limits, and mimic joints beside where they should (rad or m).
+const SLACK: f64 = 0.01;
+
 /// Fastest joint that a motion may start with (rad/s or m/s).
 const FASTEST: f64 = 100.0;
 
@@ -152,8 +156,6 @@ impl KeypointProblem {
             return fail("q_start", message);
         }
         for (i, (q, joint)) in self.q_start.iter().zip(joints).enumerate() {
-            // Simulators rest a hair outside their limits.
-            const SLACK: f64 = 0.01;
             if !q.is_finite() {
                 return fail(&format!("q_start[{i}]"), format!("{q} is not finite"));
             }
@@ -162,9 +164,8 @@ impl KeypointProblem {
                 return fail(&format!("q_start[{i}]"), message);
             }
         }
-        if Model::new(&self.robot, &self.q_start).is_none() {
-            return fail("robot", "needs 1 to 12 independent joints between base and hand".to_owned());
-        }
+        let model = Model::new(&self.robot, &self.q_start)?;
+        self.check_mimics(&model)?;
         for (field, map) in [("tool_keypoints", &self.tool_keypoints), ("object_keypoints", &self.object_keypoints)] {
             for (name, p) in map {
                 place(&format!("{field}[{name:?}]"), p)?;
@@ -193,6 +194,21 @@ impl KeypointProblem {
         self.check_options()?;
         self.check_motions()?;
         self.resolve().map(|_| ())
+    }
+
+    /// Mimic joints that planning moves stand where their sources take them.
+    fn check_mimics(&self, model: &Model) -> Result<(), ProblemError> {
+        let mut q = Vec::new();
+        model.map().positions(&model.start(), &mut q);
+        for (i, (given, follows)) in self.q_start.iter().zip(&q).enumerate() {
+            if (given - follows).abs() > SLACK {
+                let joints = self.robot.joints();
+                let (name, source) = (&joints[i].name, &joints[self.robot.drive(i).source].name);
+                let message = format!("{given} is not where {name} stands as it follows {source}: {follows}");
+                return Err(ProblemError::new(format!("q_start[{i}]"), message));
+            }
+        }
+        Ok(())
     }
 
     fn check_options(&self) -> Result<(), ProblemError> {
@@ -238,11 +254,7 @@ impl KeypointProblem {
         {
             return fail("start_velocity", format!("needs {n} numbers within {FASTEST} per second, one a joint"));
         }
-        if let Some(w) = o.finger_width
-            && (w.is_nan() || w.abs() > 1.0)
-        {
-            return fail("finger_width", format!("must lie within 1 m, not {w}"));
-        }
+        resting_joints(self)?;
         for (i, window) in o.contacts.iter().flatten().enumerate() {
             if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {
                 return fail(&format!("contacts[{i}].links"), format!("{name:?} is not a link"));

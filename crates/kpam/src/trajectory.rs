@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::curve::{Curve, Limits};
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::{JointMap, MOST_JOINTS, Row};
 
 /// The time law s(t) on 0..1 with its first three derivatives: rest to rest, smooth in acceleration.
 fn quintic(t: f64) -> [f64; 4] {
@@ -57,10 +57,7 @@ struct Segment {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trajectory {
     segments: Vec<Segment>,
-    /// Place of the moving joints in the full vector.
-    indices: Vec<usize>,
-    /// Full joint vector that holds what does not move.
-    rest: Vec<f64>,
+    joints: JointMap,
     times: Vec<f64>,
 }
 
@@ -168,15 +165,15 @@ impl Builder {
         Ok(())
     }
 
-    /// The trajectory of the moving joints at `indices` in `rest`.
-    pub fn build(self, indices: &[usize], rest: &[f64]) -> Trajectory {
+    /// The trajectory of all joints that the variables drive.
+    pub fn build(self, joints: &JointMap) -> Trajectory {
         let mut times = Vec::new();
         for s in &self.segments {
             let steps = ((s.duration / WAYPOINT_STEP).ceil() as usize).max(1);
             times.extend((0..steps).map(|k| s.start + s.duration * k as f64 / steps as f64));
         }
         times.push(self.now);
-        Trajectory { segments: self.segments, indices: indices.to_vec(), rest: rest.to_vec(), times }
+        Trajectory { segments: self.segments, joints: joints.clone(), times }
     }
 }
 
@@ -202,9 +199,18 @@ impl Trajectory {
     /// Position, velocity and acceleration of all joints at time `t` (s); before the start and after the end it rests.
     #[must_use]
     pub fn sample(&self, t: f64) -> Sample {
-        let joints = self.rest.len();
-        let mut out =
-            Sample { position: self.rest.clone(), velocity: vec![0.0; joints], acceleration: vec![0.0; joints] };
+        let [position, velocity, acceleration] = self.moving_with_rates(t);
+        let mut out = Sample { position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
+        self.joints.positions(&position, &mut out.position);
+        self.joints.rates(&velocity, &mut out.velocity);
+        self.joints.rates(&acceleration, &mut out.acceleration);
+        out
+    }
+
+    /// The variables at a time, with their velocities and accelerations.
+    fn moving_with_rates(&self, t: f64) -> [Row; 3] {
+        let mut out = [self.joints.pick(self.joints.rest()), [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
+        let n = self.joints.indices().len();
         let at = self.segments.partition_point(|s| s.start <= t).saturating_sub(1);
         let Some(segment) = self.segments.get(at) else { return out };
         let duration = segment.duration;
@@ -213,21 +219,21 @@ impl Trajectory {
             Law::Move(curve) => {
                 let [s, s1, s2, _] = quintic(local);
                 let place = curve.place(curve.interval(s), s);
-                for (v, j) in self.indices.iter().enumerate() {
+                for v in 0..n {
                     let [q, q1, q2, _] = curve.joint(v, &place);
-                    out.position[*j] = q;
-                    out.velocity[*j] = q1 * s1 / duration;
-                    out.acceleration[*j] = (q2 * s1 * s1 + q1 * s2) / (duration * duration);
+                    out[0][v] = q;
+                    out[1][v] = q1 * s1 / duration;
+                    out[2][v] = (q2 * s1 * s1 + q1 * s2) / (duration * duration);
                 }
             }
             Law::Brake { position, velocity } => {
                 let [s, s1, _, _] = quintic(local);
                 let t = local;
                 let gone = t - (2.5 * t.powi(4) - 3.0 * t.powi(5) + t.powi(6));
-                for (v, j) in self.indices.iter().enumerate() {
-                    out.position[*j] = position[v] + velocity[v] * duration * gone;
-                    out.velocity[*j] = velocity[v] * (1.0 - s);
-                    out.acceleration[*j] = -velocity[v] * s1 / duration;
+                for v in 0..n {
+                    out[0][v] = position[v] + velocity[v] * duration * gone;
+                    out[1][v] = velocity[v] * (1.0 - s);
+                    out[2][v] = -velocity[v] * s1 / duration;
                 }
             }
         }
@@ -242,12 +248,7 @@ impl Trajectory {
 
     /// The moving joints at a time, for checks.
     pub(crate) fn moving(&self, t: f64) -> Row {
-        let q = self.sample(t).position;
-        let mut x = [0.0; MOST_JOINTS];
-        for (v, j) in self.indices.iter().enumerate() {
-            x[v] = q[*j];
-        }
-        x
+        self.moving_with_rates(t)[0]
     }
 }
 
@@ -258,6 +259,21 @@ mod tests {
 
     fn limits() -> Limits {
         Limits { velocity: [1.0; MOST_JOINTS], acceleration: [2.0; MOST_JOINTS], jerk: [20.0; MOST_JOINTS] }
+    }
+
+    /// Three sliding joints of which the outer two move a hand.
+    fn slider() -> JointMap {
+        let joint = |i: usize, parent: &str, link: &str| {
+            format!(
+                r#"<joint name="j{i}" type="prismatic"><parent link="{parent}"/><child link="{link}"/><axis xyz="1 0 0"/>
+                <limit lower="-9" upper="9" effort="1" velocity="1"/></joint>"#
+            )
+        };
+        let joints = [joint(0, "base", "a"), joint(1, "base", "b"), joint(2, "a", "hand")].concat();
+        let links = ["base", "a", "b", "hand"].map(|name| format!(r#"<link name="{name}"/>"#)).concat();
+        let text = format!(r#"<robot name="slider">{links}{joints}</robot>"#);
+        let robot = gensim2_geometry::Robot::from_urdf_str(&text, "slider.urdf", None, "hand", None).unwrap();
+        crate::model::Model::new(&robot, &[0.0, 7.0, 0.0]).unwrap().map().clone()
     }
 
     fn row(a: f64, b: f64) -> Row {
@@ -279,7 +295,7 @@ mod tests {
             let mut way: Vec<Row> = vec![rest];
             way.extend(points.iter().skip(1).map(|(a, b)| row(*a, *b)));
             prop_assert!(builder.push(&way, None).is_ok());
-            let trajectory = builder.build(&[0, 2], &[0.0, 7.0, 0.0]);
+            let trajectory = builder.build(&slider());
             prop_assert!((trajectory.sample(0.0).velocity[0] - v0).abs() < 1e-12);
             let end = trajectory.sample(trajectory.end()).position;
             let last = points[points.len() - 1];

@@ -194,7 +194,7 @@ impl ActuationSearch<'_> {
         let hand = placed.hand;
         let mut g = [0.0; MOST_JOINTS];
         for v in 0..self.model.n() {
-            g[v] = 2.0 * joint_weight(self.model.indices[v]) * (x[v] - self.start[v]);
+            g[v] = 2.0 * joint_weight(self.model.map().indices()[v]) * (x[v] - self.start[v]);
         }
         let mut add = |row: &Row, factor: f64| g.iter_mut().zip(row).for_each(|(a, b)| *a += factor * b);
         let way = hand.translation.vector - self.start_hand.translation.vector;
@@ -221,7 +221,7 @@ impl ActuationSearch<'_> {
         let origin = hand.translation.vector;
         let mut h = [[0.0; MOST_JOINTS]; MOST_JOINTS];
         for v in 0..n {
-            h[v][v] = 2.0 * joint_weight(self.model.indices[v]);
+            h[v][v] = 2.0 * joint_weight(self.model.map().indices()[v]);
         }
         let mut add = |row: &Row, factor: f64| {
             for i in 0..n {

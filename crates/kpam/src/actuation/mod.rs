@@ -68,7 +68,7 @@ pub(crate) struct ActuationSearch<'p> {
 
 impl<'p> ActuationSearch<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
-        let start = model.pick(&model.rest);
+        let start = model.start();
         let mut search = Self {
             problem,
             model,
@@ -178,8 +178,9 @@ impl<'p> ActuationSearch<'p> {
     /// own cost terms.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
-        let joints: f64 =
-            (0..self.model.n()).map(|v| joint_weight(self.model.indices[v]) * (x[v] - self.start[v]).powi(2)).sum();
+        let joints: f64 = (0..self.model.n())
+            .map(|v| joint_weight(self.model.map().indices()[v]) * (x[v] - self.start[v]).powi(2))
+            .sum();
         let hand = &self.placed.hand;
         let way = (hand.translation.vector - self.start_hand.translation.vector).norm_squared();
         let turn = 0.5 * (3.0 - (self.start_hand.rotation.matrix().transpose() * hand.rotation.matrix()).trace());

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::actuation::ActuationSearch;
 use crate::contact::{Clearances, Judge};
+use crate::fingers::resting_joints;
 use crate::model::Model;
 use crate::{KeypointProblem, Trajectory};
 use planner::Planner;
@@ -28,6 +29,10 @@ pub enum Status {
     Collision,
     /// The clock asks for more than the joints' limits give.
     TooFast,
+    /// The search for a free motion spent its samples and found none; there may be one.
+    NotFound,
+    /// The caller cancelled it.
+    Cancelled,
 }
 
 impl Status {
@@ -41,6 +46,8 @@ impl Status {
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::TooFast => "too_fast",
+            Self::NotFound => "not_found",
+            Self::Cancelled => "cancelled",
         }
     }
 }
@@ -145,11 +152,10 @@ pub fn plan(problem: &KeypointProblem) -> Plan {
 pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     let mut times = StageTimes::default();
     let clock = cpu_time::ThreadTime::now();
-    let rest = resting_joints(problem);
-    let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
-        (Some(model), Ok(resolved)) => (model, resolved),
-        (None, _) => return (refused("the robot has no joints to plan for".to_owned()), times),
-        (_, Err(e)) => return (refused(e.to_string()), times),
+    let model = resting_joints(problem).and_then(|rest| Model::new(&problem.robot, &rest));
+    let (model, resolved) = match (model, problem.resolve()) {
+        (Ok(model), Ok(resolved)) => (model, resolved),
+        (Err(e), _) | (_, Err(e)) => return (refused(e.to_string()), times),
     };
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let found = search.run(problem.options.seeds);
@@ -174,28 +180,6 @@ pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Resu
         .build()
         .map_err(|e| format!("cannot start threads: {e}"))?;
     Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
-}
-
-/// Joint values while planning: the start, with fingers at the width asked for.
-fn resting_joints(problem: &KeypointProblem) -> Vec<f64> {
-    let mut rest = problem.q_start.clone();
-    if let Some(width) = problem.options.finger_width {
-        let robot = &problem.robot;
-        for (l, link) in robot.links().iter().enumerate() {
-            let mut above = Some(l);
-            while let Some(a) = above
-                && a != robot.hand()
-            {
-                above = robot.links()[a].parent;
-            }
-            if let (Some(j), Some(_)) = (link.joint, above)
-                && l != robot.hand()
-            {
-                rest[j] = width;
-            }
-        }
-    }
-    rest
 }
 
 fn refused(reason: String) -> Plan {
@@ -224,7 +208,7 @@ fn refused(reason: String) -> Plan {
 #[must_use]
 pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
     let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem))?;
+    let model = Model::new(&problem.robot, &resting_joints(problem).ok()?).ok()?;
     let mut judge = Judge::new(problem, &model);
     let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
     let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();

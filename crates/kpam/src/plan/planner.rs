@@ -82,7 +82,7 @@ impl<'p> Planner<'p> {
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {
         let mut q = Vec::new();
-        self.model.fill(&self.problem.robot, x, &mut q);
+        self.model.map().positions(x, &mut q);
         q
     }
 
@@ -159,7 +159,7 @@ impl<'p> Planner<'p> {
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
         let n = self.model.n();
         let start = self.start_after_brake();
-        let near = self.model.pick(&self.model.rest);
+        let near = self.model.start();
         let braking = self.judge.sweep(&near, &start, 1, &Margins::plain(0.0));
         let straight = |hit| Ok((vec![vec![start, *goal]], Some(hit)));
         if let Some(hit) = braking {
@@ -234,7 +234,7 @@ impl<'p> Planner<'p> {
 
     fn start_after_brake(&self) -> Row {
         let mut builder = Builder::new(self.model.n(), self.limits, 0.0);
-        builder.brake(&self.model.pick(&self.model.rest), &self.start_velocity())
+        builder.brake(&self.model.start(), &self.start_velocity())
     }
 
     /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
@@ -242,7 +242,7 @@ impl<'p> Planner<'p> {
         let count = attempt.motions.keyframes.len();
         let mut times = vec![None; count];
         let mut builder = Builder::new(self.model.n(), self.limits, self.problem.options.start_time);
-        builder.brake(&self.model.pick(&self.model.rest), &self.start_velocity());
+        builder.brake(&self.model.start(), &self.start_velocity());
         let due = |keyframe: usize| self.clock.as_ref().map(|c| c[keyframe]);
         let late = |keyframe: usize, builder: &Builder, needed: f64| {
             let allowed = due(keyframe).map_or(0.0, |d| d - builder.now());
@@ -273,7 +273,7 @@ impl<'p> Planner<'p> {
                 times[i + 1] = Some(builder.now());
             }
         }
-        Ok((builder.build(&self.model.indices, &self.model.rest), times))
+        Ok((builder.build(self.model.map()), times))
     }
 
     pub(super) fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
