@@ -76,7 +76,9 @@ class Verdict:
 
 def answer_of(plan: Any) -> Answer:
     """The emitted plan as plain values."""
-    frames = [(each["label"], each["time"], np.asarray(each["T_base_hand"]), each["reached"]) for each in plan.keyframes]
+    frames = [
+        (each["label"], each["time"], np.asarray(each["T_base_hand"]), each["reached"]) for each in plan.keyframes
+    ]
     return Answer(frames, plan.trajectory, plan.status == "solved")
 
 
@@ -116,9 +118,9 @@ def limit_errors(question: Question, q: Array) -> list[str]:
     What lies outside its limits at the start may come back in.
     """
     arm = question.arm
-    over = np.maximum(
-        np.minimum(arm.lower, question.q_start) - q, q - np.maximum(arm.upper, question.q_start)
-    ).max(axis=0)
+    over = np.maximum(np.minimum(arm.lower, question.q_start) - q, q - np.maximum(arm.upper, question.q_start)).max(
+        axis=0
+    )
     errors = [f"{name} leaves its limits by {over[j]:.5f}" for j, name in named(question, over > ROUNDING)]
     stray = np.abs(arm.coupled(q) - q).max(axis=0)
     return errors + [f"{name} strays {stray[j]:.5f} from its source" for j, name in named(question, stray > ROUNDING)]
@@ -149,21 +151,29 @@ def rate_errors(question: Question, answer: Answer, times: Array, q: Array) -> l
     velocity, acceleration = differences[0], differences[1]
     near = 0.5 * question.acceleration * step + 1e-6
     off = np.abs(velocity[0] - question.start_velocity)
-    errors += [f"{joint} starts at {velocity[0][j]:.5g}, not {question.start_velocity[j]:.5g} per s"
-               for j, joint in named(question, off > near)]
+    errors += [
+        f"{joint} starts at {velocity[0][j]:.5g}, not {question.start_velocity[j]:.5g} per s"
+        for j, joint in named(question, off > near)
+    ]
     noise = 4e-15 * scale / step**2
     off = np.abs(acceleration[0] - question.start_acceleration)
-    errors += [f"{joint} starts at acceleration {acceleration[0][j]:.5g}, not {question.start_acceleration[j]:.5g}"
-               for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)]
+    errors += [
+        f"{joint} starts at acceleration {acceleration[0][j]:.5g}, not {question.start_acceleration[j]:.5g}"
+        for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)
+    ]
     errors += [f"{joint} ends at {velocity[-1][j]:.5g} per s" for j, joint in named(question, abs(velocity[-1]) > near)]
     off = np.abs(acceleration[-1])
-    errors += [f"{joint} ends at acceleration {acceleration[-1][j]:.5g}"
-               for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)]
+    errors += [
+        f"{joint} ends at acceleration {acceleration[-1][j]:.5g}"
+        for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)
+    ]
     acts = [time for label, time, _, reached in answer.keyframes if label == "actuation" and reached]
     if question.grasps and acts and acts[0] is not None:
         speed = np.abs(answer.motion.sample(acts[0])[1])
-        errors += [f"{joint} moves at {speed[j]:.5g} per s where the gripper acts"
-                   for j, joint in named(question, speed > 1e-6)]
+        errors += [
+            f"{joint} moves at {speed[j]:.5g} per s where the gripper acts"
+            for j, joint in named(question, speed > 1e-6)
+        ]
     return errors
 
 

@@ -14,7 +14,7 @@ import pytest
 from gensim2.bench import bench_solver
 
 pytest.importorskip("mani_skill")
-pytestmark = pytest.mark.usefixtures("peers_path")
+pytestmark = pytest.mark.usefixtures("peers")
 
 Spoil = Callable[[dict[str, Any], dict[str, Any]], None]
 

@@ -107,7 +107,7 @@ def test_rigid_objects(
     assert scene_of(problem, assets).obstacles[-1].role == role
 
 
-@pytest.mark.usefixtures("peers_path")
+@pytest.mark.usefixtures("peers")
 def test_agrees_with_pinocchio_and_trimesh(problem: dict[str, Any], assets: Path) -> None:
     import peers
 

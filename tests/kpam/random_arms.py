@@ -132,9 +132,7 @@ def add_hand(
         shapes["tool0"] = ""
         joints.append(_Joint("flange", "fixed", parent, "tool0", at, draw.uniform(-1, 1, 3), zero, 0, 0, 0))
         return "tool0", draw.choice([0.0, 1.0]) * np.array([0.0, 0.0, 0.05])
-    shapes["palm"] = (
-        '<collision><origin xyz="0 0 0.03"/><geometry><box size="0.08 0.04 0.04"/></geometry></collision>'
-    )
+    shapes["palm"] = '<collision><origin xyz="0 0 0.03"/><geometry><box size="0.08 0.04 0.04"/></geometry></collision>'
     joints.append(_Joint("wrist", "fixed", parent, "palm", at, zero, zero, 0, 0, 0))
     if style == "palm":
         return "palm", np.array([0.0, 0.0, 0.055])
@@ -143,8 +141,17 @@ def add_hand(
         shapes[f"finger{index}_link"] = finger
         joints.append(
             _Joint(
-                f"finger{index}", "prismatic", "palm", f"finger{index}_link", np.array([side * 0.01, 0.0, 0.06]),
-                zero, np.array([side, 0.0, 0.0]), 0.0, 0.03, 0.1, mimic,
+                f"finger{index}",
+                "prismatic",
+                "palm",
+                f"finger{index}_link",
+                np.array([side * 0.01, 0.0, 0.06]),
+                zero,
+                np.array([side, 0.0, 0.0]),
+                0.0,
+                0.03,
+                0.1,
+                mimic,
             )
         )
     return "palm", np.array([0.0, 0.0, 0.1])

@@ -11,11 +11,12 @@ import numpy as np
 from contacts import Obstacle
 from mechanism import Mechanism
 from parts import Part, part, shape_distance, transform
-from random_arms import RandomArm, random_arm
 from recheck import Question
 
 import gensim2_kpam as kpam
 from gensim2 import seeding
+
+from .random_arms import RandomArm, random_arm
 
 Array = np.ndarray
 ACCELERATION, JERK = 8.0, 300.0
@@ -179,7 +180,18 @@ def random_problem(number: int) -> RandomProblem:
     things += scene(draw, mechanism, q_start, q_goal)
     velocity = start_velocity(draw, mechanism, q_start)
     return RandomProblem(
-        number, arm, mechanism, config, q_start, q_goal, {"goal": point}, T_base_object, joint, things, velocity, options
+        number,
+        arm,
+        mechanism,
+        config,
+        q_start,
+        q_goal,
+        {"goal": point},
+        T_base_object,
+        joint,
+        things,
+        velocity,
+        options,
     )
 
 
@@ -227,8 +239,7 @@ def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bo
         )
 
     return all(
-        apart(mechanism.parts[one], placed[one], mechanism.parts[two], placed[two])
-        for one, two in mechanism.self_pairs
+        apart(mechanism.parts[one], placed[one], mechanism.parts[two], placed[two]) for one, two in mechanism.self_pairs
     ) and all(
         apart(mechanism.parts[name], placed[name], [thing.solid.theirs()], thing.pose)
         for thing in things
