@@ -58,7 +58,7 @@ def our_problem(q_start: Array, sets: list[Array]) -> kpam.KeypointProblem:
     urdf, srdf = panda_files()
     shapes = [kpam.Shape.convex_hull(points) for points in sets]
     return kpam.KeypointProblem(
-        kpam.Robot.from_urdf(str(urdf), srdf=str(srdf)),
+        kpam.Robot.from_urdf(urdf, hand_link="panda_hand", srdf=srdf),
         kpam.SolverConfig(CONFIG),
         q_start,
         tool_keypoints={"tool_head": np.array([0.0, 0.0, 0.105])},

@@ -1,5 +1,6 @@
 """Keypoint solver: constraints in, joint motion out. Metres, radians, seconds; poses are (4, 4) row-major float64."""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -8,11 +9,17 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.ArrayLike
+File = str | os.PathLike[str]
 
 __version__: str
 
 class KpamError(Exception):
-    """Base class. Its subclasses name the file or field and the remedy."""
+    """Base class. Its subclasses name the file or field and the remedy, in their text and as attributes."""
+
+    file: str | None
+    """The file at fault, where there is one."""
+    field: str | None
+    """Path of the field at fault, e.g. ``constraint_list[2].tolerance`` or ``options.margin``."""
 
 class UrdfError(KpamError):
     """A robot description that cannot be used: file, field, remedy."""
@@ -27,11 +34,11 @@ class Robot:
     """A URDF arm. Pickles."""
 
     @staticmethod
-    def from_urdf(
-        path: str, *, srdf: str | None = None, hand_link: str = "panda_hand", base_link: str | None = None
-    ) -> Robot:
+    def from_urdf(path: File, *, hand_link: str, srdf: File | None = None, base_link: str | None = None) -> Robot:
         """Reads a URDF and its collision meshes (relative paths; ``package://`` is stripped).
 
+        ``hand_link`` carries the tool: the joints between ``base_link`` (default: the only link without a parent) and
+        it are planned, poses and tool keypoints are in its frame, moving joints below it are fingers.
         ``srdf`` disables pairs of links; without one, neighbours and links that overlap at the middle of all joint
         ranges are not judged. Raises UrdfError.
         """
@@ -140,18 +147,22 @@ class KeypointProblem:
         ``options`` (unknown keys raise ProblemError); n is the number of the robot's joints:
             timing: "limits" (as fast as the limits allow) or "config" (the config's clock; the default where the
                 config sets a time). start_time: of the first waypoint on that clock, s.
-            velocity_scale, acceleration_scale: fractions of the limits, 0.5 each; the second scales jerk too.
-            velocity_limits, acceleration_limits, jerk_limits: (n,), default the URDF's velocities and Franka's others.
+            velocity_scale, acceleration_scale: fractions of the limits, 0.001 to 1, 0.5 each; the second scales jerk.
+            velocity_limits, acceleration_limits, jerk_limits: (n,) from 0.001; default the URDF's velocities and those
+                of `limits`.
+            limits: "panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default
+                "panda" for an arm whose planned joints are named panda_joint1 to 7 (or fer_joint1 to 7), else "plain".
             start_velocity: (n,), default at rest.
             frames: "object" (list-type translations are in the hand frame) or "original" (turned by object_yaw).
             rotate_path: "arc" or "chord".
             workspace: [[x, y, z], [x, y, z]] that holds the hand's origin at the actuation pose, or None.
-            margin: clearance wished for on the free approach, m (0.005).
+            margin: clearance wished for on the free approach, 0 to 0.2 m (0.005).
             avoid_collisions: True; False only reports them. allow_partial: False; True takes the longest part of the
                 motion after the actuation pose, with status "partial".
-            finger_width: value of the finger joints (those below the hand) while planning, m or rad, within their limits;
-                mimic joints among them follow; default as in q_start.
-            seeds, candidates, harvest, samples: budgets (starts, poses tried, further starts, tree growths).
+            finger_width: value of the finger joints (those below the hand) while planning, m or rad, within their
+                limits; mimic joints among them follow; default as in q_start.
+            starts, descents, candidates, harvest, samples: budgets (start values, poses moved to their optimum, poses
+                tried, further starts, tree growths).
             contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
                 keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end".
         """
@@ -161,7 +172,7 @@ class Trajectory:
 
     @property
     def times(self) -> Array:
-        """(N,) seconds; every keyframe time is among them."""
+        """(N,) seconds, at most 0.1 s (or a 100,000th of the motion) apart; every keyframe time is among them."""
     @property
     def positions(self) -> Array:
         """(N, n) joint positions at ``times``."""
@@ -170,7 +181,7 @@ class Trajectory:
     def sample(self, t: float) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration at t, each (n,)."""
     def sample_every(self, dt: float) -> Array:
-        """(ceil(duration / dt) + 1, n) positions."""
+        """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
 class Plan:
     """What was solved, each residual, what failed. Pickles."""
@@ -222,14 +233,18 @@ class Plan:
         """Plain values, as JSON holds them."""
 
 def plan(problem: KeypointProblem) -> Plan:
-    """Plans one problem with the GIL released."""
+    """Plans one problem with the GIL released; Ctrl-C ends it."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
-    """Plans many on ``threads`` threads (default: all cores); the same results as ``plan``, in order."""
+    """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C
+    ends it."""
 
 def in_collision(problem: KeypointProblem, q: Numbers) -> bool | npt.NDArray[np.bool_]:
     """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; attached bodies
     ride on the hand; links that no joint moves and pairs that the SRDF disables are left out."""
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
-    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object"."""
+    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".
+
+    ``step`` is at least a 100,000th of the motion.
+    """

@@ -59,7 +59,7 @@ def linkage(tmp_path: Path) -> kpam.Robot:
     ]
     file = tmp_path / "linkage.urdf"
     file.write_text(f'<robot name="linkage">{links}{"".join(joints)}</robot>')
-    return kpam.Robot.from_urdf(str(file), hand_link="hand")
+    return kpam.Robot.from_urdf(file, hand_link="hand")
 
 
 # j_upper = -j_lower, j_lift = 0.2 j_lower + 0.01.

@@ -1,5 +1,7 @@
 //! The kinematic tree: poses of links, the chain to the hand, and its Jacobian.
 
+use std::path::Path;
+
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -92,16 +94,15 @@ impl Robot {
     /// # Errors
     /// An unreadable or malformed file, an unknown link, a loop, inverted limits, a zero axis, or a missing mesh.
     pub fn from_urdf(
-        path: &str,
-        srdf: Option<&str>,
+        path: impl AsRef<Path>,
+        srdf: Option<&Path>,
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
-        let mut robot = urdf::parse(&text, path, hand_link, base_link)?;
+        let path = path.as_ref();
+        let mut robot = urdf::parse(&read_text(path)?, path, hand_link, base_link)?;
         if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs(srdf, &robot.links)?;
+            robot.allowed = urdf::disabled_pairs(&read_text(srdf)?, srdf, &robot.links)?;
         }
         robot.allow_neighbours(srdf.is_none());
         Ok(robot)
@@ -113,14 +114,14 @@ impl Robot {
     /// As [`Robot::from_urdf`].
     pub fn from_urdf_str(
         text: &str,
-        file: &str,
+        file: impl AsRef<Path>,
         srdf: Option<&str>,
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let mut robot = urdf::parse(text, file, hand_link, base_link)?;
+        let mut robot = urdf::parse(text, file.as_ref(), hand_link, base_link)?;
         if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs_in(srdf, "SRDF", &robot.links)?;
+            robot.allowed = urdf::disabled_pairs(srdf, Path::new("SRDF"), &robot.links)?;
         }
         robot.allow_neighbours(srdf.is_none());
         Ok(robot)
@@ -271,6 +272,11 @@ impl Robot {
         self.chain_to(link).forward(q, &mut frames);
         frames.tip
     }
+}
+
+fn read_text(path: &Path) -> Result<String, UrdfError> {
+    std::fs::read_to_string(path)
+        .map_err(|e| UrdfError::new(&path.display().to_string(), "file", format!("cannot be read: {e}")))
 }
 
 /// One moving joint of a chain, with the fixed transforms before it folded in.

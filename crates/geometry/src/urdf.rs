@@ -13,7 +13,9 @@ const MOST_LINKS: usize = 10_000;
 /// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
 const FURTHEST: f64 = 1000.0;
 
-pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+    let file = path.display().to_string();
+    let file = file.as_str();
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
     let plain = xml::plain(&xml::parse(text, file)?);
     let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
@@ -98,7 +100,7 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
     }
     mimic::compose(&mut joints, file)?;
 
-    let folder = Path::new(file).parent().map(Path::to_path_buf).unwrap_or_default();
+    let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
     let mut links = Vec::with_capacity(order.len());
     for &l in &order {
         let link = &model.links[l];
@@ -216,13 +218,9 @@ fn resolve(filename: &str, folder: &Path) -> PathBuf {
         .unwrap_or_else(|| folder.join(inside))
 }
 
-pub(crate) fn disabled_pairs(path: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
-    disabled_pairs_in(&text, path, links)
-}
-
-pub(crate) fn disabled_pairs_in(text: &str, file: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
+pub(crate) fn disabled_pairs(text: &str, path: &Path, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
+    let file = path.display().to_string();
+    let file = file.as_str();
     let document = xml::parse(text, file)?;
     let mut pairs = Vec::new();
     for node in document.descendants().filter(|n| n.has_tag_name("disable_collisions")) {

@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::KeypointProblem;
+use crate::default_limits::default_limits;
 use crate::model::{MOST_JOINTS, Model, Row};
 
 /// Limits of every moving joint.
@@ -17,21 +18,18 @@ pub(crate) struct Limits {
 impl Limits {
     /// Those of the problem's moving joints, scaled as its options say.
     pub fn of(problem: &KeypointProblem, model: &Model) -> Self {
-        const FRANKA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
-        const FRANKA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
         let o = &problem.options;
-        let seven = model.n() == 7;
         let mut out = Self { velocity: [1.0; MOST_JOINTS], acceleration: [1.0; MOST_JOINTS], jerk: [1.0; MOST_JOINTS] };
         // Limits of mimic joints bind the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
-        let (acceleration, jerk) = (given(&o.acceleration_limits), given(&o.jerk_limits));
+        let usual = default_limits(&problem.robot, model, o);
+        let acceleration = given(&o.acceleration_limits).unwrap_or(usual.0);
+        let jerk = given(&o.jerk_limits).unwrap_or(usual.1);
         for v in 0..model.n() {
-            let acceleration = acceleration.map_or(if seven { FRANKA_ACCELERATION[v] } else { 10.0 }, |row| row[v]);
-            let jerk = jerk.map_or(if seven { FRANKA_JERK[v] } else { 5000.0 }, |row| row[v]);
             out.velocity[v] = o.velocity_scale * velocity[v];
-            out.acceleration[v] = o.acceleration_scale * acceleration;
-            out.jerk[v] = o.acceleration_scale * jerk;
+            out.acceleration[v] = o.acceleration_scale * acceleration[v];
+            out.jerk[v] = o.acceleration_scale * jerk[v];
         }
         out
     }

@@ -10,6 +10,7 @@ mod collision_check;
 pub mod config;
 mod contact;
 mod curve;
+mod default_limits;
 mod error;
 mod fingers;
 mod free_space;
@@ -23,6 +24,7 @@ pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
+mod resolve;
 mod trajectory;
 
 pub use cancel::Cancel;
@@ -31,7 +33,8 @@ pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;
 pub use plan::{
-    Collision, KeyframeReport, Plan, Residual, StageTimes, Status, min_clearance, plan, plan_batch, plan_timed,
+    Collision, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Residual, StageTimes, Status, min_clearance, plan,
+    plan_batch, plan_timed,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 pub use trajectory::{Sample, Trajectory};

@@ -72,8 +72,10 @@ pub struct Sample {
     pub acceleration: Vec<f64>,
 }
 
-/// Waypoints of a trajectory are at most this far apart (s).
+/// Waypoints of a trajectory are at most this far apart (s), or a `MOST_WAYPOINTS`th of a long motion.
 const WAYPOINT_STEP: f64 = 0.1;
+/// Beside the ends of segments there are no more waypoints than this, however slow the motion.
+const MOST_WAYPOINTS: f64 = 100_000.0;
 
 /// What a trajectory is built from.
 pub(crate) struct Builder {
@@ -168,8 +170,10 @@ impl Builder {
     /// The trajectory of all joints that the variables drive.
     pub fn build(self, joints: &JointMap) -> Trajectory {
         let mut times = Vec::new();
+        let total: f64 = self.segments.iter().map(|s| s.duration).sum();
+        let step = WAYPOINT_STEP.max(total / MOST_WAYPOINTS);
         for s in &self.segments {
-            let steps = ((s.duration / WAYPOINT_STEP).ceil() as usize).max(1);
+            let steps = ((s.duration / step).ceil() as usize).max(1);
             times.extend((0..steps).map(|k| s.start + s.duration * k as f64 / steps as f64));
         }
         times.push(self.now);

@@ -9,9 +9,11 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
 
-use crate::convert::{self, problem_error};
+use crate::KpamError;
+use crate::convert::{self, JointRows};
+use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
-use crate::{ConfigError, KpamError, ProblemError};
+use crate::interrupt::interruptible;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
@@ -21,8 +23,8 @@ pub(crate) struct PySolverConfig(SolverConfig);
 impl PySolverConfig {
     #[new]
     fn new(config: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let value = convert::json(config, "", 0)?;
-        SolverConfig::from_value(&value).map(Self).map_err(|e| ConfigError::new_err(e.to_string()))
+        let value = convert::json(config, "", 0, config_error)?;
+        SolverConfig::from_value(&value).map(Self).map_err(|e| from_config(&e))
     }
 
     /// The config as it was given.
@@ -86,8 +88,11 @@ impl PyKeypointProblem {
         let options = match options {
             None => Options::default(),
             Some(o) => {
-                let value = convert::json(o, "options", 0)?;
-                serde_json::from_value(value).map_err(|e| problem_error("options", e))?
+                let value = convert::json(o, "options", 0, problem_error)?;
+                serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
+                    "." => problem_error("options", e.inner()),
+                    path => problem_error(&format!("options.{path}"), e.inner()),
+                })?
             }
         };
         let object_axis = match object_axis {
@@ -110,7 +115,7 @@ impl PyKeypointProblem {
             bodies: bodies.iter().map(|b| b.0.clone()).collect(),
             options,
         };
-        problem.check().map_err(|e| ProblemError::new_err(e.to_string()))?;
+        problem.check().map_err(|e| from_problem(&e))?;
         Ok(Self(Arc::new(problem)))
     }
 
@@ -124,6 +129,9 @@ impl PyKeypointProblem {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &bytes),)))
     }
 }
+
+/// Most rows that a motion is sampled into.
+const MOST_ROWS: f64 = 1e6;
 
 /// Timed joint motion. Pickles.
 #[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
@@ -162,8 +170,12 @@ impl PyTrajectory {
     fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
         let (start, end) = (self.0.start(), self.0.end());
         let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < 1e7) {
-            return Err(problem_error("dt", format!("must be positive and not tiny, not {dt}")));
+        if !(dt > 0.0 && steps < MOST_ROWS) {
+            let least = (end - start) / MOST_ROWS;
+            return Err(problem_error(
+                "dt",
+                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
+            ));
         }
         let rows: Vec<Vec<f64>> =
             (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
@@ -318,16 +330,16 @@ impl PyPlan {
     }
 }
 
-/// Plans one problem. The GIL is released meanwhile.
+/// Plans one problem. The GIL is released meanwhile, and Ctrl-C ends it.
 #[pyfunction]
-pub(crate) fn plan(py: Python<'_>, problem: &Bound<'_, PyKeypointProblem>) -> PyPlan {
+pub(crate) fn plan(py: Python<'_>, problem: &Bound<'_, PyKeypointProblem>) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
-    let (plan, times) = py.detach(|| gensim2_kpam::plan_timed(&problem));
-    PyPlan(plan, times)
+    let (plan, times) = interruptible(py, |cancel| gensim2_kpam::plan_timed(&problem, cancel))?;
+    Ok(PyPlan(plan, times))
 }
 
-/// Plans many problems on `threads` threads (default: all cores), the GIL released. Results are those of `plan`, in
-/// order, whatever the number of threads.
+/// Plans many problems on `threads` threads, 1 to 256 (default: all cores), the GIL released; Ctrl-C ends it. Results
+/// are those of `plan`, in order, whatever the number of threads.
 #[pyfunction]
 #[pyo3(signature = (problems, threads = None))]
 pub(crate) fn plan_batch(
@@ -335,16 +347,14 @@ pub(crate) fn plan_batch(
     problems: Vec<PyRef<'_, PyKeypointProblem>>,
     threads: Option<usize>,
 ) -> PyResult<Vec<PyPlan>> {
-    if threads == Some(0) {
-        return Err(problem_error("threads", "must be at least 1"));
-    }
     let shared: Vec<Arc<KeypointProblem>> = problems.iter().map(|p| Arc::clone(&p.0)).collect();
     drop(problems);
-    let plans = py.detach(|| {
+    let plans = interruptible(py, |cancel| {
         let borrowed: Vec<&KeypointProblem> = shared.iter().map(AsRef::as_ref).collect();
-        gensim2_kpam::plan_batch(&borrowed, threads)
-    });
-    plans.map(|p| p.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect()).map_err(KpamError::new_err)
+        gensim2_kpam::plan_batch(&borrowed, threads, cancel)
+    })?;
+    let plans = plans.map_err(|e| from_problem(&e))?;
+    Ok(plans.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect())
 }
 
 /// Smallest signed distances (m) of the judged pairs along a plan's motion, sampled every `step` seconds: `self`,
@@ -356,13 +366,9 @@ pub(crate) fn min_clearance<'py>(
     plan: &Bound<'py, PyPlan>,
     step: f64,
 ) -> PyResult<Option<Bound<'py, PyDict>>> {
-    if step.is_nan() || step <= 0.0 {
-        return Err(problem_error("step", format!("must be positive, not {step}")));
-    }
-    let (problem, plan) = (&problem.get().0, &plan.get().0);
-    let Some([itself, table, object]) = py.detach(|| gensim2_kpam::min_clearance(problem, plan, step)) else {
-        return Ok(None);
-    };
+    let (problem, plan) = (problem.get().0.as_ref(), &plan.get().0);
+    let found = interruptible(py, |cancel| gensim2_kpam::min_clearance(problem, plan, step, cancel))?;
+    let Some([itself, table, object]) = found.map_err(|e| from_problem(&e))? else { return Ok(None) };
     let out = PyDict::new(py);
     out.set_item("self", itself)?;
     out.set_item("table", table)?;
@@ -377,14 +383,13 @@ pub(crate) fn in_collision<'py>(
     problem: &Bound<'py, PyKeypointProblem>,
     q: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let problem = &problem.get().0;
-    let n = problem.robot.joints().len();
-    let (data, count) = convert::joint_rows(q, n)?;
-    let hits: Vec<bool> = py.detach(|| {
+    let problem = problem.get().0.as_ref();
+    let q = JointRows::of(q, problem.robot.joints().len())?;
+    let hits: Vec<bool> = interruptible(py, |cancel| {
         let mut check = CollisionCheck::new(problem);
-        data.chunks_exact(n).map(|row| check.hits(row)).collect()
-    });
-    if count.is_none() {
+        q.rows().take_while(|_| !cancel.is_cancelled()).map(|row| check.hits(row)).collect()
+    })?;
+    if q.count.is_none() {
         return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
     }
     Ok(PyArray1::from_vec(py, hits).into_any())

@@ -12,15 +12,13 @@ use gensim2_geometry::Pose;
 use self::projection::Residuals;
 use crate::KeypointProblem;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
-use crate::problem::Resolved;
 use crate::qp::{ActiveSet, Bound};
+use crate::resolve::Resolved;
 
 /// Starts that are always projected; further ones only until there are `ENOUGH` poses.
 const FIRST: usize = 16;
 /// See [`FIRST`].
 const ENOUGH: usize = 3;
-/// Projected poses that are moved to their optimum, cheapest first.
-const DESCENTS: usize = 3;
 /// Width of the starts about the present joints, as a fraction of the joint ranges.
 const NEARBY: f64 = 0.5;
 /// Poses closer than this in every joint are one (rad or m).
@@ -118,7 +116,7 @@ impl<'p> ActuationSearch<'p> {
         }
         let mut poses = self.distinct(poses);
         let mut optima: Vec<Candidate> = Vec::new();
-        for pose in poses.iter().take(DESCENTS) {
+        for pose in poses.iter().take(self.problem.options.descents) {
             if let Some(better) = self.descend(&pose.x, &optima) {
                 optima.push(better);
             }
@@ -240,7 +238,7 @@ mod tests {
     use super::descent::Curvature;
     use super::*;
     use crate::SolverConfig;
-    use crate::problem::AxisBound;
+    use crate::resolve::AxisBound;
     use gensim2_geometry::Robot;
     use nalgebra::Vector3;
     use proptest::prelude::*;
@@ -294,7 +292,7 @@ mod tests {
         let mut resolved = problem.resolve().unwrap();
         resolved.points.clear();
         resolved.axes.clear();
-        resolved.costs.push(crate::problem::PlaneTerm {
+        resolved.costs.push(crate::resolve::PlaneTerm {
             on_hand: Vector3::new(0.1, 0.0, 0.2),
             target: Vector3::new(0.3, 0.2, 0.1),
             normal: Vector3::new(0.6, 0.0, 0.8),

@@ -10,7 +10,7 @@ use crate::actuation::ActuationSearch;
 use crate::contact::{Clearances, Judge};
 use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::{KeypointProblem, Trajectory};
+use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
 
 /// How planning ended.
@@ -144,13 +144,16 @@ pub struct StageTimes {
 /// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
 #[must_use]
 pub fn plan(problem: &KeypointProblem) -> Plan {
-    plan_timed(problem).0
+    plan_timed(problem, &Cancel::new()).0
 }
 
-/// As [`plan`], with the time each stage took.
+/// As [`plan`], with the time each stage took; ends early, with [`Status::Cancelled`], where `cancel` is set.
 #[must_use]
-pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
+pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
     let mut times = StageTimes::default();
+    if cancel.is_cancelled() {
+        return (Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times);
+    }
     let clock = cpu_time::ThreadTime::now();
     let model = resting_joints(problem).and_then(|rest| Model::new(&problem.robot, &rest));
     let (model, resolved) = match (model, problem.resolve()) {
@@ -158,7 +161,7 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
         (Err(e), _) | (_, Err(e)) => return (refused(e.to_string()), times),
     };
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.seeds);
+    let found = search.run(problem.options.starts);
     times.actuation = clock.elapsed().as_secs_f64();
     let mut planner = Planner::new(problem, &model, &resolved);
     let plan = match found.candidates.first() {
@@ -169,17 +172,31 @@ pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
     (plan, times)
 }
 
-/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
+/// Most threads that [`plan_batch`] starts.
+pub const MOST_THREADS: usize = 256;
+
+/// Plans many problems on `threads` threads, 1 to [`MOST_THREADS`] (one a core where `None`). Each result is that of
+/// [`plan_timed`].
 ///
 /// # Errors
-/// A sentence, where the threads cannot be started.
-pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
+/// A number of threads out of range, or threads that cannot be started.
+pub fn plan_batch(
+    problems: &[&KeypointProblem],
+    threads: Option<usize>,
+    cancel: &Cancel,
+) -> Result<Vec<(Plan, StageTimes)>, ProblemError> {
     use rayon::prelude::*;
+    if let Some(count) = threads
+        && !(1..=MOST_THREADS).contains(&count)
+    {
+        return Err(ProblemError::new("threads", format!("must be 1 to {MOST_THREADS}, not {count}")));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
+        .num_threads(threads.unwrap_or(cores).min(MOST_THREADS).min(problems.len()).max(1))
         .build()
-        .map_err(|e| format!("cannot start threads: {e}"))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
+        .map_err(|e| ProblemError::new("threads", format!("cannot be started: {e}")))?;
+    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))
 }
 
 fn refused(reason: String) -> Plan {
@@ -203,20 +220,38 @@ fn refused(reason: String) -> Plan {
     }
 }
 
+/// Most places of a motion that [`min_clearance`] measures.
+pub const MOST_CHECKS: usize = 100_000;
+
 /// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion; infinite where nothing is judged within a metre.
-#[must_use]
-pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
-    let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem).ok()?).ok()?;
+/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
+///
+/// # Errors
+/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
+pub fn min_clearance(
+    problem: &KeypointProblem,
+    plan: &Plan,
+    step: f64,
+    cancel: &Cancel,
+) -> Result<Option<[f64; 3]>, ProblemError> {
+    let Some(trajectory) = &plan.trajectory else { return Ok(None) };
+    let (start, end) = (trajectory.start(), trajectory.end());
+    let steps = ((end - start) / step).ceil().max(1.0);
+    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
+        let least = (end - start) / MOST_CHECKS as f64;
+        return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
+    }
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let mut judge = Judge::new(problem, &model);
     let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
     let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
-    let steps = ((trajectory.end() - trajectory.start()) / step).ceil().max(1.0) as usize;
-    for k in 0..=steps {
-        let t = (trajectory.start() + step * k as f64).min(trajectory.end());
+    for k in 0..=steps as usize {
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
+        let t = (start + step * k as f64).min(end);
         let stage = 1 + due.iter().filter(|d| **d < t - 1e-9).count();
         judge.measure(&trajectory.moving(t), stage, &mut out);
     }
-    Some([out.itself, out.table, out.object])
+    Ok(Some([out.itself, out.table, out.object]))
 }

@@ -11,7 +11,7 @@ use crate::hand_path::Follower;
 use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
-use crate::problem::Resolved;
+use crate::resolve::Resolved;
 use crate::trajectory::{Builder, Trajectory};
 
 /// What has been tried, and the best of it.
@@ -92,15 +92,15 @@ impl<'p> Planner<'p> {
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
-        if !trial.done() && found.used < options.seeds {
+        if !trial.done() && found.used < options.starts {
             // The poses that the cheapest one did not need, cheapest first.
-            let more = search.more(found.used, options.seeds);
+            let more = search.more(found.used, options.starts);
             let left = most.saturating_sub(trial.tried);
             self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
         }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for seed in options.seeds..options.seeds + options.harvest {
+        for seed in options.starts..options.starts + options.harvest {
             if trial.done() || extra > most {
                 break;
             }
