@@ -1,7 +1,7 @@
 """Any emitted trajectory against its problem, by other code than the planner's: limits, mimics, ends, collisions.
 
-The problem comes as plain values (:class:`Question`), so that nothing of the planner's own reading is trusted. Rates are
-finite differences of positions alone. Collisions are looked for at steps of 1 mm of any corner of any link.
+The problem comes as plain values (:class:`Question`), so that nothing of the planner's own reading is trusted. Rates
+are finite differences of positions alone. Collisions are looked for at steps of 1 mm of any corner of any link.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Random arms as URDF text: 2 to 9 joints, turning, sliding and endless, mimics anywhere, hands with and without shapes."""
+"""Random arms as URDF text: 2 to 9 joints, turning, sliding and endless, mimics anywhere, hands with shapes or none."""
 
 from __future__ import annotations
 
@@ -77,9 +77,8 @@ def solid(draw: np.random.Generator, to: Array, thick: float) -> str:
 def random_arm(draw: np.random.Generator) -> RandomArm:
     """An arm that reaches about a metre."""
     count = int(draw.integers(2, 10))
-    shapes: dict[str, str] = {
-        "base": '<collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.06" length="0.1"/></geometry></collision>'
-    }
+    foot = '<origin xyz="0 0 0.05"/><geometry><cylinder radius="0.06" length="0.1"/></geometry>'
+    shapes: dict[str, str] = {"base": f"<collision>{foot}</collision>"}
     joints: list[_Joint] = []
     at, parent = np.array([0.0, 0.0, 0.15]), "base"
     reach = 1.0 / count

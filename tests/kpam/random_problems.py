@@ -1,4 +1,4 @@
-"""Random whole problems: arm, scene, start velocity, held object, moving joint, as the solver and the recheck take them."""
+"""Random whole problems (arm, scene, start velocity, held object, moving joint) as solver and recheck take them."""
 
 from __future__ import annotations
 
@@ -67,7 +67,6 @@ class RandomProblem:
     mechanism: Mechanism
     config: dict[str, Any]
     q_start: Array
-    q_goal: Array
     keypoints: dict[str, Array]
     T_base_object: Array
     joint: tuple[str, Array, Array, float, float, float] | None
@@ -101,7 +100,7 @@ class RandomProblem:
                 "acceleration_limits": np.full(count, ACCELERATION),
                 "jerk_limits": np.full(count, JERK),
                 "workspace": None,
-                "seeds": 12,
+                "starts": 12,
                 "candidates": 6,
                 "harvest": 12,
                 "samples": 200,
@@ -134,7 +133,7 @@ def random_problem(number: int) -> RandomProblem:
     q_start = start(draw, mechanism)
     things = [Thing("table", "table", Solid("box", [1.5, 1.5, 0.02]), at([0.0, 0.0, -0.021]))]
     if draw.random() < 0.3:
-        grip = at(arm.tip + [0.0, 0.0, 0.03])
+        grip = at(arm.tip + np.array([0.0, 0.0, 0.03]))
         things.append(Thing("held", "attached", solid(draw, 0.015, 0.05), grip))
     q_goal = goal(draw, mechanism, q_start, things)
     hand = mechanism.hand_poses(q_goal)[0]
@@ -185,7 +184,6 @@ def random_problem(number: int) -> RandomProblem:
         mechanism,
         config,
         q_start,
-        q_goal,
         {"goal": point},
         T_base_object,
         joint,
@@ -210,7 +208,7 @@ def solid(draw: np.random.Generator, least: float, most: float) -> Solid:
 
 
 def ranges(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Ranges (n,) of independent joints that keep all that follow them in theirs, three turns where they are endless."""
+    """Ranges (n,) of independent joints that keep what follows them in its own; half a turn where endless."""
     lower, upper = np.maximum(mechanism.lower, -3.0), np.minimum(mechanism.upper, 3.0)
     for follower, coupling in mechanism.couplings.items():
         if not np.isfinite(mechanism.lower[follower]):
