@@ -304,6 +304,9 @@ class Plan:
     @property
     def trajectory(self) -> Trajectory | None: ...
     @property
+    def tried(self) -> int:
+        """Number of poses whose motion was tried."""
+    @property
     def tried_poses(self) -> list[dict[str, Any]]:
         """What became of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
         ``reason``."""

@@ -299,6 +299,12 @@ impl PyPlan {
         Ok(out)
     }
 
+    /// Number of poses whose motion was tried.
+    #[getter]
+    fn tried(&self) -> usize {
+        self.0.tried
+    }
+
     /// What became of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
