@@ -25,6 +25,8 @@ const FINER: [usize; 3] = [1, 4, 16];
 const KEEP: f64 = 0.5;
 /// Free motion a stride (rad) of a joint that is pushed from its limit, once under way.
 const PUSH: f64 = 0.03;
+/// Weight of a step's size where it cannot meet the hand pose exactly and is to miss it least.
+const FREE_WEIGHT: f64 = 1e-8;
 /// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
@@ -183,20 +185,33 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// The smallest step that meets `rows . step = values` within joint limits.
+    /// The smallest step that meets `rows . step = values` within joint limits. With fewer joints than the hand has
+    /// freedoms the rows depend on each other, and rounding makes them contradict: there, the step that misses least.
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
-        self.bounds.clear();
-        self.bounds.extend(rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: *b, high: *b }));
+        let few = n < rows.len();
         let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut slope = *gradient;
+        self.bounds.clear();
+        if few {
+            for v in 0..n {
+                for w in 0..n {
+                    hessian[v][w] = rows.iter().map(|row| row[v] * row[w]).sum();
+                }
+                let miss: f64 = rows.iter().zip(values).map(|(row, b)| row[v] * b).sum();
+                slope[v] = FREE_WEIGHT * gradient[v] - miss;
+            }
+        } else {
+            self.bounds.extend(rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: *b, high: *b }));
+        }
         for v in 0..n {
-            hessian[v][v] = 1.0;
+            hessian[v][v] += if few { FREE_WEIGHT } else { 1.0 };
             let (low, high) = self.room(v, x);
             let mut row = [0.0; MOST_JOINTS];
             row[v] = 1.0;
             self.bounds.push(Bound { row, low, high });
         }
-        let qp = Qp { n, hessian: &hessian[..n], gradient, bounds: &self.bounds };
+        let qp = Qp { n, hessian: &hessian[..n], gradient: &slope, bounds: &self.bounds };
         match self.qp.solve(&qp) {
             QpOutcome::Solved { step, .. } => Some(step),
             QpOutcome::Infeasible | QpOutcome::Failed => None,

@@ -3,6 +3,7 @@
 mod attempt;
 mod failure;
 mod planner;
+mod replay;
 mod report;
 mod request;
 mod resume;
@@ -13,12 +14,11 @@ use serde::{Deserialize, Serialize};
 use crate::actuation::ActuationSearch;
 use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::motion::motions;
-use crate::world::{Clearances, State, World, travel_along};
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
+pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
 pub use request::Request;
-use resume::{Rest, former_pose};
+use resume::former_pose;
 
 /// How planning ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -310,78 +310,4 @@ fn refused(reason: String) -> Plan {
         collisions: Vec::new(),
         start_overlap: 0.0,
     }
-}
-
-/// Number in time of the keyframe that a plan leads to at each time; at a keyframe it still leads there.
-fn toward(plan: &Plan, t: f64) -> usize {
-    let last = plan.keyframes.len().saturating_sub(1);
-    let due = plan.keyframes.iter().position(|k| k.time.is_some_and(|due| due >= t - 1e-9));
-    due.unwrap_or_else(|| plan.keyframes.iter().rposition(|k| k.time.is_some()).map_or(0, |k| (k + 1).min(last)))
-}
-
-/// Travel of the object's joint (rad or m, from where it stands) at times (s) of a plan's motion: what the planner takes
-/// it for. Zeros where the plan has no motion or the problem no joint.
-#[must_use]
-pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Vec<f64> {
-    let still = vec![0.0; times.len()];
-    let (Some(trajectory), Some(q)) = (&plan.trajectory, &plan.q_plan) else { return still };
-    if q.len() != problem.robot.joints().len() || problem.joint.is_none() {
-        return still;
-    }
-    let robot = &problem.robot;
-    let motions = motions(problem, &robot.link_pose(q, robot.hand()));
-    let act = motions.actuation;
-    let mut before = vec![0.0; motions.paths.len() + 1];
-    for i in act..motions.paths.len() {
-        let travel = travel_along(problem, i - act, &motions.paths[i], before[i], 0.0..1.0, PLACES);
-        before[i + 1] = travel.last().copied().unwrap_or(before[i]);
-    }
-    let at = |t: &f64| {
-        let Some(i) = toward(plan, *t).checked_sub(1).filter(|i| *i >= act) else { return 0.0 };
-        let hand = robot.link_pose(&trajectory.sample(*t).position, robot.hand());
-        let done = Rest::new(&motions.paths[i], &hand).begin;
-        travel_along(problem, i - act, &motions.paths[i], before[i], 0.0..done, PLACES).pop().unwrap_or(before[i])
-    };
-    times.iter().map(at).collect()
-}
-
-/// Places at which a path is looked at to see how far it takes the object's joint.
-const PLACES: usize = 64;
-
-/// Most places of a motion that [`min_clearance`] measures.
-pub const MOST_CHECKS: usize = 100_000;
-
-/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
-///
-/// # Errors
-/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
-pub fn min_clearance(
-    problem: &KeypointProblem,
-    plan: &Plan,
-    step: f64,
-    cancel: &Cancel,
-) -> Result<Option<[f64; 3]>, ProblemError> {
-    let Some(trajectory) = &plan.trajectory else { return Ok(None) };
-    let (start, end) = (trajectory.start(), trajectory.end());
-    let steps = ((end - start) / step).ceil().max(1.0);
-    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
-        let least = (end - start) / MOST_CHECKS as f64;
-        return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
-    }
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
-    let mut world = World::new(problem, &model);
-    if let Some(q) = plan.q_plan.as_ref().filter(|q| q.len() == problem.q_start.len()) {
-        world.act_at(&model.pick(q));
-    }
-    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
-    let times: Vec<f64> = (0..=steps as usize).map(|k| (start + step * k as f64).min(end)).collect();
-    for (t, travel) in times.iter().zip(joint_travel(problem, plan, &times)) {
-        if cancel.is_cancelled() {
-            return Ok(None);
-        }
-        let leg = world.course.toward(toward(plan, *t));
-        world.measure(State { x: &trajectory.moving(*t), travel }, leg, &mut out);
-    }
-    Ok(Some([out.itself, out.table, out.object]))
 }
