@@ -114,6 +114,7 @@ impl Planner<'_> {
             }
         }
         self.follow_all(&mut out);
+        self.unwind(&mut out);
         if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain)) {
             return out;
         }
@@ -168,6 +169,17 @@ impl Planner<'_> {
                 return;
             }
             out.after.0 += 1;
+        }
+    }
+
+    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
+    /// start: the approach to it goes the short way.
+    fn unwind(&self, out: &mut Attempt) {
+        let Some(first) = out.paths[..out.motions.actuation].first().and_then(|path| path.first()) else { return };
+        let near = self.model.unwound(first, &self.model.start());
+        let shift: Vec<f64> = (0..self.model.n()).map(|v| near[v] - first[v]).collect();
+        for x in out.paths.iter_mut().flatten().chain(std::iter::once(&mut out.x)) {
+            x.iter_mut().zip(&shift).for_each(|(value, by)| *value += by);
         }
     }
 
