@@ -54,11 +54,15 @@ class Keyframe:
 
 
 def expected_keyframes(problem: dict[str, Any], T_base_hand: Array, frames: str) -> list[Keyframe]:
-    """Derive the keyframes from an actuation pose and the config, in time."""
+    """Derive the keyframes from an actuation pose and the config, in time.
+
+    Pre-actuation motions lead outwards from the actuation pose, the first of the list to the keyframe next to it, and
+    so to the last of the pre-actuation times.
+    """
     config = problem["config"]
     frame, before = T_base_hand, []
-    motions = zip(problem["pre_actuation_times"], config["pre_actuation_motions"], strict=True)
-    for time, (kind, amount) in reversed(list(motions)):
+    motions = config["pre_actuation_motions"]
+    for time, (kind, amount) in zip(reversed(problem["pre_actuation_times"]), motions, strict=True):
         shift = np.eye(4)
         shift[:3, 3] = amount * np.eye(3)["xyz".index(kind.removeprefix("translate_"))]
         frame = frame @ shift

@@ -103,13 +103,21 @@ class Body:
         role: Literal["table", "object_body", "moving_link", "rigid", "target", "attached"],
         shapes: Sequence[Shape],
         pose: Numbers,
+        *,
+        keypoints: Mapping[str, Numbers] | None = None,
     ) -> None:
-        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame.
+        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame. ``keypoints``: (3,)
+        each, in the body frame (m); scenes hand them to problems.
 
-        Hand and fingers may touch a ``target``; an ``attached`` body rides on the hand and is judged like it.
+        Hand, fingers and what they hold may touch a ``target``; an ``attached`` body rides on the hand.
         """
     @property
     def name(self) -> str: ...
+    @property
+    def role(self) -> str: ...
+    @property
+    def pose(self) -> Array:
+        """(4, 4)"""
 
 class Joint:
     def __init__(
@@ -122,6 +130,76 @@ class Joint:
         upper: float,
     ) -> None:
         """The object's moving joint; ``origin`` and ``axis`` are (3,) in the robot base frame."""
+
+class SceneJoint:
+    """A joint of an object and the names of the bodies that it moves. Pickles."""
+
+    def __init__(self, name: str, joint: Joint, moves: Sequence[str]) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> float:
+        """Present value, rad or m."""
+    @property
+    def moves(self) -> list[str]: ...
+
+class Scene:
+    """A robot and what stands about it, built once; every problem on it shares its shapes and its tree. What changes a
+    scene returns another one."""
+
+    def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None: ...
+    @property
+    def bodies(self) -> list[Body]: ...
+    @property
+    def joints(self) -> list[SceneJoint]: ...
+    @property
+    def tool_keypoints(self) -> dict[str, Array]:
+        """Keypoints of the attached bodies in the hand frame, named "body/keypoint"."""
+    @property
+    def object_keypoints(self) -> dict[str, Array]:
+        """Keypoints of the standing bodies in the base frame, named "body/keypoint"."""
+    def with_joint(self, name: str, value: float) -> Scene:
+        """The joint at another value (rad or m, within its range); the bodies that it moves go with it."""
+    def with_pose(self, body: str, pose: Numbers) -> Scene:
+        """A body elsewhere: (4, 4) in the base frame, or in the hand frame where it is attached."""
+    def attached(self, body: str, q: Numbers) -> Scene:
+        """A body held by the hand at joints ``q`` (n,): it rides from there on, and no joint moves it."""
+    def detached(self, body: str, q: Numbers, on: str | None = None) -> Scene:
+        """An attached body left where the hand at joints ``q`` (n,) holds it: a rigid obstacle from there on, which the
+        joint ``on`` moves where it lies on something that moves."""
+    def problem(
+        self,
+        config: SolverConfig,
+        q_start: Numbers,
+        *,
+        tool_keypoints: Mapping[str, Numbers] | None = None,
+        object_keypoints: Mapping[str, Numbers] | None = None,
+        T_base_object: Numbers | None = None,
+        joint: str | None = None,
+        object_axis: Literal["x", "y", "z"] = "y",
+        object_yaw: float = 0.0,
+        T_base_world: Numbers | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> KeypointProblem:
+        """A problem on this scene, as KeypointProblem makes it; the keypoints of its bodies are added to those given.
+        ``joint`` names the joint that the config is about: what that moves is the moving link."""
+    def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
+        """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
+        no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
+    def distance(self, q: Numbers, most: float = 1.0) -> float | Array:
+        """Smallest signed distance (m) of the same pairs, ``most`` where none is nearer: (n,) -> float, (N, n) ->
+        (N,)."""
+    def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
+        """Pairs that come within ``reach`` (m), nearest first, as dicts ``bodies`` (two names), ``distance`` (m,
+        negative where they overlap), ``point`` (3,): for (n,) a list of them, for (N, n) a list of such lists."""
+
+class Cancel:
+    """Ends planning from another thread: pass it to ``plan`` and call ``cancel``. Once set it stays set."""
+
+    def __init__(self) -> None: ...
+    def cancel(self) -> None: ...
+    @property
+    def is_cancelled(self) -> bool: ...
 
 class KeypointProblem:
     """Everything one plan needs; checked on construction. Pickles."""
@@ -163,8 +241,17 @@ class KeypointProblem:
                 limits; mimic joints among them follow; default as in q_start.
             starts, descents, candidates, harvest, samples: budgets (start values, poses moved to their optimum, poses
                 tried, further starts, tree growths).
-            contacts: list of {links, bodies, from, to} windows in place of the default contact rules.
+            contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
+                keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end". ``links`` may name what
+                rides on the hand.
+            pick: names of bodies that ride on the hand from the actuation on.
+            release: names of attached bodies that stand where they are from the actuation on.
+            joint_travel: (motions after the actuation,) by how much each moves the joint (rad or m); default: motions
+                that follow or trace the joint say so, others take it along with the contact point.
         """
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is asked of; its joint is named "joint" there."""
 
 class Trajectory:
     """Timed joint motion. Pickles."""
@@ -188,7 +275,8 @@ class Plan:
     @property
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
-        "unreachable", "collision", "too_fast"."""
+        "unreachable", "collision", "not_found" (the search ended without a motion; there may be one), "too_fast",
+        "cancelled"."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
@@ -211,10 +299,17 @@ class Plan:
         """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
     def keyframes(self) -> list[dict[str, Any]]:
-        """One a keyframe: ``label`` ("pre_0", "actuation", "post_0"), ``time`` (s or None), ``T_base_hand`` (4, 4),
-        ``reached``."""
+        """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0"), ``time`` (s or None),
+        ``T_base_hand`` (4, 4), ``reached``."""
     @property
     def trajectory(self) -> Trajectory | None: ...
+    @property
+    def tried(self) -> int:
+        """Number of poses whose motion was tried."""
+    @property
+    def tried_poses(self) -> list[dict[str, Any]]:
+        """What became of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
+        ``reason``."""
     @property
     def reached_fraction(self) -> float:
         """Part of the motion after the actuation pose that is reachable and free, 0..1."""
@@ -231,16 +326,38 @@ class Plan:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON holds them."""
 
-def plan(problem: KeypointProblem) -> Plan:
-    """Plans one problem with the GIL released; Ctrl-C ends it."""
+def plan(
+    problem: KeypointProblem,
+    *,
+    former: Plan | None = None,
+    resume: str | None = None,
+    max_checks: int | None = None,
+    cancel: Cancel | None = None,
+    explain: bool = False,
+) -> Plan:
+    """Plans one problem with the GIL released; Ctrl-C ends it.
+
+    Args:
+        problem: the problem.
+        former: an earlier plan of this or a similar problem; its pose and its way are tried first.
+        resume: label of the keyframe that the motion goes to first. What comes before it is done: ``q_start`` and
+            ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
+            it needs ``former``.
+        max_checks: most states that are checked for collisions; the same on every machine.
+        cancel: ends planning when set.
+        explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
+    """
+
+def ik(problem: KeypointProblem, most: int = 10) -> list[dict[str, Any]]:
+    """The cheapest distinct poses that meet the constraints, cheapest first: ``q`` (n,), ``cost``. Obstacles are left
+    out; ``Scene.check`` says what a pose touches."""
+
+def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
+    """How far (rad or m) the planner takes the object's joint to have moved at times (N,) of a plan's motion: (N,)."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
     """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C
     ends it."""
-
-def in_collision(problem: KeypointProblem, q: Numbers) -> bool | npt.NDArray[np.bool_]:
-    """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; attached bodies
-    ride on the hand; links that no joint moves and pairs that the SRDF disables are left out."""
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
     """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".

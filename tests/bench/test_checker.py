@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from gensim2.bench import bench_solver
 
 pytest.importorskip("mani_skill")
-pytestmark = pytest.mark.usefixtures("peers_path")
+pytestmark = pytest.mark.usefixtures("peers")
 
 Spoil = Callable[[dict[str, Any], dict[str, Any]], None]
 
@@ -104,6 +103,18 @@ def test_a_good_plan_has_none(problem: dict[str, Any], good: dict[str, Any], ass
     assert errors_of(problem, good, assets) == ""
 
 
+def test_pre_actuation_motions_are_listed_backwards_in_time(problem: dict[str, Any], good: dict[str, Any]) -> None:
+    import rules
+
+    problem["config"]["pre_actuation_motions"] = [["translate_z", -0.05], ["translate_x", 0.08]]
+    keyframes = rules.expected_keyframes(problem, np.eye(4), "original")
+    origins = {frame.time: frame.pose[:3, 3].tolist() for frame in keyframes}
+    assert origins[20] == [0.0, 0.0, -0.05]
+    assert origins[16] == [0.08, 0.0, -0.05]
+    at = {frame["time"]: np.asarray(frame["T_base_hand"]) for frame in good["keyframes"]}
+    np.testing.assert_allclose(at[20][:3, 3], at[24][:3, 3] - 0.08 * at[24][:3, 2], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -155,6 +166,5 @@ def test_steps_are_fine(problem: dict[str, Any], good: dict[str, Any]) -> None:
     arm = peers.Arm()
     times, path = np.asarray(good["waypoint_times"]), np.asarray(good["waypoints"])
     _, fine = judge.refine(arm, times[::10], path[::10])
-    placed = [judge.corners(arm, q) for q in fine]
-    steps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(placed)]
-    assert max(steps) <= judge.STEP
+    placed = judge.corners(arm, fine)
+    assert np.linalg.norm(placed[1:] - placed[:-1], axis=2).max() <= judge.STEP

@@ -162,7 +162,7 @@ def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
     step = plan.trajectory.duration / 99_000
     assert interrupted(lambda: [kpam.min_clearance(scene, plan, step) for _ in range(100)]) < 1.0
     many = np.repeat(Q_START[None], 1_000_000, axis=0)
-    assert interrupted(lambda: [kpam.in_collision(scene, many) for _ in range(100)]) < 1.0
+    assert interrupted(lambda: [scene.scene.in_collision(many) for _ in range(100)]) < 1.0
 
 
 def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:

@@ -48,6 +48,25 @@ def test_the_whole_motion(panda: kpam.Robot) -> None:
     np.testing.assert_allclose(plan.keyframes[3]["T_base_hand"][:3, 3], back + np.array([0, 0, 0.06]), atol=1e-9)
 
 
+def test_pre_actuation_motions_chain_outwards_from_the_actuation(panda: kpam.Robot) -> None:
+    settings = config(
+        pre_actuation_motions=[["translate_z", -0.04], "move-up", ["translate_x", 0.05]],
+        pre_actuation_times=[6, 8, 9],
+        actuation_time=10,
+        post_actuation_times=[12, 14],
+    )
+    plan = kpam.plan(problem(panda, config=settings))
+    assert plan.status == "solved", plan.reason
+    labels = [frame["label"] for frame in plan.keyframes]
+    assert labels == ["pre_2", "pre_1", "pre_0", "actuation", "post_0", "post_1"]
+    assert [frame["time"] for frame in plan.keyframes] == pytest.approx([6, 8, 9, 10, 12, 14])
+    origins = {frame["label"]: frame["T_base_hand"][:3, 3] for frame in plan.keyframes}
+    axes = plan.keyframes[3]["T_base_hand"][:3, :3]
+    np.testing.assert_allclose(origins["pre_0"], origins["actuation"] - 0.04 * axes[:, 2], atol=1e-9)
+    np.testing.assert_allclose(origins["pre_1"], origins["pre_0"] + [0, 0, 0.06], atol=1e-9)
+    np.testing.assert_allclose(origins["pre_2"], origins["pre_1"] + 0.05 * axes[:, 0], atol=1e-9)
+
+
 def test_translations_are_straight_and_limits_hold(panda: kpam.Robot) -> None:
     plan = kpam.plan(problem(panda))
     path = hand_path(panda, plan, "pre_0", "actuation")[:, :3, 3]
@@ -165,7 +184,7 @@ def test_a_blocked_goal_names_the_bodies(panda: kpam.Robot) -> None:
     assert "lid" in plan.reason
     assert plan.collisions[0]["bodies"][1] == "lid"
     assert plan.collisions[0]["distance"] < 0
-    # The hand may touch the moving link from the last pre-actuation keyframe on, and what it reaches for.
+    # The hand may touch the moving link from pre_0 on, and what it reaches for.
     for role in ("moving_link", "target"):
         free = kpam.Body("lid", role, [kpam.Shape.box([0.02, 0.02, 0.02])], pose)
         assert kpam.plan(problem(panda, bodies=[table(), free])).status == "solved"
@@ -198,6 +217,24 @@ def test_contact_windows_replace_the_rules(panda: kpam.Robot) -> None:
     }
     plan = kpam.plan(problem(panda, bodies=[table(), lid], options={"contacts": [window]}))
     assert plan.status == "solved", plan.reason
+
+
+def test_contact_windows_count_pre_actuation_keyframes_from_the_actuation(panda: kpam.Robot) -> None:
+    # The fingers are in the block at pre_0, 4 cm above the actuation pose, and above it at pre_1.
+    settings = config(pre_actuation_motions=[["translate_z", -0.04], ["translate_z", -0.06]])
+    pose = np.eye(4)
+    pose[:3, 3] = [0.5, 0.1, 0.23]
+    block = kpam.Body("block", "object_body", [kpam.Shape.box([0.02, 0.05, 0.03])], pose)
+    hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
+
+    def status(start: str, end: str) -> str:
+        window = {"links": hand, "bodies": ["block"], "from": start, "to": end}
+        question = problem(panda, config=settings, bodies=[table(), block], options={"contacts": [window]})
+        return kpam.plan(question).status
+
+    assert status("pre_1", "end") == "solved"
+    assert status("pre_0", "end") == "collision"
+    assert status("pre_1", "pre_0") == "collision"
 
 
 def test_an_attached_body_is_part_of_the_hand(panda: kpam.Robot) -> None:

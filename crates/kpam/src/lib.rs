@@ -6,9 +6,7 @@
 
 mod actuation;
 mod cancel;
-mod collision_check;
 pub mod config;
-mod contact;
 mod curve;
 mod default_limits;
 mod error;
@@ -17,7 +15,6 @@ mod free_space;
 mod hand_path;
 mod joint_map;
 mod ldl;
-mod margins;
 pub mod model;
 mod motion;
 pub mod options;
@@ -26,15 +23,16 @@ mod problem;
 pub mod qp;
 mod resolve;
 mod trajectory;
+mod world;
 
 pub use cancel::Cancel;
-pub use collision_check::CollisionCheck;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;
 pub use plan::{
-    Collision, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Residual, StageTimes, Status, min_clearance, plan,
-    plan_batch, plan_timed,
+    Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,
+    TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 pub use trajectory::{Sample, Trajectory};
+pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

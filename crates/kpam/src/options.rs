@@ -58,11 +58,11 @@ pub enum RotatePath {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactWindow {
-    /// Links of the robot.
+    /// Links of the robot, and bodies that ride on the hand.
     pub links: Vec<String>,
     /// Bodies of the scene.
     pub bodies: Vec<String>,
-    /// First keyframe of the window (`start`, `pre_0`, ..., `actuation`, `post_0`, ...).
+    /// First keyframe of the window (in time: `start`, ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...).
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
@@ -118,6 +118,13 @@ pub struct Options {
     pub avoid_collisions: bool,
     /// Contact windows in place of the default rules; null for those.
     pub contacts: Option<Vec<ContactWindow>>,
+    /// Bodies that the hand picks at the actuation pose: they ride on it from there on.
+    pub pick: Vec<String>,
+    /// Attached bodies that the hand releases at the actuation pose: they stand there from there on.
+    pub release: Vec<String>,
+    /// By how much (rad or m) each post-actuation motion moves the object's joint, one entry a motion. By default
+    /// motions that follow or trace the joint say so, and others take it along with the contact point.
+    pub joint_travel: Option<Vec<f64>>,
 }
 
 impl Default for Options {
@@ -145,6 +152,9 @@ impl Default for Options {
             samples: 2000,
             avoid_collisions: true,
             contacts: None,
+            pick: Vec::new(),
+            release: Vec::new(),
+            joint_travel: None,
         }
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::{Options, ProblemError, SolverConfig};
+use crate::{Bodies, Options, ProblemError, Scene, SolverConfig};
 
 /// What the default contact rules go by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,9 +37,11 @@ pub struct Body {
     /// Role.
     pub role: Role,
     /// Convex shapes in the body frame.
-    pub shapes: Vec<Convex>,
+    pub shapes: Arc<[Convex]>,
     /// Pose in the robot base frame; of an attached body, in the hand frame.
     pub pose: Pose,
+    /// Keypoints in the body frame (m); of use to scenes.
+    pub keypoints: BTreeMap<String, Vector3<f64>>,
 }
 
 /// Kind of the object's joint.
@@ -91,8 +93,8 @@ pub struct KeypointProblem {
     pub object_yaw: f64,
     /// World in the base frame.
     pub world: Pose,
-    /// Obstacles.
-    pub bodies: Vec<Body>,
+    /// Obstacles, and what rides on the hand.
+    pub bodies: Bodies,
     /// Options.
     pub options: Options,
 }
@@ -127,7 +129,7 @@ impl KeypointProblem {
             object_axis: 1,
             object_yaw: 0.0,
             world: Pose::identity(),
-            bodies: Vec::new(),
+            bodies: Bodies::default(),
             options: Options::default(),
         };
         problem.check()?;
@@ -194,7 +196,49 @@ impl KeypointProblem {
         resting_joints(self)?;
         self.check_contacts()?;
         self.check_motions()?;
+        self.check_acts()?;
         self.resolve().map(|_| ())
+    }
+
+    /// The scene that it is asked of.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        Scene::of(self)
+    }
+
+    /// Whether a body rides on the hand in some leg of the motion.
+    pub(crate) fn rides(&self, name: &str) -> bool {
+        let attached = |b: &Body| b.name == name && b.role == Role::Attached;
+        self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
+    }
+
+    /// What the hand picks and releases is there, and the joint's travel has an entry a motion.
+    fn check_acts(&self) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
+            for (i, name) in names.iter().enumerate() {
+                match self.bodies.iter().find(|b| b.name == *name) {
+                    None => return fail(&format!("{field}[{i}]"), format!("{name:?} is not a body")),
+                    Some(b) if field == "pick" && b.role == Role::MovingLink => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is moved by the joint"));
+                    }
+                    Some(b) if field == "release" && b.role != Role::Attached => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is not attached"));
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        if let Some(travel) = &self.options.joint_travel {
+            let motions = self.config.post.len();
+            if self.joint.is_none() {
+                return fail("joint_travel", "is given without a joint".to_owned());
+            }
+            if travel.len() != motions || travel.iter().any(|t| !t.is_finite()) {
+                return fail("joint_travel", format!("needs {motions} finite numbers, one a post-actuation motion"));
+            }
+        }
+        Ok(())
     }
 
     /// Mimic joints that planning moves stand where their sources take them.
@@ -215,15 +259,18 @@ impl KeypointProblem {
     fn check_contacts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         for (i, window) in self.options.contacts.iter().flatten().enumerate() {
-            if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {
-                return fail(&format!("contacts[{i}].links"), format!("{name:?} is not a link"));
+            let known = |name: &String| self.robot.link_index(name).is_some() || self.rides(name);
+            if let Some(name) = window.links.iter().find(|name| !known(name)) {
+                let message = format!("{name:?} is neither a link nor a body that rides on the hand");
+                return fail(&format!("contacts[{i}].links"), message);
             }
             if let Some(name) = window.bodies.iter().find(|name| !self.bodies.iter().any(|b| b.name == **name)) {
                 return fail(&format!("contacts[{i}].bodies"), format!("{name:?} is not a body"));
             }
             for (which, end) in [("from", &window.from), ("to", &window.to)] {
                 if self.keyframe_index(end).is_none() {
-                    let message = format!("{end:?} is not a keyframe: start, pre_0, ..., actuation, post_0, ..., end");
+                    let message =
+                        format!("{end:?} is not a keyframe: start, ..., pre_1, pre_0, actuation, post_0, ..., end");
                     return fail(&format!("contacts[{i}].{which}"), message);
                 }
             }
@@ -231,7 +278,8 @@ impl KeypointProblem {
         Ok(())
     }
 
-    /// Index of a keyframe label among start, pre, actuation, post; `end` is one past the last.
+    /// Place in time of a keyframe label: start, pre_{n-1}, ..., pre_0, actuation, post_0, ...; `end` is one past the
+    /// last.
     pub(crate) fn keyframe_index(&self, label: &str) -> Option<usize> {
         let (before, after) = (self.config.pre.len(), self.config.post.len());
         let numbered = |prefix: &str, count: usize| {
@@ -241,7 +289,9 @@ impl KeypointProblem {
             "start" => Some(0),
             "actuation" => Some(1 + before),
             "end" => Some(2 + before + after),
-            _ => numbered("pre_", before).map(|i| 1 + i).or_else(|| numbered("post_", after).map(|i| 2 + before + i)),
+            _ => numbered("pre_", before)
+                .map(|i| before - i)
+                .or_else(|| numbered("post_", after).map(|i| 2 + before + i)),
         }
     }
 

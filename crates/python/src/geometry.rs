@@ -245,7 +245,14 @@ pub(crate) struct PyBody(pub Body);
 #[pymethods]
 impl PyBody {
     #[new]
-    fn new(name: String, role: &str, shapes: Vec<PyRef<'_, PyShape>>, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
+    #[pyo3(signature = (name, role, shapes, pose, *, keypoints = None))]
+    fn new(
+        name: String,
+        role: &str,
+        shapes: Vec<PyRef<'_, PyShape>>,
+        pose: &Bound<'_, PyAny>,
+        keypoints: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let role = match role {
             "table" => Role::Table,
             "object_body" => Role::ObjectBody,
@@ -261,7 +268,30 @@ impl PyBody {
         };
         let pose = convert::pose(pose, "pose")?;
         let shapes = shapes.iter().flat_map(|s| s.0.iter().cloned()).collect();
-        Ok(Self(Body { name, role, shapes, pose }))
+        let keypoints = match keypoints {
+            None => std::collections::BTreeMap::new(),
+            Some(map) => crate::planning::keypoints(map, "keypoints")?,
+        };
+        Ok(Self(Body { name, role, shapes, pose, keypoints }))
+    }
+
+    /// Role, as given.
+    #[getter]
+    fn role(&self) -> &'static str {
+        match self.0.role {
+            Role::Table => "table",
+            Role::ObjectBody => "object_body",
+            Role::MovingLink => "moving_link",
+            Role::Rigid => "rigid",
+            Role::Target => "target",
+            Role::Attached => "attached",
+        }
+    }
+
+    /// (4, 4) in the base frame, of an attached body in the hand frame.
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.pose).into_any()
     }
 
     #[getter]

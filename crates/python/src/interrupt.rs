@@ -14,10 +14,13 @@ use crate::KpamError;
 /// How often signals are listened for.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Runs `work`; where a signal handler raises meanwhile, the flag that `work` looks at is set, and what the handler
-/// raised is handed on once `work` has ended.
-pub(crate) fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> T + Send) -> PyResult<T> {
-    let cancel = Cancel::new();
+/// Runs `work`; where a signal handler raises meanwhile, the flag `cancel` that `work` looks at is set, and what the
+/// handler raised is handed on once `work` has ended.
+pub(crate) fn interruptible<T: Send>(
+    py: Python<'_>,
+    cancel: Cancel,
+    work: impl FnOnce(&Cancel) -> T + Send,
+) -> PyResult<T> {
     let (sender, receiver) = channel();
     let receiver = Mutex::new(receiver);
     thread::scope(|scope| {

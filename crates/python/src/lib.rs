@@ -5,6 +5,7 @@ mod errors;
 mod geometry;
 mod interrupt;
 mod planning;
+mod scene;
 
 use pyo3::prelude::*;
 
@@ -18,13 +19,17 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<geometry::PyShape>()?;
     m.add_class::<geometry::PyBody>()?;
     m.add_class::<geometry::PyJoint>()?;
+    m.add_class::<scene::PySceneJoint>()?;
+    m.add_class::<scene::PyScene>()?;
+    m.add_class::<scene::PyCancel>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
     m.add_class::<planning::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
-    m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;
+    m.add_function(wrap_pyfunction!(planning::ik, m)?)?;
+    m.add_function(wrap_pyfunction!(planning::joint_travel, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
     Ok(())
 }

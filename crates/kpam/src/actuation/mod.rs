@@ -138,6 +138,12 @@ impl<'p> ActuationSearch<'p> {
         (self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 
+    /// The pose itself where it meets the constraints, else what it projects to.
+    pub fn from(&mut self, x: &Row) -> Option<Candidate> {
+        let mut x = *x;
+        (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
+    }
+
     /// Poses by cost, without those that are near a cheaper one.
     fn distinct(&self, mut poses: Vec<Candidate>) -> Vec<Candidate> {
         poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));

@@ -169,13 +169,14 @@ pub enum Gripper {
 pub struct SolverConfig {
     /// Constraints and costs of the actuation pose.
     pub constraints: Vec<Constraint>,
-    /// Motions before the actuation pose; the last one is next to it.
+    /// Motions before the actuation pose, chained outwards from it: the first one is next to it, the last comes first
+    /// in time.
     pub pre: Vec<Motion>,
     /// Motions after it.
     pub post: Vec<Motion>,
     /// Time of the actuation pose (s).
     pub actuation_time: Option<f64>,
-    /// Times of the pre-actuation keyframes (s), one each.
+    /// Times of the pre-actuation keyframes (s), one each, increasing: the last is that of the first motion in `pre`.
     pub pre_times: Option<Vec<f64>>,
     /// Times of the post-actuation keyframes (s), one each.
     pub post_times: Option<Vec<f64>>,
@@ -208,7 +209,7 @@ impl SolverConfig {
         self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
     }
 
-    /// Keyframe times (s) on the config's clock: pre-actuation, actuation, post-actuation. Where it sets none, the
+    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation. Where it sets none, the
     /// actuation is at 24 and motions are 4 apart.
     ///
     /// # Errors

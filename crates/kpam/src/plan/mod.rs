@@ -1,17 +1,23 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
 mod attempt;
+mod failure;
 mod planner;
+mod replay;
 mod report;
+mod request;
+mod resume;
 
 use serde::{Deserialize, Serialize};
 
 use crate::actuation::ActuationSearch;
-use crate::contact::{Clearances, Judge};
 use crate::fingers::resting_joints;
 use crate::model::Model;
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
+pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
+pub use request::Request;
+use resume::former_pose;
 
 /// How planning ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,7 +74,7 @@ pub struct Residual {
 /// A keyframe of the motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct KeyframeReport {
-    /// `pre_0`, ..., `actuation`, `post_0`, ...
+    /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...; numbers are places in the config's lists.
     pub label: String,
     /// Time (s), where the motion has one.
     pub time: Option<f64>,
@@ -91,6 +97,19 @@ pub struct Collision {
     pub distance: f64,
     /// Where, in the base frame (m).
     pub point: [f64; 3],
+}
+
+/// What became of an actuation pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TriedPose {
+    /// The pose, one entry a joint.
+    pub q: Vec<f64>,
+    /// Its number in the order of trial.
+    pub rank: usize,
+    /// How its motion ended.
+    pub status: Status,
+    /// One sentence for a person.
+    pub reason: String,
 }
 
 /// What was solved, each residual, and what failed.
@@ -116,6 +135,8 @@ pub struct Plan {
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
+    /// What became of each of them, where [`Request::explain`] asks for it.
+    pub tried_poses: Vec<TriedPose>,
     /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
@@ -150,26 +171,85 @@ pub fn plan(problem: &KeypointProblem) -> Plan {
 /// As [`plan`], with the time each stage took; ends early, with [`Status::Cancelled`], where `cancel` is set.
 #[must_use]
 pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
+    let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
+    plan_with(problem, &request).unwrap_or_else(|e| (refused(e.to_string()), StageTimes::default()))
+}
+
+/// As [`plan_timed`], with what the request asks for.
+///
+/// # Errors
+/// A keyframe that the motion does not have, or one past the actuation pose without an earlier plan that has one.
+pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let mut times = StageTimes::default();
-    if cancel.is_cancelled() {
-        return (Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times);
-    }
     let clock = cpu_time::ThreadTime::now();
-    let model = resting_joints(problem).and_then(|rest| Model::new(&problem.robot, &rest));
-    let (model, resolved) = match (model, problem.resolve()) {
-        (Ok(model), Ok(resolved)) => (model, resolved),
-        (Err(e), _) | (_, Err(e)) => return (refused(e.to_string()), times),
-    };
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let resolved = problem.resolve()?;
+    let entry = entry(problem, request)?;
+    if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
+        return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
+    }
     let mut search = ActuationSearch::new(problem, &model, &resolved);
+    let mut planner = Planner::new(problem, &model, &resolved, request, entry);
+    let joints = problem.robot.joints().len();
+    if let Some(former) = request.former
+        && let Some(x) = former_pose(former, |q| model.pick(q), joints)
+        && let Some(plan) = planner.former_motion(&mut search, &x)
+    {
+        times.trajectory = clock.elapsed().as_secs_f64();
+        return Ok((plan, times));
+    }
     let found = search.run(problem.options.starts);
     times.actuation = clock.elapsed().as_secs_f64();
-    let mut planner = Planner::new(problem, &model, &resolved);
     let plan = match found.candidates.first() {
         None => planner.infeasible(found.best_effort),
         Some(_) => planner.whole_motion(&found, &mut search),
     };
     times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
-    (plan, times)
+    Ok((plan, times))
+}
+
+/// Number in time of the keyframe that the motion goes to first.
+fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
+    let Some(label) = request.resume else { return Ok(0) };
+    let last = problem.config.pre.len() + problem.config.post.len();
+    let entry =
+        problem.keyframe_index(label).filter(|k| (1..=last + 1).contains(k)).map(|k| k - 1).ok_or_else(|| {
+            let message =
+                format!("{label:?} is not a keyframe of the motion: ..., pre_1, pre_0, actuation, post_0, ...");
+            ProblemError::new("resume", message)
+        })?;
+    let posed = request.former.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
+    if entry > problem.config.pre.len() && !posed {
+        let message = format!("{label:?} lies past the actuation pose; pass the earlier plan that has one");
+        return Err(ProblemError::new("former", message));
+    }
+    Ok(entry)
+}
+
+/// The cheapest distinct poses that meet the constraints, cheapest first and `most` of them, obstacles left out.
+///
+/// # Errors
+/// As [`KeypointProblem::check`].
+pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, ProblemError> {
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let resolved = problem.resolve()?;
+    let mut search = ActuationSearch::new(problem, &model, &resolved);
+    let found = search.run(problem.options.starts);
+    let full = |x| {
+        let mut q = Vec::new();
+        model.map().positions(x, &mut q);
+        q
+    };
+    Ok(found.candidates.iter().take(most).map(|c| IkSolution { q: full(&c.x), cost: c.cost }).collect())
+}
+
+/// A pose that meets the constraints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct IkSolution {
+    /// Joint values, one entry a joint.
+    pub q: Vec<f64>,
+    /// Its cost.
+    pub cost: f64,
 }
 
 /// Most threads that [`plan_batch`] starts.
@@ -201,7 +281,7 @@ pub fn plan_batch(
 
 fn refused(reason: String) -> Plan {
     Plan {
-        schema_version: 1,
+        schema_version: 2,
         status: Status::ActuationInfeasible,
         reason,
         warnings: Vec::new(),
@@ -211,6 +291,7 @@ fn refused(reason: String) -> Plan {
         q_plan: None,
         rank: None,
         tried: 0,
+        tried_poses: Vec::new(),
         residuals: Vec::new(),
         keyframes: Vec::new(),
         trajectory: None,
@@ -218,40 +299,4 @@ fn refused(reason: String) -> Plan {
         collisions: Vec::new(),
         start_overlap: 0.0,
     }
-}
-
-/// Most places of a motion that [`min_clearance`] measures.
-pub const MOST_CHECKS: usize = 100_000;
-
-/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
-///
-/// # Errors
-/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
-pub fn min_clearance(
-    problem: &KeypointProblem,
-    plan: &Plan,
-    step: f64,
-    cancel: &Cancel,
-) -> Result<Option<[f64; 3]>, ProblemError> {
-    let Some(trajectory) = &plan.trajectory else { return Ok(None) };
-    let (start, end) = (trajectory.start(), trajectory.end());
-    let steps = ((end - start) / step).ceil().max(1.0);
-    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
-        let least = (end - start) / MOST_CHECKS as f64;
-        return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
-    }
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
-    let mut judge = Judge::new(problem, &model);
-    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
-    let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
-    for k in 0..=steps as usize {
-        if cancel.is_cancelled() {
-            return Ok(None);
-        }
-        let t = (start + step * k as f64).min(end);
-        let stage = 1 + due.iter().filter(|d| **d < t - 1e-9).count();
-        judge.measure(&trajectory.moving(t), stage, &mut out);
-    }
-    Ok(Some([out.itself, out.table, out.object]))
 }
