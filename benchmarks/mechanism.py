@@ -128,8 +128,8 @@ class Mechanism:
                 self.parts[link.get("name", "")] = parts
         #: links with shapes that some joint moves
         self.moving_links = [name for name in self.parts if self.movers(name)]
-        #: the hand and what is below it
-        self.hand_links = {link.name for link in self.links if hand in self.above(link.name)}
+        #: the hand and what is below it; where that is a bare frame, with the link that carries it
+        self.gripper_links = {link.name for link in self.links if self._holder() in self.above(link.name)}
         self.self_pairs = self._judged_pairs(srdf)
 
     def above(self, name: str) -> list[str]:
@@ -139,6 +139,15 @@ class Mechanism:
             found.append(self.links[index].name)
             index = self.links[index].parent
         return found
+
+    def _holder(self) -> str:
+        """The hand or, where that has no shapes, the link with shapes that carries it rigidly, if there is one."""
+        for name in self.above(self.hand_link):
+            if name in self.parts:
+                return name
+            if self.links[self.index[name]].joint >= 0:
+                break
+        return self.hand_link
 
     def movers(self, name: str) -> frozenset[int]:
         """Independent joints that move a link."""
@@ -160,7 +169,7 @@ class Mechanism:
                 placed.append(np.broadcast_to(np.eye(4), (len(q), 4, 4)))
                 continue
             frame = placed[link.parent] @ link.origin
-            placed.append(frame if link.joint < 0 else frame @ _motion(self.joints[link.joint], q[:, link.joint]))
+            placed.append(frame if link.joint < 0 else frame @ motion(self.joints[link.joint], q[:, link.joint]))
         return {link.name: pose for link, pose in zip(self.links, placed, strict=True)}
 
     def hand_poses(self, q: Array) -> Array:
@@ -286,7 +295,7 @@ def _couplings(moving: list[ElementTree.Element], names: list[str]) -> dict[int,
     return found
 
 
-def _motion(joint: MovingJoint, values: Array) -> Array:
+def motion(joint: MovingJoint, values: Array) -> Array:
     """(M, 4, 4) of the child in the joint frame."""
     out = np.broadcast_to(np.eye(4), (len(values), 4, 4)).copy()
     if not joint.turns:
