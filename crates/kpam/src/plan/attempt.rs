@@ -146,9 +146,10 @@ impl Planner<'_> {
         let path = self.entry - 1;
         let leg = self.world.course.along(path);
         let travel = out.travel[path].first().copied().unwrap_or(0.0);
-        let (near, start) = (self.model.start(), self.start_after_brake());
+        let near = self.model.start();
         self.world.measure_start(State { x: &near, travel }, leg);
-        let brake = Way { waypoints: &[near, start], travel: &[travel] };
+        let way = self.leads[self.lead].way(&self.start);
+        let brake = Way { waypoints: &way, travel: &[travel] };
         if let Some((_, hit)) = self.world.sweep_along(brake, leg, &Margins::plain(0.0)) {
             out.hits.push((self.entry, hit.clone()));
             if self.problem.options.avoid_collisions {
@@ -205,7 +206,7 @@ impl Planner<'_> {
             let rest = (i + 1 == self.entry).then(|| self.rest_of(path));
             let (begin, Followed { waypoints, fraction }) = match &rest {
                 Some(rest) => {
-                    let start = self.start_after_brake();
+                    let start = self.leads[self.lead].rest();
                     (rest.begin, self.follower.follow(rest, &start, false))
                 }
                 None => (0.0, self.follower.follow(path, &at, false)),

@@ -73,7 +73,7 @@ impl Guide for Rest<'_> {
 impl Planner<'_> {
     /// What is left of a path for the hand where the motion begins.
     pub(super) fn rest_of<'m>(&mut self, path: &'m HandPath) -> Rest<'m> {
-        let start = self.start_after_brake();
+        let start = self.leads[self.lead].rest();
         let hand = self.follower.hand(&start);
         Rest::new(path, &hand)
     }
