@@ -107,10 +107,14 @@ class Mechanism:
         folder: where relative mesh paths begin.
         hand: name of the hand link.
         srdf: SRDF text; without one, neighbours and links that touch at the middle of all ranges are not judged.
+        base: name of the base link; what is not below it is left out. By default the root.
     """
 
-    def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None) -> None:
+    def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None, base: str | None = None) -> None:
         root = ElementTree.fromstring(text)
+        if base is not None:
+            keep_below(root, base)
+            text = ElementTree.tostring(root, encoding="unicode")
         self.text, self.hand_link = text, hand
         moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
         self.joints = [_moving_joint(joint) for joint in moving]
@@ -230,6 +234,26 @@ class Mechanism:
         return found
 
 
+def keep_below(root: ElementTree.Element, base: str) -> None:
+    """Remove the links and joints of a URDF that are not below a link."""
+    kept, joints = {base}, root.findall("joint")
+    for _ in joints:
+        kept |= {link_of(joint, "child") for joint in joints if link_of(joint, "parent") in kept}
+    for joint in joints:
+        if link_of(joint, "parent") not in kept:
+            root.remove(joint)
+    for link in root.findall("link"):
+        if link.get("name") not in kept:
+            root.remove(link)
+
+
+def link_of(joint: ElementTree.Element, which: str) -> str:
+    """Name of a joint's parent or child link."""
+    element = joint.find(which)
+    assert element is not None
+    return element.get("link", "")
+
+
 def touches(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:
     """Whether two bodies come within ``TOUCHING``."""
     return any(
@@ -256,7 +280,7 @@ def _moving_joint(element: ElementTree.Element) -> MovingJoint:
 
 
 def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
-    joints = {joint.find("child").get("link", ""): joint for joint in root.findall("joint")}  # type: ignore[union-attr]
+    joints = {link_of(joint, "child"): joint for joint in root.findall("joint")}
     waiting = [link.get("name", "") for link in root.findall("link")]
     links: list[TreeLink] = []
     index: dict[str, int] = {}
@@ -267,7 +291,7 @@ def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
             index[name] = len(links)
             links.append(TreeLink(name, -1, np.eye(4), -1))
             continue
-        parent = joint.find("parent").get("link", "")  # type: ignore[union-attr]
+        parent = link_of(joint, "parent")
         if parent not in index:
             waiting.append(name)
             continue
