@@ -4,8 +4,8 @@
 
 The yardstick is toppra, on the same geometric path with the same stops and the same velocity and acceleration limits;
 it knows no limit on jerk. Two kinds of paths: splines through random waypoints with random limits, and the motions of
-recorded problems as planned, read off the trajectory between the places where it rests. Each with the jerk limits lifted
-tenfold, and with the limits as they are (Franka's published ones). Times are CPU time, taken in turn.
+recorded problems as planned, read off the trajectory between the places where it rests. Each with the jerk limits
+lifted tenfold, and with the limits as they are (Franka's published ones). Times are CPU time, taken in turn.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ def pieces_of(trajectory: kpam.Trajectory) -> list[Array]:
     positions, velocities, _ = trajectory.sample(fine)
     resting = np.flatnonzero(np.abs(velocities).max(axis=1) < 1e-9)
     out = []
-    for begin, end in zip(resting[:-1], resting[1:], strict=True):
+    for begin, end in pairwise(resting):
         points = positions[begin : end + 1, :7]
         chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         if chord[-1] > 1e-4:

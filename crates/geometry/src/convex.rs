@@ -486,4 +486,29 @@ mod tests {
         let d = between(&plate, &Convex::ball(0.1, Point3::new(1.0, 1.0, 1.0)).unwrap());
         assert!((d.distance - 0.9).abs() < 1e-9);
     }
+
+    proptest! {
+        #[test]
+        fn what_is_undecided_is_never_said_to_be_further(
+            at in prop::array::uniform3(-0.6..0.6f64), guess in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            prop_assume!(Vector3::from(guess).norm() > 1e-3);
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b).distance;
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            let (_, _, n, found) = undecided(&p, &q, &Unit::new_normalize(Vector3::from(guess)));
+            prop_assert!((found - wanted).abs() < 1e-6, "{found} {wanted}");
+            prop_assert!(apart_along(&p, &q, &n) <= wanted + 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_search_that_gives_up_does_not_mean_free() {
+        // What the search answers where it runs out of rounds is the x axis, whatever the hulls: along it these overlap.
+        let (a, b) = (cube(0.2, [0.0; 3]), cube(0.2, [0.1, 0.1, 0.1]));
+        let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+        assert!(apart_along(&p, &q, &Vector3::x()) < 0.0);
+        let (.., found) = undecided(&p, &q, &Vector3::x_axis());
+        assert!((found + 0.3).abs() < 1e-6, "{found}");
+    }
 }

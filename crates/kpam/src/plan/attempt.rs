@@ -6,7 +6,7 @@ use crate::free_space::NoWay;
 use crate::hand_path::Followed;
 use crate::model::Row;
 use crate::motion::{Motions, motions};
-use crate::world::{Hit, Margins, State, Way, travel_along};
+use crate::world::{Hit, Margins, State, Way, even, travel_along, travel_over};
 
 /// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
 pub(super) struct Attempt {
@@ -200,25 +200,21 @@ impl Planner<'_> {
             let path = &out.motions.paths[i];
             // What lies before the entry is done; the path to it is followed from the present state.
             if i + 1 < self.entry {
-                travel = travel_along(self.problem, i - act, path, travel, 0.0..1.0, DONE).pop().unwrap_or(travel);
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
                 continue;
             }
-            let rest = (i + 1 == self.entry).then(|| self.rest_of(path));
-            let (begin, Followed { waypoints, fraction }) = match &rest {
-                Some(rest) => {
-                    let start = self.leads[self.lead].rest();
-                    (rest.begin, self.follower.follow(rest, &start, false))
-                }
-                None => (0.0, self.follower.follow(path, &at, false)),
+            let (waypoints, done, fraction) = if i + 1 == self.entry {
+                let (waypoints, done, fraction) = self.rest_of(path);
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..done[0]);
+                (waypoints, done, fraction)
+            } else {
+                let Followed { waypoints, fraction } = self.follower.follow(path, &at, false);
+                let done = even(&(0.0..fraction), waypoints.len());
+                (waypoints, done, fraction)
             };
             at = waypoints[waypoints.len() - 1];
-            let reached = begin + (1.0 - begin) * fraction;
-            if begin > 0.0 {
-                travel = travel_along(self.problem, i - act, path, travel, 0.0..begin, DONE).pop().unwrap_or(travel);
-            }
-            let along = travel_along(self.problem, i - act, path, travel, begin..reached, waypoints.len());
-            travel = along.last().copied().unwrap_or(travel);
-            out.travel[i] = along;
+            out.travel[i] = travel_along(self.problem, i - act, path, travel, &done);
+            travel = out.travel[i].last().copied().unwrap_or(travel);
             out.paths[i] = waypoints;
             if fraction < 1.0 {
                 out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
@@ -286,6 +282,3 @@ impl Planner<'_> {
         }
     }
 }
-
-/// Steps at which a part of a path that is done is looked at.
-const DONE: usize = 64;

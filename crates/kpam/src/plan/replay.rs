@@ -5,13 +5,11 @@ use super::resume::Rest;
 use crate::fingers::resting_joints;
 use crate::model::Model;
 use crate::motion::{Motions, motions};
-use crate::world::{Clearances, State, World, travel_along};
+use crate::world::{Clearances, State, World, travel_over};
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 
 /// Most places of a motion that [`min_clearance`] measures.
 pub const MOST_CHECKS: usize = 100_000;
-/// Places at which a path is looked at to see how far it takes the object's joint.
-const PLACES: usize = 64;
 
 /// The motion of a plan.
 struct Replay<'p> {
@@ -34,8 +32,7 @@ impl<'p> Replay<'p> {
         let act = motions.actuation;
         let mut before = vec![0.0; motions.paths.len() + 1];
         for i in act..motions.paths.len() {
-            let travel = travel_along(problem, i - act, &motions.paths[i], before[i], 0.0..1.0, PLACES);
-            before[i + 1] = travel.last().copied().unwrap_or(before[i]);
+            before[i + 1] = travel_over(problem, i - act, &motions.paths[i], before[i], 0.0..1.0);
         }
         Some(Self { problem, plan, trajectory, motions, before })
     }
@@ -59,7 +56,7 @@ impl<'p> Replay<'p> {
         let hand = robot.link_pose(&self.trajectory.sample(t).position, robot.hand());
         let (path, before) = (&self.motions.paths[i], self.before[i]);
         let done = Rest::new(path, &hand).begin;
-        travel_along(self.problem, i - act, path, before, 0.0..done, PLACES).pop().unwrap_or(before)
+        travel_over(self.problem, i - act, path, before, 0.0..done)
     }
 }
 

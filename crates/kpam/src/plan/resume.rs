@@ -5,13 +5,13 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::Plan;
 use super::planner::Planner;
-use crate::hand_path::Guide;
+use crate::hand_path::{Followed, Guide};
 use crate::model::Row;
 use crate::motion::HandPath;
 use crate::world::{Leg, Margins, Way};
 
 /// Places at which a path is compared with where the hand is.
-const PLACES: usize = 64;
+const PLACES: usize = 32;
 /// A radian counts as this many metres there.
 const LEVER: f64 = 0.1;
 /// Time between waypoints that are taken from an earlier plan (s).
@@ -40,7 +40,7 @@ impl<'p> Rest<'p> {
         let place = |k: usize| k as f64 / PLACES as f64;
         let nearest = (0..=PLACES).min_by(|a, b| apart(place(*a)).total_cmp(&apart(place(*b)))).unwrap_or(0);
         let (mut low, mut high) = (place(nearest.saturating_sub(1)), place((nearest + 1).min(PLACES)));
-        for _ in 0..40 {
+        for _ in 0..24 {
             let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
             if apart(a) < apart(b) {
                 high = b;
@@ -71,34 +71,56 @@ impl Guide for Rest<'_> {
 }
 
 impl Planner<'_> {
-    /// What is left of a path for the hand where the motion begins.
-    pub(super) fn rest_of<'m>(&mut self, path: &'m HandPath) -> Rest<'m> {
+    /// The rest of the hand path that the motion goes on along: joint waypoints, the fraction of the whole path that is
+    /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
+    pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
         let start = self.leads[self.lead].rest();
-        let hand = self.follower.hand(&start);
-        Rest::new(path, &hand)
+        if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1)) {
+            let done = way.iter().map(|x| Rest::new(path, &self.follower.hand(x)).begin).collect();
+            return (way, done, 1.0);
+        }
+        let rest = Rest::new(path, &self.follower.hand(&start));
+        let Followed { waypoints, fraction } = self.follower.follow(&rest, &start, false);
+        let reached = (1.0 - rest.begin) * fraction;
+        let steps = waypoints.len().saturating_sub(1).max(1) as f64;
+        let done = (0..waypoints.len()).map(|k| rest.begin + reached * k as f64 / steps).collect();
+        (waypoints, done, fraction)
     }
 
     /// The way of the earlier plan from `start` to `goal`, where it leads there and is free.
     pub(super) fn former_way(&mut self, start: &Row, goal: &Row, leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+        let mut way = self.former_waypoints(start, None)?;
+        let last = way.last_mut()?;
+        if self.apart(last, goal) > AT_GOAL {
+            return None;
+        }
+        *last = *goal;
+        self.world.sweep_along(Way::still(&way), leg, margins).is_none().then_some(way)
+    }
+
+    /// Waypoints of the earlier plan from `start`, which is on its way to the first keyframe, to that. `after` is the
+    /// keyframe that it has passed, if any.
+    fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
         let former = self.former?;
         let (trajectory, end) = (former.trajectory.as_ref()?, former.keyframes.get(self.entry)?.time?);
-        let n = self.model.n();
-        let apart = |a: &Row, b: &Row| (0..n).map(|v| (a[v] - b[v]).abs()).fold(0.0, f64::max);
-        let steps = ((end - trajectory.start()) / STEP).ceil().max(1.0);
-        let mut way: Vec<Row> = (0..=steps as usize)
-            .map(|k| trajectory.moving(trajectory.start() + (end - trajectory.start()) * k as f64 / steps))
-            .collect();
-        let nearest = (0..way.len()).min_by(|a, b| apart(&way[*a], start).total_cmp(&apart(&way[*b], start)))?;
-        if apart(&way[nearest], start) > NEAR_START || apart(way.last()?, goal) > AT_GOAL {
+        let begin = after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start());
+        let steps = ((end - begin) / STEP).ceil().max(1.0);
+        let at = |k: usize| trajectory.moving(begin + (end - begin) * k as f64 / steps);
+        let mut way: Vec<Row> = (0..=steps as usize).map(at).collect();
+        let nearest =
+            (0..way.len()).min_by(|a, b| self.apart(&way[*a], start).total_cmp(&self.apart(&way[*b], start)))?;
+        if self.apart(&way[nearest], start) > NEAR_START {
             return None;
         }
         // On from the waypoint after the nearest: that one may lie behind.
         way.drain(..(nearest + 1).min(way.len() - 1));
         way.insert(0, *start);
-        if let Some(last) = way.last_mut() {
-            *last = *goal;
-        }
-        self.world.sweep_along(Way::still(&way), leg, margins).is_none().then_some(way)
+        Some(way)
+    }
+
+    /// Largest difference of a joint (rad or m).
+    fn apart(&self, a: &Row, b: &Row) -> f64 {
+        (0..self.model.n()).map(|v| (a[v] - b[v]).abs()).fold(0.0, f64::max)
     }
 }
 

@@ -14,7 +14,10 @@ use crate::world::{Leg as WorldLeg, Margins, Way};
 
 /// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
 const BEND: usize = 6;
-/// Spacing (rad or m) of the points at which a bend is swept.
+/// Parts of an interval in which the speed of the point that touches is looked at.
+const LOOKS: u32 = 4;
+/// Points at which each interval of a bend is swept, where they are not nearer to each other than this (rad or m).
+const PARTS: f64 = 6.0;
 const FINE: f64 = 0.01;
 
 /// Joint waypoints that lead from one keyframe, or stop, to the next.
@@ -198,7 +201,8 @@ impl Planner<'_> {
         let margins = if begins { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
         let (mut waypoints, mut travel) = (vec![path.at(knots.start, 0.0)], Vec::new());
         for i in knots {
-            let inside = path.along(i..i + 1, FINE);
+            let apart = path.knots[i + 1] - path.knots[i];
+            let inside = path.along(i..i + 1, (apart / PARTS).max(FINE));
             if let (Some(from), Some(to)) = (leg.travel.get(i - first), leg.travel.get(i - first + 1)) {
                 if travel.is_empty() {
                     travel.push(*from);
@@ -214,18 +218,27 @@ impl Planner<'_> {
         self.world.sweep_along(Way { waypoints: &waypoints, travel: &travel }, leg.leg, &margins).is_none()
     }
 
-    /// Least time (s) of each interval between waypoints of legs in contact.
-    fn slowest(&mut self, legs: &[Stretch<'_>]) -> Vec<f64> {
+    /// Least time (s) of each interval between waypoints at the speed allowed in contact, were each driven evenly as
+    /// fast as where the point that touches moves fastest.
+    fn slowest(&mut self, legs: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
+        let Some(speed) = self.problem.options.contact_speed else { return Vec::new() };
         let tip = nalgebra::Point3::from(self.problem.contact_point());
-        let mut out = Vec::new();
-        for leg in legs {
-            let speed = if leg.contact { self.problem.options.contact_speed } else { None };
-            let Some(speed) = speed else {
-                out.resize(out.len() + leg.waypoints.len() - 1, 0.0);
-                continue;
-            };
-            let places: Vec<_> = leg.waypoints.iter().map(|x| self.follower.hand(x) * tip).collect();
-            out.extend(places.windows(2).map(|p| (p[1] - p[0]).norm() / speed));
+        let mut out = vec![0.0; path.waypoints() - 1];
+        for (_, pair) in legs.iter().zip(ends.windows(2)).filter(|(leg, _)| leg.contact) {
+            for w in pair[0]..pair[1] {
+                let i = path.knot_of(w);
+                if path.knot_of(w + 1) == i {
+                    continue;
+                }
+                let mut last = self.follower.hand(&path.at(i, 0.0)) * tip;
+                let mut furthest: f64 = 0.0;
+                for k in 1..=LOOKS {
+                    let now = self.follower.hand(&path.at(i, f64::from(k) / f64::from(LOOKS))) * tip;
+                    furthest = furthest.max((now - last).norm());
+                    last = now;
+                }
+                out[w] = f64::from(LOOKS) * furthest / speed;
+            }
         }
         out
     }
@@ -239,7 +252,7 @@ impl Planner<'_> {
         times: &mut [Option<f64>],
     ) -> Result<(), Failure> {
         let (path, ends) = self.path(legs, velocity);
-        let slowest = self.slowest(legs);
+        let slowest = self.slowest(legs, &path, &ends);
         let last = &legs[legs.len() - 1];
         let marks = &ends[1..];
         let begin = builder.now();

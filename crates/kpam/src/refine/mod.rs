@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::fingers::resting_joints;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::motions;
-use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_along};
+use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_over};
 use crate::{KeypointProblem, Plan, ProblemError};
 use program::{Bound, Program};
 
@@ -29,9 +29,9 @@ const TRUST: f64 = 0.3;
 /// Bounds smaller than this end the search.
 const FINEST: f64 = 0.01;
 /// Rounds.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 5;
 /// A round that saves less than this share is the last.
-const SMALL: f64 = 2e-3;
+const SMALL: f64 = 5e-3;
 /// Kept from joint limits (rad or m).
 const LIMIT_MARGIN: f64 = 1e-3;
 /// Waypoints where none are asked for.
@@ -135,7 +135,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
             let from = plan.keyframes[next - 1].time.unwrap_or(begin);
             let to = plan.keyframes[next].time.unwrap_or(end);
             let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 1.0 };
-            travel = travel_along(problem, post, path, former, 0.0..share, 16).pop().unwrap_or(former);
+            travel = travel_over(problem, post, path, former, 0.0..share);
             if share >= 1.0 {
                 former = travel;
             }

@@ -30,7 +30,13 @@ fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State 
 
 /// Phases that take a joint's acceleration away.
 fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
-    [(acceleration.abs() / jerk, -jerk * acceleration.signum()), (0.0, 0.0), (0.0, 0.0)]
+    settling_in(acceleration.abs() / jerk, acceleration)
+}
+
+/// Phases that take it away in a given time.
+fn settling_in(time: f64, acceleration: f64) -> [Phase; 3] {
+    let jerk = if time > 0.0 { -acceleration / time } else { 0.0 };
+    [(time, jerk), (0.0, 0.0), (0.0, 0.0)]
 }
 
 /// Phases that bring a joint to rest in the least time.
@@ -99,9 +105,18 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
     out
 }
 
-/// The motion in which every joint loses its acceleration as soon as it can and goes on evenly.
+/// The motion in which all joints lose their accelerations together, as soon as they can, and go on evenly. A joint that
+/// would gain too much speed by then loses its own at once.
 pub(crate) fn settle(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
-    let phases: Vec<_> = (0..limits.joints()).map(|v| settling(acceleration[v], limits.jerk[v])).collect();
+    let joints = 0..limits.joints();
+    let time = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let phases: Vec<_> = joints
+        .map(|v| {
+            let fits = (velocity[v] + 0.5 * time * acceleration[v]).abs() <= limits.velocity[v];
+            let own = acceleration[v].abs() / limits.jerk[v];
+            settling_in(if fits { time } else { own }, acceleration[v])
+        })
+        .collect();
     nodes(limits, &states(limits.joints(), position, velocity, acceleration), &phases)
 }
 

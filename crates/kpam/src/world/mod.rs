@@ -31,7 +31,7 @@ pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
 pub use scene::{Bodies, Scene, SceneJoint};
 pub(crate) use sweep::Way;
-pub(crate) use travel::{joint_steps, travel_along};
+pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 
 /// No stand-ins for distances.
 const EXACT: f64 = f64::INFINITY;
@@ -39,7 +39,7 @@ const EXACT: f64 = f64::INFINITY;
 pub(crate) const TOUCH: f64 = 1e-4;
 
 /// Where it is a guess how far the object's joint moves, overlaps of what it moves up to this (m) prove nothing.
-const GUESSED: f64 = 0.03;
+const GUESSED: f64 = 0.05;
 
 /// An overlap that breaks the rules, or a distance for a report.
 #[derive(Debug, Clone)]

@@ -37,8 +37,8 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// Travel of the object's joint at `count` even steps of `part` (within 0..1) of post-actuation path number `post`;
-/// `from` is the travel where that part begins.
+/// Travel of the object's joint at places `done` (within 0..1, increasing, near each other) of post-actuation path number
+/// `post`; `from` is the travel at the first of them.
 ///
 /// A motion of which it is not known takes the joint along as far as its contact point goes along the joint's axis, or
 /// around it. No joint goes beyond its range.
@@ -47,23 +47,20 @@ pub(crate) fn travel_along(
     post: usize,
     path: &HandPath,
     from: f64,
-    part: Range<f64>,
-    count: usize,
+    done: &[f64],
 ) -> Vec<f64> {
-    let Some(joint) = &problem.joint else { return vec![0.0; count] };
+    let Some(joint) = &problem.joint else { return vec![0.0; done.len()] };
     let named = joint_steps(problem).get(post).copied().flatten();
     let contact = Point3::from(problem.contact_point());
-    let steps = count.saturating_sub(1).max(1) as f64;
-    let length = part.end - part.start;
-    let mut last = path.at(part.start) * contact;
+    let begin = done.first().copied().unwrap_or(0.0);
+    let mut last = path.at(begin) * contact;
     let mut gone = 0.0;
-    (0..count)
-        .map(|k| {
-            let done = length * k as f64 / steps;
+    done.iter()
+        .map(|s| {
             let free = match named {
-                Some(step) => step * done,
+                Some(step) => step * (s - begin),
                 None => {
-                    let now = path.at(part.start + done) * contact;
+                    let now = path.at(*s) * contact;
                     gone += carried(joint, &last.coords, &now.coords);
                     last = now;
                     gone
@@ -72,6 +69,20 @@ pub(crate) fn travel_along(
             within_range(joint, from + free)
         })
         .collect()
+}
+
+/// Travel at the end of a part of a path, from travel `from` at its begin.
+pub(crate) fn travel_over(problem: &KeypointProblem, post: usize, path: &HandPath, from: f64, part: Range<f64>) -> f64 {
+    travel_along(problem, post, path, from, &even(&part, PLACES)).pop().unwrap_or(from)
+}
+
+/// Places at which a path is looked at to see how far it takes the object's joint.
+const PLACES: usize = 64;
+
+/// `count` even places over a part of a path.
+pub(crate) fn even(part: &Range<f64>, count: usize) -> Vec<f64> {
+    let steps = count.saturating_sub(1).max(1) as f64;
+    (0..count).map(|k| part.start + (part.end - part.start) * k as f64 / steps).collect()
 }
 
 /// How far a small way of the contact point takes the joint.
