@@ -249,6 +249,9 @@ class KeypointProblem:
             joint_travel: (motions after the actuation,) by how much each moves the joint (rad or m); default: motions
                 that follow or trace the joint say so, others take it along with the contact point.
         """
+    def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
+        """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
+        time (s) on the motion's clock. Shares everything else."""
     @property
     def scene(self) -> Scene:
         """The scene that it is asked of; its joint is named "joint" there."""
@@ -276,7 +279,7 @@ class Plan:
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
         "unreachable", "collision", "not_found" (the search ended without a motion; there may be one), "too_fast",
-        "cannot_stop" (no motion from the start stays within the limits), "cancelled"."""
+        "cannot_stop" (no motion from the start stays within the joint limits), "cancelled"."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""

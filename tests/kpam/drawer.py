@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 TOOL = {"head": [0.0, 0.0, 0.103], "tail": [0.0, 0.0, 0.073], "side": [0.0, 0.05, 0.103]}
 HALF_OPEN, SHUT = 0.13, 0.0
 CUBE = 0.02
+#: Where the cube stands at first: in front of the drawer.
+START = (0.37, 0.0)
 #: Name, half extents, centre: the cabinet is open to the front, the drawer above.
 CABINET = [
     ("bottom", [0.11, 0.13, 0.005], [0.71, 0.0, 0.005]),
@@ -60,7 +62,11 @@ def scene(panda: kpam.Robot) -> kpam.Scene:
             keypoints={"inside": [0.65, 0.0, 0.024 + CUBE + 0.004], "front": [0.577, 0.0, 0.125]},
         ),
         kpam.Body(
-            "cube", "rigid", [kpam.Shape.box([CUBE] * 3)], at(0.45, -0.3, CUBE), keypoints={"center": [0.0, 0.0, 0.0]}
+            "cube",
+            "rigid",
+            [kpam.Shape.box([CUBE] * 3)],
+            at(*START, CUBE),
+            keypoints={"center": [0.0, 0.0, 0.0], "grip": [0.0, 0.0, 0.012]},
         ),
     ]
     shut = kpam.Scene(panda, bodies, [kpam.SceneJoint("slide", slide, ["drawer"])])

@@ -36,7 +36,7 @@ def end(plan: kpam.Plan) -> np.ndarray:
 
 def pick(start: kpam.Scene) -> kpam.Plan:
     question = start.problem(
-        drawer.config("head", "cube/center", [["translate_z", -0.1]], ["move-up"]),
+        drawer.config("head", "cube/grip", [["translate_z", -0.1]], ["move-up"]),
         Q_START,
         tool_keypoints=drawer.TOOL,
         options={"pick": ["cube"]},
@@ -71,7 +71,7 @@ def test_the_whole_chain_by_other_code(panda: kpam.Robot) -> None:
     first = pick(start)
     steps = drawer.walk(first)
     hand = world.hand(steps.q)
-    resting = drawer.at(0.45, -0.3, drawer.CUBE)
+    resting = drawer.at(*drawer.START, drawer.CUBE)
     grasp = np.linalg.inv(world.hand(first.q_plan[None])[0]) @ resting
     rides = steps.times >= reached(first, "actuation")
     open_ = np.array([drawer.HALF_OPEN])
@@ -117,7 +117,7 @@ def test_the_whole_chain_by_other_code(panda: kpam.Robot) -> None:
 def test_the_arm_keeps_clear_of_a_drawer_that_comes_out(panda: kpam.Robot) -> None:
     # A flap on the drawer reaches over the hand that opens it: standing it is clear of the arm, coming it is not.
     start = drawer.scene(panda).with_joint("slide", 0.02)
-    flap = kpam.Body("flap", "rigid", [kpam.Shape.box([0.01, 0.2, 0.2])], drawer.at(0.62, 0.0, 0.62))
+    flap = kpam.Body("flap", "rigid", [kpam.Shape.box([0.01, 0.2, 0.2])], drawer.at(0.68, 0.0, 0.5))
     joint = kpam.Joint("prismatic", [0.6, 0.0, 0.07], [-1.0, 0.0, 0.0], 0.02, 0.0, 0.18)
     scene = kpam.Scene(panda, [*start.bodies, flap], [kpam.SceneJoint("slide", joint, ["drawer", "flap"])])
 

@@ -187,7 +187,7 @@ def test_scenes_derive(panda: kpam.Robot) -> None:
 def test_checks_tell_distances(panda: kpam.Robot) -> None:
     scene = kpam.Scene(panda, [ball("ball", "rigid", [0.0, 0.0, 3.0], 0.5)])
     near = scene.check(np.stack([Q_START, Q_START]), reach=5.0)
-    assert [[pair["bodies"] for pair in row] for row in near][0] == [pair["bodies"] for pair in near[1]]
+    assert next([pair["bodies"] for pair in row] for row in near) == [pair["bodies"] for pair in near[1]]
     assert near[0][0]["distance"] == pytest.approx(scene.distance(Q_START, most=5.0))
     assert any("ball" in pair["bodies"] for pair in near[0])
     assert scene.distance(np.stack([Q_START] * 3)).shape == (3,)

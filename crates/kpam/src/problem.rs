@@ -200,6 +200,18 @@ impl KeypointProblem {
         self.resolve().map(|_| ())
     }
 
+    /// The same problem from another state: joints, their velocity (at rest where none is given), and the time (s).
+    ///
+    /// # Errors
+    /// As [`KeypointProblem::check`].
+    pub fn with_start(&self, q: Vec<f64>, velocity: Option<Vec<f64>>, time: f64) -> Result<Self, ProblemError> {
+        let mut out = self.clone();
+        out.q_start = q;
+        (out.options.start_velocity, out.options.start_time) = (velocity, time);
+        out.check()?;
+        Ok(out)
+    }
+
     /// The scene that it is asked of.
     #[must_use]
     pub fn scene(&self) -> Scene {

@@ -164,6 +164,15 @@ impl PyKeypointProblem {
         Self::checked(question.on(Arc::clone(&robot.get().0), bodies.into(), joint.map(|j| j.get().0))?)
     }
 
+    /// The same problem from another state: joints (n,), their velocity (n,) (at rest where none is given), and the time
+    /// (s) on the motion's clock.
+    #[pyo3(signature = (q, velocity = None, time = 0.0))]
+    fn with_start(&self, q: &Bound<'_, PyAny>, velocity: Option<&Bound<'_, PyAny>>, time: f64) -> PyResult<Self> {
+        let q = convert::vector(q, "q", None)?;
+        let velocity = velocity.map(|v| convert::vector(v, "velocity", None)).transpose()?;
+        self.0.with_start(q, velocity, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
+    }
+
     /// The scene that it is asked of; a joint is named "joint" there.
     #[getter]
     fn scene(&self) -> PyScene {

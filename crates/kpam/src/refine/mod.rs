@@ -29,9 +29,9 @@ const TRUST: f64 = 0.3;
 /// Bounds smaller than this end the search.
 const FINEST: f64 = 0.01;
 /// Rounds.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 5;
 /// A round that saves less than this share is the last.
-const SMALL: f64 = 2e-3;
+const SMALL: f64 = 5e-3;
 /// Kept from joint limits (rad or m).
 const LIMIT_MARGIN: f64 = 1e-3;
 /// Waypoints where none are asked for.

@@ -55,7 +55,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         out[..joints].copy_from_slice(list);
         Ok(out)
     };
-    let finite = |field: &str, list: &[f64]| match list.iter().find(|v| v.is_nan() || v.abs() > 1e6) {
+    let finite = |field: &str, list: &[f64]| match list.iter().find(|v| !(-1e6..=1e6).contains(*v)) {
         Some(v) => Err(ProblemError::new(field, format!("{v} is not a finite number within 1e6"))),
         None => row(field, list),
     };
