@@ -27,6 +27,8 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
+    refine,
+    retime,
 )
 
 __all__ = [
@@ -51,4 +53,6 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
+    "refine",
+    "retime",
 ]

@@ -267,8 +267,8 @@ class Trajectory:
         """(N, n) joint positions at ``times``."""
     @property
     def duration(self) -> float: ...
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at t, each (n,)."""
+    def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
     def sample_every(self, dt: float) -> Array:
         """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
@@ -279,7 +279,7 @@ class Plan:
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
         "unreachable", "collision", "not_found" (the search ended without a motion; there may be one), "too_fast",
-        "cancelled"."""
+        "cannot_stop" (no motion from the start stays within the joint limits), "cancelled"."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
@@ -366,4 +366,60 @@ def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str
     """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".
 
     ``step`` is at least a 100,000th of the motion.
+    """
+
+def retime(
+    waypoints: npt.ArrayLike,
+    velocity_limits: npt.ArrayLike,
+    acceleration_limits: npt.ArrayLike,
+    jerk_limits: npt.ArrayLike,
+    *,
+    stops: Sequence[int] = (),
+    slowest: npt.ArrayLike | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    start_acceleration: npt.ArrayLike | None = None,
+    position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    method: Literal["reachability", "conic"] = "reachability",
+) -> tuple[Trajectory, Array]:
+    """The fastest motion along the cubic spline through waypoints that keeps velocity, acceleration and jerk limits.
+
+    Args:
+        waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
+        velocity_limits, acceleration_limits, jerk_limits: (n,) per second, per second squared and cubed.
+        stops: waypoints at which the motion rests, beside the last.
+        slowest: (N - 1,) least time of each interval between waypoints, s.
+        start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
+            towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        position_limits: (n,) lower and upper limits that a start under way has to stop within.
+        method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
+
+    Returns:
+        The motion from time 0, and the (N,) times at which it passes the waypoints.
+
+    Raises:
+        ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.
+    """
+
+def refine(
+    problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
+) -> dict[str, Any]:
+    """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
+
+    The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
+    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free
+    stay free; the cost is never more than before.
+
+    Args:
+        problem: what was planned.
+        plan: a plan of it that has a trajectory.
+        times: (N,) times of the plan's motion at which waypoints lie, s, beside its start, end and keyframes; about 40
+            evenly by default.
+        keep_paths: keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+
+    Returns:
+        ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (numbers of their waypoints), ``cost_before``,
+        ``cost_after``, ``rounds``. ``retime`` makes a motion of the waypoints.
+
+    Raises:
+        ProblemError: the plan has no motion, or a time is not within it.
     """

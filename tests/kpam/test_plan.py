@@ -96,7 +96,8 @@ def test_following_the_joint_is_an_arc(panda: kpam.Robot) -> None:
     about[:3, 3] = shift - about[:3, :3] @ shift
     np.testing.assert_allclose(end, about @ act, atol=1e-9)
     radius = np.linalg.norm((hand_path(panda, plan, "actuation", "post_0")[:, :3, 3] - shift)[:, 1:], axis=1)
-    assert np.ptp(radius) < 1e-3
+    # The motion passes the actuation pose without a stop: it leaves the arc by 2 mm there at most.
+    assert np.abs(radius - radius[-1]).max() < 2e-3
 
 
 def test_tracing_the_joint_keeps_the_orientation(panda: kpam.Robot) -> None:

@@ -5,10 +5,10 @@ use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
 use crate::KeypointProblem;
-use crate::curve::{Curve, Limits};
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
+use crate::timing::Spline;
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;
@@ -18,7 +18,7 @@ const JUMP: f64 = 0.25;
 /// Hand pose is met within this (m and rad) at waypoints.
 const EXACT: f64 = 1e-6;
 /// The curve through the waypoints leaves the path by at most this (m).
-const OFF_PATH: f64 = 2e-3;
+pub(crate) const OFF_PATH: f64 = 2e-3;
 /// Where it would leave the path or the joint limits, waypoints come this many times closer, and once more.
 const FINER: [usize; 3] = [1, 4, 16];
 /// Part of a stride's free motion that goes on in the next: less than all, or the arm would swing about its middle.
@@ -59,7 +59,6 @@ impl Guide for HandPath {
 pub(crate) struct Follower<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
-    limits: Limits,
     placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
@@ -67,14 +66,7 @@ pub(crate) struct Follower<'p> {
 
 impl<'p> Follower<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
-        Self {
-            problem,
-            model,
-            limits: Limits::of(problem, model),
-            placed: Placed::default(),
-            qp: ActiveSet::default(),
-            bounds: Vec::new(),
-        }
+        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
     }
 
     /// Hand pose at `x`.
@@ -127,17 +119,12 @@ impl<'p> Follower<'p> {
     fn strays(&mut self, path: &impl Guide, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
-        let curve = Curve::new(n, waypoints, &self.limits);
-        if curve.knots() != waypoints.len() {
+        let curve = Spline::through(n, waypoints, None);
+        if curve.intervals() + 1 != waypoints.len() {
             return None; // the path is shorter than what counts as a step
         }
         (0..waypoints.len() - 1).find(|&i| {
-            let limited = (0..n).all(|v| {
-                let (low, high) = curve.range(v, i);
-                // Waypoints may lie outside where the start does.
-                let (from, to) = (waypoints[i][v], waypoints[i + 1][v]);
-                low >= self.model.lower[v].min(from).min(to) && high <= self.model.upper[v].max(from).max(to)
-            });
+            let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
             let mut on_path = || {
                 let s = (i as f64 + 0.5) / steps as f64;
                 let wanted = path.at(if backwards { 1.0 - s } else { s }).translation.vector;

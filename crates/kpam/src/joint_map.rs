@@ -45,6 +45,12 @@ impl JointMap {
         Self { rest: rest.to_vec(), indices, driven }
     }
 
+    /// Map of joint vectors in which every joint is a variable of its own.
+    pub(crate) fn each(joints: usize, rest: &[f64]) -> Self {
+        let own = |joint| DrivenJoint { joint, variable: joint, factor: 1.0, offset: 0.0, link: joint };
+        Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
+    }
+
     /// Number of entries of a full joint vector.
     #[must_use]
     pub fn joints(&self) -> usize {

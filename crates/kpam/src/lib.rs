@@ -7,7 +7,6 @@
 mod actuation;
 mod cancel;
 pub mod config;
-mod curve;
 mod default_limits;
 mod error;
 mod fingers;
@@ -21,8 +20,9 @@ pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
+mod refine;
 mod resolve;
-mod trajectory;
+mod timing;
 mod world;
 
 pub use cancel::Cancel;
@@ -34,5 +34,6 @@ pub use plan::{
     TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
-pub use trajectory::{Sample, Trajectory};
+pub use refine::{RefineOptions, Refined, refine};
+pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -13,6 +13,8 @@ use crate::model::Model;
 const GENTLEST: f64 = 1e-3;
 /// Fastest joint that a motion may start with (rad/s or m/s).
 const FASTEST: f64 = 100.0;
+/// Greatest acceleration that a motion may start with (rad/s^2 or m/s^2).
+const HARDEST: f64 = 1e4;
 
 /// How keyframes get their times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,11 +93,15 @@ pub struct Options {
     pub limits: Option<LimitSet>,
     /// Velocity at the start, a full joint, within 100 rad/s or m/s; by default at rest.
     pub start_velocity: Option<Vec<f64>>,
+    /// Acceleration at the start, a full joint, within 1e4 rad/s^2 or m/s^2; by default none.
+    pub start_acceleration: Option<Vec<f64>>,
+    /// Greatest speed (m/s) of the point that touches, from the actuation on, 0.001 to 1,000; null for what the joints can do.
+    pub contact_speed: Option<f64>,
     /// Reading of list-type post-actuation translations.
     pub frames: Frames,
     /// Path of "rotate".
     pub rotate_path: RotatePath,
-    /// Most start values of the actuation pose, the present joints included: 1 to 1,000.
+    /// Start values of the actuation pose, the present joints included: 1 to 1,000.
     pub starts: usize,
     /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
     pub descents: usize,
@@ -139,6 +145,8 @@ impl Default for Options {
             jerk_limits: None,
             limits: None,
             start_velocity: None,
+            start_acceleration: None,
+            contact_speed: None,
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
             starts: 48,
@@ -193,6 +201,7 @@ impl Options {
             ("acceleration_limits", &self.acceleration_limits, GENTLEST..=1e9),
             ("jerk_limits", &self.jerk_limits, GENTLEST..=1e9),
             ("start_velocity", &self.start_velocity, -FASTEST..=FASTEST),
+            ("start_acceleration", &self.start_acceleration, -HARDEST..=HARDEST),
         ];
         for (name, list, range) in lists {
             let Some(list) = list else { continue };
@@ -202,6 +211,9 @@ impl Options {
             for (j, value) in list.iter().enumerate() {
                 within(&format!("{name}[{j}]"), *value, &range)?;
             }
+        }
+        if let Some(speed) = self.contact_speed {
+            within("contact_speed", speed, &(1e-3..=1e3))?;
         }
         check_limit_set(model, self)?;
         check_speeds(robot, model, self)

@@ -6,6 +6,7 @@ mod geometry;
 mod interrupt;
 mod planning;
 mod scene;
+mod timing;
 
 use pyo3::prelude::*;
 
@@ -24,12 +25,14 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<scene::PyCancel>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
-    m.add_class::<planning::PyTrajectory>()?;
+    m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::ik, m)?)?;
     m.add_function(wrap_pyfunction!(planning::joint_travel, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::retime, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::refine, m)?)?;
     Ok(())
 }

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use gensim2_geometry::Robot;
 use gensim2_kpam::{
     Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Options, Plan, Request, SolverConfig, StageTimes,
-    Trajectory,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
@@ -18,6 +17,7 @@ use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::interrupt::interruptible;
 use crate::scene::{PyCancel, PyScene};
+use crate::timing::PyTrajectory;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
@@ -190,72 +190,9 @@ impl PyKeypointProblem {
     }
 }
 
-/// Most rows that a motion is sampled into.
-const MOST_ROWS: f64 = 1e6;
-
-/// Timed joint motion. Pickles.
-#[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyTrajectory(Trajectory);
-
-#[pymethods]
-impl PyTrajectory {
-    /// (N,) seconds; every keyframe time is among them.
-    #[getter]
-    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::array1(py, self.0.times()).into_any()
-    }
-
-    /// (N, n) joint positions at `times`.
-    #[getter]
-    fn positions<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        let rows = self.0.positions();
-        let columns = rows.first().map_or(0, Vec::len);
-        convert::array2(py, &rows, columns).into_any()
-    }
-
-    /// Seconds from the first waypoint to the last.
-    #[getter]
-    fn duration(&self) -> f64 {
-        self.0.end() - self.0.start()
-    }
-
-    /// Position, velocity, acceleration at t, each (n,); at rest before the start and after the end.
-    fn sample<'py>(&self, py: Python<'py>, t: f64) -> (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>) {
-        let s = self.0.sample(t);
-        let array = |v: &[f64]| convert::array1(py, v).into_any();
-        (array(&s.position), array(&s.velocity), array(&s.acceleration))
-    }
-
-    /// (ceil(duration / dt) + 1, n) positions, the last one at the end.
-    fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
-        let (start, end) = (self.0.start(), self.0.end());
-        let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < MOST_ROWS) {
-            let least = (end - start) / MOST_ROWS;
-            return Err(problem_error(
-                "dt",
-                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
-            ));
-        }
-        let rows: Vec<Vec<f64>> =
-            (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
-        let columns = rows.first().map_or(0, Vec::len);
-        Ok(convert::array2(py, &rows, columns).into_any())
-    }
-
-    #[staticmethod]
-    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
-        convert::thaw(bytes).map(Self)
-    }
-
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
-        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
-    }
-}
-
 /// What was solved, each residual, what failed. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyPlan(Plan, StageTimes);
+pub(crate) struct PyPlan(pub(crate) Plan, StageTimes);
 
 fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
     q.map(|q| convert::array1(py, q).into_any())

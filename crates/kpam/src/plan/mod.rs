@@ -7,6 +7,7 @@ mod replay;
 mod report;
 mod request;
 mod resume;
+mod timed;
 
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +36,8 @@ pub enum Status {
     Collision,
     /// The clock asks for more than the joints' limits give.
     TooFast,
+    /// No motion from the state at the start stays within the joints' limits.
+    CannotStop,
     /// The search for a free motion spent its samples and found none; there may be one.
     NotFound,
     /// The caller cancelled it.
@@ -52,6 +55,7 @@ impl Status {
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::TooFast => "too_fast",
+            Self::CannotStop => "cannot_stop",
             Self::NotFound => "not_found",
             Self::Cancelled => "cancelled",
         }
@@ -189,7 +193,14 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
         return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
     }
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let mut planner = Planner::new(problem, &model, &resolved, request, entry);
+    let mut planner = match Planner::new(problem, &model, &resolved, request, entry) {
+        Ok(planner) => planner,
+        Err(e) => {
+            let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name;
+            let reason = format!("{joint} cannot be stopped in time: {}", e.reason);
+            return Ok((Plan { status: Status::CannotStop, ..refused(reason) }, times));
+        }
+    };
     let joints = problem.robot.joints().len();
     if let Some(former) = request.former
         && let Some(x) = former_pose(former, |q| model.pick(q), joints)

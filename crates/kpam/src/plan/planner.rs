@@ -5,13 +5,12 @@ use super::failure::Failure;
 use super::{Plan, Request, Status, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::curve::{Curve, Limits, length, rounded};
 use crate::free_space::{self, NoWay};
 use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::trajectory::{Builder, Trajectory};
+use crate::timing::{Builder, CannotStop, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
 use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
 
 /// What has been tried, and the best of it.
@@ -48,7 +47,14 @@ pub(super) struct Planner<'p> {
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
     pub world: World<'p>,
-    pub limits: Limits,
+    /// State at the start, the ways from there to where planning begins, and the one that is taken.
+    pub start: Start,
+    pub leads: Vec<Lead>,
+    pub lead: usize,
+    /// What is in the way of all of them, once that was looked at.
+    lead_judged: Option<Option<Hit>>,
+    /// What a trajectory of this problem is built from.
+    pub builder: Builder,
     pub clock: Option<Vec<f64>>,
     /// Where the start leaves what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
@@ -64,17 +70,32 @@ const FIRST_SAMPLES: usize = 150;
 const TIGHT: f64 = 2e-4;
 /// A smooth curve may take this much of the clearance of its corners (m).
 const CURVED: f64 = 1e-3;
+/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
+pub(super) const WIDE: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.04;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
 impl<'p> Planner<'p> {
+    /// # Errors
+    /// No motion from the start stays within the joint limits.
     pub(super) fn new(
         problem: &'p KeypointProblem,
         model: &'p Model,
         resolved: &'p Resolved,
         request: &Request<'p>,
         entry: usize,
-    ) -> Self {
+    ) -> Result<Self, CannotStop> {
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
+        let options = &problem.options;
+        let start = Start {
+            position: model.start(),
+            velocity: rates(&options.start_velocity),
+            acceleration: rates(&options.start_acceleration),
+        };
+        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.course.toward(entry));
         world.limit(request.most_checks, request.cancel.clone());
@@ -85,19 +106,23 @@ impl<'p> Planner<'p> {
             // The config's own check has passed; a start time past its first keyframe ends as TooFast.
             Timing::Config => problem.config.clock(f64::NEG_INFINITY).ok(),
         };
-        Self {
+        Ok(Self {
             problem,
             model,
             resolved,
             follower: Follower::new(problem, model),
             world,
-            limits: Limits::of(problem, model),
+            start,
+            leads,
+            lead: 0,
+            lead_judged: None,
+            builder,
             clock,
             exit: None,
             entry,
             former: request.former,
             explain: request.explain,
-        }
+        })
     }
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {
@@ -122,19 +147,13 @@ impl<'p> Planner<'p> {
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
-        if !self.is_done(&trial) && found.used < options.starts {
-            // The poses that the cheapest one did not need, cheapest first.
-            let more = search.more(found.used, options.starts);
-            let left = most.saturating_sub(trial.tried);
-            self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
-        }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for seed in options.starts..options.starts + options.harvest {
+        for start in found.used..found.used + options.harvest {
             if self.is_done(&trial) || extra > most {
                 break;
             }
-            let Some(c) = search.sample(seed) else { continue };
+            let Some(c) = search.sample(start) else { continue };
             let overlaps = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
             // Poses that overlap something themselves cost next to nothing to turn down.
             extra += usize::from(!overlaps);
@@ -208,27 +227,38 @@ impl<'p> Planner<'p> {
         overlaps
     }
 
-    /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not
-    /// count.
+    /// Free motion from the start to the first keyframe, and what it hits where hits do not count. Pieces end at rest,
+    /// and begin there but for the first of a start under way.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), NoWay> {
+        let n = self.model.n();
         let leg = self.world.course.toward(self.entry);
-        let start = self.start_after_brake();
-        let braking = self.world.sweep(&self.model.start(), &start, leg, &Margins::plain(0.0));
-        let straight = |hit| Ok((vec![vec![start, *goal]], Some(hit)));
-        if let Some(hit) = braking {
-            return if self.problem.options.avoid_collisions { Err(NoWay::Blocked(hit)) } else { straight(hit) };
+        let braking = self.choose_lead(leg);
+        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
+            return Err(NoWay::Blocked(hit.clone()));
         }
+        let lead = self.leads[self.lead].clone();
+        let start = lead.rest();
+        let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
-            let hit = self.world.sweep(&start, goal, leg, &Margins::plain(0.0));
-            return Ok((vec![vec![start, *goal]], hit));
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
+            let way = match turn(&self.builder, &lead, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
+                Some(turned) => vec![turned.waypoints],
+                None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
+            return Ok((way, hit));
         }
         // What overlaps at the start comes apart first, and then stays apart.
         let out = self.way_out(&start, leg);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        pieces.splice(0..0, lead.line());
         let wish = self.problem.options.margin;
         let kept = self.margins(&begin, goal, leg, wish, out.is_some()).eased(CURVED);
         if let Some(way) = self.former_way(&begin, goal, leg, &kept) {
-            pieces.push(way);
+            let along = |_: &Row, _: f64| way.clone();
+            match self.turned(&way, leg, &kept, along).filter(|_| out.is_none()) {
+                Some(turned) => pieces = vec![turned],
+                None => pieces.push(way),
+            }
             return Ok((pieces, None));
         }
         let (corners, margins) = match self.connect(&begin, goal, leg, wish, out.is_some(), samples) {
@@ -236,29 +266,50 @@ impl<'p> Planner<'p> {
             Err(_) if wish > TIGHT => self.connect(&begin, goal, leg, TIGHT, out.is_some(), samples)?,
             other => other?,
         };
+        let from = |end: &Row, spacing: f64| {
+            let mut corners = corners.clone();
+            corners[0] = *end;
+            rounded(n, &corners, spacing, NEAR)
+        };
+        if let Some(turned) = self.turned(&corners, leg, &margins.eased(CURVED), from).filter(|_| out.is_none()) {
+            return Ok((vec![turned], None));
+        }
         if corners.len() == 2 {
-            pieces.push(corners);
+            pieces.push(straight(&corners));
             return Ok((pieces, None));
         }
-        match self.rounded(&begin, goal, &corners, leg, &margins) {
+        match self.rounded(&corners, leg, &margins) {
             Some(curve) => pieces.push(curve),
-            None => pieces.extend(corners.windows(2).map(<[Row]>::to_vec)),
+            None => pieces.extend(corners.windows(2).map(straight)),
         }
         Ok((pieces, None))
     }
 
     /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
-    fn rounded(&mut self, from: &Row, to: &Row, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+    fn rounded(&mut self, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
-        let (mut lower, mut upper) = (self.model.lower, self.model.upper);
-        for v in 0..n {
-            lower[v] = lower[v].min(from[v]).min(to[v]);
-            upper[v] = upper[v].max(from[v]).max(to[v]);
-        }
-        [0.5, 0.2, 0.08].into_iter().map(|spacing| rounded(n, corners, spacing)).find(|curve| {
-            let course = Curve::new(n, curve, &self.limits);
-            course.keeps_within(&lower, &upper)
-                && self.world.sweep_along(Way::still(&course.along(0.05)), leg, &margins.eased(CURVED)).is_none()
+        let margins = margins.eased(CURVED);
+        SPACINGS
+            .into_iter()
+            .map(|spacing| rounded(n, corners, spacing, NEAR))
+            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, &margins))
+    }
+
+    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
+    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
+    fn turned(
+        &mut self,
+        way: &[Row],
+        leg: Leg,
+        margins: &Margins,
+        from: impl Fn(&Row, f64) -> Vec<Row>,
+    ) -> Option<Vec<Row>> {
+        let lead = &self.leads[self.lead];
+        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
+        SPACINGS.into_iter().find_map(|spacing| {
+            let free = |path: &Spline| curve_is_free(world, model, path, leg, margins);
+            turn(builder, lead, way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
+                .map(|turned| turned.waypoints)
         })
     }
 
@@ -266,6 +317,26 @@ impl<'p> Planner<'p> {
     fn margins(&mut self, from: &Row, to: &Row, leg: Leg, clearance: f64, parted: bool) -> Margins {
         let margins = self.world.margins_between(from, to, leg, clearance);
         if parted { margins.parted() } else { margins }
+    }
+
+    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
+    /// none is.
+    fn choose_lead(&mut self, leg: Leg) -> Option<Hit> {
+        if self.lead_judged.is_none() {
+            let mut first = None;
+            for (k, lead) in self.leads.iter().enumerate() {
+                let way = lead.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), leg, &Margins::plain(0.0)) {
+                    None => {
+                        (self.lead, first) = (k, None);
+                        break;
+                    }
+                    Some((_, hit)) => first = first.or(Some(hit)),
+                }
+            }
+            self.lead_judged = Some(first);
+        }
+        self.lead_judged.clone().flatten()
     }
 
     /// Corners of a free motion that keeps a clearance, and the margins that they keep to.
@@ -293,59 +364,11 @@ impl<'p> Planner<'p> {
         }
         self.exit.flatten()
     }
+}
 
-    fn start_velocity(&self) -> Row {
-        self.problem.options.start_velocity.as_ref().map_or([0.0; MOST_JOINTS], |v| self.model.pick(v))
-    }
-
-    pub(super) fn start_after_brake(&self) -> Row {
-        let mut builder = Builder::new(self.model.n(), self.limits, 0.0);
-        builder.brake(&self.model.start(), &self.start_velocity())
-    }
-
-    /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
-    pub(super) fn timed(&self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
-        let count = attempt.motions.keyframes.len();
-        let mut times = vec![None; count];
-        let mut builder = Builder::new(self.model.n(), self.limits, self.problem.options.start_time);
-        builder.brake(&self.model.start(), &self.start_velocity());
-        let due = |keyframe: usize| self.clock.as_ref().map(|c| c[keyframe]);
-        let late = |keyframe: usize, builder: &Builder, needed: f64| {
-            let allowed = due(keyframe).map_or(0.0, |d| d - builder.now());
-            Failure::TooFast { keyframe, allowed, needed }
-        };
-        let pieces = attempt.approach.len();
-        let lengths: Vec<f64> = attempt.approach.iter().map(|p| length(self.model.n(), p)).collect();
-        let total: f64 = lengths.iter().sum();
-        let begin = builder.now();
-        let mut gone = 0.0;
-        for (k, piece) in attempt.approach.iter().enumerate() {
-            gone += lengths[k];
-            // Pieces share the time by their length.
-            let end = due(self.entry)
-                .map(|d| if k + 1 == pieces || total == 0.0 { d } else { begin + (d - begin) * gone / total });
-            builder.push(piece, end).map_err(|needed| late(self.entry, &builder, needed))?;
-        }
-        if self.entry <= attempt.motions.actuation {
-            times[self.entry] = Some(builder.now());
-        }
-        for (i, waypoints) in attempt.paths.iter().enumerate().skip(attempt.first) {
-            if waypoints.len() < 2 {
-                break;
-            }
-            let whole = i < attempt.motions.actuation + attempt.after.0;
-            // A part of a path takes its part of the time.
-            let end = due(i + 1).map(|d| if whole { d } else { builder.now() + (d - builder.now()) * attempt.after.1 });
-            builder.push(waypoints, end).map_err(|needed| late(i + 1, &builder, needed))?;
-            if whole {
-                times[i + 1] = Some(builder.now());
-            }
-        }
-        Ok((builder.build(self.model.map()), times))
-    }
-
-    pub(super) fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
-        self.clock.as_ref()?;
-        self.timed(attempt).err()
-    }
+/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+fn curve_is_free(world: &mut World<'_>, model: &Model, path: &Spline, leg: Leg, margins: &Margins) -> bool {
+    let all = 0..path.intervals();
+    path.keeps_within(all.clone(), &model.lower, &model.upper)
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), leg, margins).is_none()
 }

@@ -3,6 +3,7 @@
 
 mod bubble;
 mod checker;
+mod clearance;
 mod leg;
 mod margins;
 mod movers;
@@ -24,6 +25,7 @@ use movers::Movers;
 use rules::{Carrier, Cast, Compiler, Group, LegWorld};
 
 pub use checker::{Checker, Nearness};
+pub(crate) use clearance::Clearance;
 pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;

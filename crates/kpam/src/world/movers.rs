@@ -14,6 +14,11 @@ impl Movers {
         Self(model.map().driven().to_vec())
     }
 
+    /// Each of them.
+    pub fn iter(&self) -> std::slice::Iter<'_, DrivenJoint> {
+        self.0.iter()
+    }
+
     /// Their number.
     pub fn len(&self) -> usize {
         self.0.len()
