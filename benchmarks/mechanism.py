@@ -107,10 +107,14 @@ class Mechanism:
         folder: where relative mesh paths begin.
         hand: name of the hand link.
         srdf: SRDF text; without one, neighbours and links that touch at the middle of all ranges are not judged.
+        base: name of the base link; what is not below it is left out. By default the root.
     """
 
-    def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None) -> None:
+    def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None, base: str | None = None) -> None:
         root = ElementTree.fromstring(text)
+        if base is not None:
+            keep_below(root, base)
+            text = ElementTree.tostring(root, encoding="unicode")
         self.text, self.hand_link = text, hand
         moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
         self.joints = [_moving_joint(joint) for joint in moving]
@@ -128,8 +132,8 @@ class Mechanism:
                 self.parts[link.get("name", "")] = parts
         #: links with shapes that some joint moves
         self.moving_links = [name for name in self.parts if self.movers(name)]
-        #: the hand and what is below it
-        self.hand_links = {link.name for link in self.links if hand in self.above(link.name)}
+        #: the hand and what is below it; where that is a bare frame, with the link that carries it
+        self.gripper_links = {link.name for link in self.links if self._holder() in self.above(link.name)}
         self.self_pairs = self._judged_pairs(srdf)
 
     def above(self, name: str) -> list[str]:
@@ -139,6 +143,15 @@ class Mechanism:
             found.append(self.links[index].name)
             index = self.links[index].parent
         return found
+
+    def _holder(self) -> str:
+        """The hand or, where that has no shapes, the link with shapes that carries it rigidly, if there is one."""
+        for name in self.above(self.hand_link):
+            if name in self.parts:
+                return name
+            if self.links[self.index[name]].joint >= 0:
+                break
+        return self.hand_link
 
     def movers(self, name: str) -> frozenset[int]:
         """Independent joints that move a link."""
@@ -160,7 +173,7 @@ class Mechanism:
                 placed.append(np.broadcast_to(np.eye(4), (len(q), 4, 4)))
                 continue
             frame = placed[link.parent] @ link.origin
-            placed.append(frame if link.joint < 0 else frame @ _motion(self.joints[link.joint], q[:, link.joint]))
+            placed.append(frame if link.joint < 0 else frame @ motion(self.joints[link.joint], q[:, link.joint]))
         return {link.name: pose for link, pose in zip(self.links, placed, strict=True)}
 
     def hand_poses(self, q: Array) -> Array:
@@ -221,6 +234,26 @@ class Mechanism:
         return found
 
 
+def keep_below(root: ElementTree.Element, base: str) -> None:
+    """Remove the links and joints of a URDF that are not below a link."""
+    kept, joints = {base}, root.findall("joint")
+    for _ in joints:
+        kept |= {link_of(joint, "child") for joint in joints if link_of(joint, "parent") in kept}
+    for joint in joints:
+        if link_of(joint, "parent") not in kept:
+            root.remove(joint)
+    for link in root.findall("link"):
+        if link.get("name") not in kept:
+            root.remove(link)
+
+
+def link_of(joint: ElementTree.Element, which: str) -> str:
+    """Name of a joint's parent or child link."""
+    element = joint.find(which)
+    assert element is not None
+    return element.get("link", "")
+
+
 def touches(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:
     """Whether two bodies come within ``TOUCHING``."""
     return any(
@@ -247,7 +280,7 @@ def _moving_joint(element: ElementTree.Element) -> MovingJoint:
 
 
 def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
-    joints = {joint.find("child").get("link", ""): joint for joint in root.findall("joint")}  # type: ignore[union-attr]
+    joints = {link_of(joint, "child"): joint for joint in root.findall("joint")}
     waiting = [link.get("name", "") for link in root.findall("link")]
     links: list[TreeLink] = []
     index: dict[str, int] = {}
@@ -258,7 +291,7 @@ def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
             index[name] = len(links)
             links.append(TreeLink(name, -1, np.eye(4), -1))
             continue
-        parent = joint.find("parent").get("link", "")  # type: ignore[union-attr]
+        parent = link_of(joint, "parent")
         if parent not in index:
             waiting.append(name)
             continue
@@ -286,7 +319,7 @@ def _couplings(moving: list[ElementTree.Element], names: list[str]) -> dict[int,
     return found
 
 
-def _motion(joint: MovingJoint, values: Array) -> Array:
+def motion(joint: MovingJoint, values: Array) -> Array:
     """(M, 4, 4) of the child in the joint frame."""
     out = np.broadcast_to(np.eye(4), (len(values), 4, 4)).copy()
     if not joint.turns:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from contacts import Clock, Obstacle, judged_pairs
+from contacts import Clock, Hinge, Obstacle, judged_pairs
 from judge import judge, refine, thin
 from mechanism import Mechanism
 
@@ -42,7 +42,9 @@ class Motion(Protocol):
 class Question:
     """A planning problem as plain values; joint vectors (n,) in the order of the URDF's joints.
 
-    ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included.
+    ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. ``hinge`` is
+    the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the config's
+    post-actuation motions.
     """
 
     arm: Mechanism
@@ -54,6 +56,9 @@ class Question:
     start_acceleration: Array
     obstacles: Sequence[Obstacle] = ()
     grasps: bool = False
+    hinge: Hinge | None = None
+    contact: Array = field(default_factory=lambda: np.zeros(3))
+    after: Sequence[Any] = ()
 
 
 @dataclass
@@ -203,7 +208,7 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
     times, q = refine(arm, times[kept], q[kept]) if len(kept) > 1 else (times, q)
     verdict.looks = len(q)
     errors = []
-    for _, pair in judged_pairs(arm, question.obstacles, clock_of(answer), times, q):
+    for _, pair in judged_pairs(arm, question.obstacles, clock_of(question, answer, times, q), times, q):
         overlap, least, _ = judge(pair, cutoff=0.0)
         verdict.least_mm = min(verdict.least_mm, 1e3 * least)
         if overlap is not None:
@@ -211,12 +216,52 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
     return errors
 
 
-def clock_of(answer: Answer) -> Clock:
+def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Clock:
     """From pre_0 on (from the start, where there is none) the hand may touch the moving link."""
-    at = {label: time for label, time, _, _ in answer.keyframes}
-    moving = at["actuation"]
-    touching = at.get("pre_0", -np.inf)
-    return Clock(np.inf if touching is None else touching, np.inf if moving is None else moving)
+    at = {label: np.inf if time is None else time for label, time, _, _ in answer.keyframes}
+    clock = Clock(at.get("pre_0", -np.inf), at["actuation"], question.hinge)
+    if question.hinge is not None:
+        clock.travel = joint_travel(question, question.hinge, at, times, question.arm.hand_poses(q))
+    return clock
+
+
+def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: Array, hands: Array) -> Array:
+    """How far the object's joint has moved at each time (M,), by what the hand does; NaN from where nobody can tell.
+
+    A motion that follows the joint turns the hand as far, one that traces it takes the contact point along.
+    """
+    travel = np.zeros(len(times))
+    begin = at["actuation"]
+    for index, motion in enumerate(question.after):
+        end = min(at.get(f"post_{index}", np.inf), np.inf)
+        now = np.flatnonzero((times >= begin) & (times <= end))
+        later = times > end
+        if len(now) == 0:
+            break
+        kind = motion if isinstance(motion, str) else motion[0]
+        if not kind.startswith(("follow_joint", "trace_joint")):
+            travel[now] = np.nan
+            travel[later] = np.nan
+            break
+        hand = hands[now]
+        contact = hand[:, :3, :3] @ question.contact + hand[:, :3, 3]
+        if not hinge.turns:
+            moved = (contact - contact[0]) @ hinge.axis
+        elif kind.startswith("follow_joint"):
+            side = np.linalg.svd(hinge.axis[None])[2][1]
+            moved = angles(hand[:, :3, :3] @ (hand[0, :3, :3].T @ side), hinge.axis)
+        else:
+            moved = angles(contact - hinge.origin, hinge.axis)
+        travel[now] += moved
+        travel[later] += moved[-1]
+        begin = end
+    return travel
+
+
+def angles(arms: Array, axis: Array) -> Array:
+    """Angles (M,) from the first of some vectors (M, 3) to each of them, about a unit axis."""
+    across = arms - np.outer(arms @ axis, axis)
+    return np.unwrap(np.arctan2(np.cross(across[0], across) @ axis, across @ across[0]))
 
 
 def named(question: Question, which: Array) -> list[tuple[int, str]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import coal
 import numpy as np
-from contacts import Obstacle
+from contacts import Hinge, Obstacle
 from mechanism import Mechanism
 from parts import Part, part, shape_distance, transform
 from recheck import Question
@@ -121,7 +121,10 @@ class RandomProblem:
             self.start_velocity,
             np.zeros(count),
             [Obstacle(thing.name, thing.role, [thing.solid.theirs()], thing.pose) for thing in self.things],
-            grasps=self.config.get("gripper") == "grasp",
+            grasps=self.config["gripper"] == "grasp",
+            hinge=None if self.joint is None else Hinge(self.joint[0] == "revolute", self.joint[1], self.joint[2]),
+            contact=self.arm.tip,
+            after=self.config["post_actuation_motions"],
         )
 
 

@@ -101,7 +101,7 @@ pub struct Options {
     pub frames: Frames,
     /// Path of "rotate".
     pub rotate_path: RotatePath,
-    /// Most start values of the actuation pose, the present joints included: 1 to 1,000.
+    /// Start values of the actuation pose, the present joints included: 1 to 1,000.
     pub starts: usize,
     /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
     pub descents: usize,

@@ -115,6 +115,7 @@ impl Planner<'_> {
             }
         }
         self.follow_all(&mut out);
+        self.unwind(&mut out);
         if self.entry > act {
             self.take_up(&mut out);
         }
@@ -222,6 +223,18 @@ impl Planner<'_> {
                 return;
             }
             out.after.0 = i - act + 1;
+        }
+    }
+
+    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
+    /// start: the approach to it goes the short way.
+    fn unwind(&self, out: &mut Attempt) {
+        let before = out.paths.get(self.entry..out.motions.actuation);
+        let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };
+        let near = self.model.unwound(first, &self.model.start());
+        let shift: Vec<f64> = (0..self.model.n()).map(|v| near[v] - first[v]).collect();
+        for x in out.paths.iter_mut().flatten().chain(std::iter::once(&mut out.x)) {
+            x.iter_mut().zip(&shift).for_each(|(value, by)| *value += by);
         }
     }
 

@@ -147,19 +147,13 @@ impl<'p> Planner<'p> {
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
-        if !self.is_done(&trial) && found.used < options.starts {
-            // The poses that the cheapest one did not need, cheapest first.
-            let more = search.more(found.used, options.starts);
-            let left = most.saturating_sub(trial.tried);
-            self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
-        }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for seed in options.starts..options.starts + options.harvest {
+        for start in found.used..found.used + options.harvest {
             if self.is_done(&trial) || extra > most {
                 break;
             }
-            let Some(c) = search.sample(seed) else { continue };
+            let Some(c) = search.sample(start) else { continue };
             let overlaps = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
             // Poses that overlap something themselves cost next to nothing to turn down.
             extra += usize::from(!overlaps);
