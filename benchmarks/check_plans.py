@@ -4,7 +4,7 @@
 
 Every figure that a plan states is derived anew from the problem file: constraints, cost, keyframes, limits, the
 hand's path, and every distance that the contact rules judge, so finely that no point of a link moves more than
-5 mm between two checks. Prints a table, writes JSON with ``--json``, ends with 1 when something is wrong.
+1 mm between two looks. Prints a table, writes JSON with ``--json``, ends with 1 when something is wrong.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from judge import Judge, refine
+from contacts import Clock, judged_pairs
+from judge import CUTOFF, judge, refine
 from peers import Arm, Obstacle, scene_obstacles
 from rules import (
     BOX,
@@ -108,23 +109,33 @@ def check_path(
     if share > 1.0 + 1e-6:
         finding.errors.append(f"{what}: {share:.3f} times the velocity limit")
     fine_times, fine = refine(arm, times, path)
-    judge = None if obstacles is None else Judge(problem, arm, obstacles)
-    collisions: list[str] = []
-    for time, q in zip(fine_times, fine, strict=True):
+    for time, hand in zip(fine_times, arm.hand_poses(fine), strict=True):
         around = between(keyframes, time)
         if around is not None:
-            deviation = off_path(*around, arm.hand_pose(q)[:3, 3])
-            finding.straight_mm = max(finding.straight_mm, 1e3 * deviation)
-        if judge is not None:
-            collisions += judge.look(q, float(time))
+            finding.straight_mm = max(finding.straight_mm, 1e3 * off_path(*around, hand[:3, 3]))
     if finding.straight_mm > 1e3 * STRAIGHT_TOLERANCE:
         finding.errors.append(f"{what}: the hand leaves its line by {finding.straight_mm:.1f} mm")
-    if collisions:
-        finding.errors.append(f"{what}: {collisions[0]} (and {len(collisions) - 1} more)")
     finding.checks += len(fine)
-    if judge is not None:
-        for group, (distance, _, _) in judge.least.items():
-            finding.clearance_mm[group] = min(finding.clearance_mm.get(group, np.inf), 1e3 * distance)
+    if obstacles is not None:
+        overlaps = check_distances(problem, fine_times, fine, arm, obstacles, finding)
+        if overlaps:
+            finding.errors.append(f"{what}: {overlaps[0]} (and {len(overlaps) - 1} more pairs)")
+
+
+def check_distances(
+    problem: dict[str, Any], times: Array, path: Array, arm: Arm, obstacles: list[Obstacle], finding: Finding
+) -> list[str]:
+    """Every pair that overlaps where it may not, in words; the least distances go into ``finding``."""
+    pre = problem["pre_actuation_times"]
+    clock = Clock(pre[-1] if pre else problem["start_time"], problem["actuation_time"])
+    errors = []
+    for group, pair in judged_pairs(arm, obstacles, clock, times, path):
+        overlap, least, _ = judge(pair)
+        if overlap is not None:
+            errors.append(overlap.describe(times))
+        if least < CUTOFF:
+            finding.clearance_mm[group] = min(finding.clearance_mm.get(group, np.inf), 1e3 * least)
+    return errors
 
 
 def check_trajectory(

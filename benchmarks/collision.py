@@ -58,7 +58,7 @@ def our_problem(q_start: Array, sets: list[Array]) -> kpam.KeypointProblem:
     urdf, srdf = panda_files()
     shapes = [kpam.Shape.convex_hull(points) for points in sets]
     return kpam.KeypointProblem(
-        kpam.Robot.from_urdf(str(urdf), srdf=str(srdf)),
+        kpam.Robot.from_urdf(urdf, hand_link="panda_hand", srdf=srdf),
         kpam.SolverConfig(CONFIG),
         q_start,
         tool_keypoints={"tool_head": np.array([0.0, 0.0, 0.105])},
@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
             pin.computeFrameJacobian(arm.model, arm.data, row, arm.hand, pin.LOCAL_WORLD_ALIGNED)
 
     work: dict[str, Callable[[], object]] = {
-        "gensim2": lambda: kpam.in_collision(problem, q),
+        "gensim2": lambda: problem.scene.in_collision(q),
         "coal behind Pinocchio's broad phase": in_coal,
         "Pinocchio frame Jacobian": jacobians,
     }
@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
     ours, coal, jacobian = median.values()
     print(f"{'ratio to coal':45s} {coal / ours:.2f}")
     print(f"{'our check in Pinocchio Jacobians':45s} {ours / jacobian:.1f}")
-    hits, expected = np.asarray(kpam.in_collision(problem, q)), np.asarray(in_coal())
+    hits, expected = np.asarray(problem.scene.in_collision(q)), np.asarray(in_coal())
     print(f"{'configurations in collision':45s} {expected.sum()} of {len(q)}")
     print(f"{'configurations on which the two disagree':45s} {(hits != expected).sum()}")
     return int((hits != expected).mean() > 0.01)

@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.sched_setaffinity(0, {options.core})
     arm = Arm()
     urdf, srdf = panda_files()
-    robot = kpam.Robot.from_urdf(str(urdf), srdf=str(srdf))
+    robot = kpam.Robot.from_urdf(urdf, hand_link="panda_hand", srdf=srdf)
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (options.count, 9))
     rows = list(q)
     model, data, hand = arm.model, arm.data, arm.hand

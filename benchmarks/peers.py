@@ -6,9 +6,7 @@ Frames and units as in the problem files: metres, radians, poses (4, 4), everyth
 from __future__ import annotations
 
 import importlib.util
-import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,12 +15,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import trimesh
+from contacts import Obstacle
+from mechanism import Mechanism
+from parts import hull, part
 
 Array = np.ndarray
 HAND_LINKS = ("panda_hand", "panda_leftfinger", "panda_rightfinger")
-ARM_LINKS = tuple(f"panda_link{index}" for index in range(8))
 TABLE_HALF = np.array([0.65, 0.65, 0.025])
-FLAT = 5e-4
 
 
 def panda_files() -> tuple[Path, Path]:
@@ -34,144 +33,15 @@ def panda_files() -> tuple[Path, Path]:
     return folder / "panda_v2.urdf", folder / "panda_v2.srdf"
 
 
-def transform(pose: Array) -> coal.Transform3s:
-    """(4, 4) as coal's transform."""
-    return coal.Transform3s(np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3]))
-
-
-def hull(points: Array) -> coal.ConvexBase | None:
-    """Convex hull of (N, 3) points; a flat set is thickened to 0.5 mm; None where there is no area."""
-    if len(points) < 3:
-        return None
-    center = points.mean(axis=0)
-    axes = np.linalg.svd(points - center, full_matrices=False)[2]
-    if len(axes) < 3:
-        axes = np.vstack([axes, np.cross(axes[0], axes[1])])
-    spread = np.ptp((points - center) @ axes.T, axis=0)
-    if spread[1] < 1e-6:
-        return None
-    if spread[2] < FLAT:
-        shift = 0.5 * (FLAT - spread[2]) * axes[2]
-        points = np.concatenate([points + shift, points - shift])
-    solid = trimesh.convex.convex_hull(points)
-    vertices = coal.StdVec_Vec3s()
-    vertices.extend([np.asarray(vertex, dtype=float) for vertex in solid.vertices])
-    triangles = coal.StdVec_Triangle()
-    triangles.extend([coal.Triangle(*(int(corner) for corner in face)) for face in solid.faces])
-    return coal.Convex(vertices, triangles)
-
-
-@dataclass
-class Part:
-    """A convex shape at a pose in its body, with a bounding sphere in the body frame for quick rejection."""
-
-    shape: Any
-    pose: Array
-    center: Array
-    radius: float
-    points: Array
-
-
-def part(shape: Any, pose: Array) -> Part:
-    """Wrap a coal box or convex hull."""
-    if isinstance(shape, coal.Box):
-        half = np.asarray(shape.halfSide).reshape(3)
-        points = np.array(np.meshgrid(*([[-1.0, 1.0]] * 3))).reshape(3, -1).T * half
-    else:
-        points = np.array([np.asarray(shape.point(index)).reshape(3) for index in range(shape.num_points)])
-    points = points @ pose[:3, :3].T + pose[:3, 3]
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return Part(shape, pose, center, float(np.linalg.norm(points - center, axis=1).max()), points)
-
-
-@dataclass
-class Obstacle:
-    """A rigid body of a scene: ``role`` is table, object_body, moving_link, rigid, target or attached."""
-
-    name: str
-    role: str
-    parts: list[Part]
-    pose: Array
-
-    def __post_init__(self) -> None:
-        self.move(self.pose)
-
-    def move(self, pose: Array) -> None:
-        """Put the body elsewhere; ``low`` and ``high`` bound its parts along the base axes."""
-        self.pose = pose
-        self.transforms = [transform(pose @ each.pose) for each in self.parts]
-        low, high = [], []
-        for each in self.parts:
-            points = each.points @ pose[:3, :3].T + pose[:3, 3]
-            low.append(points.min(axis=0))
-            high.append(points.max(axis=0))
-        self.low, self.high = np.array(low), np.array(high)
-
-
-REQUEST = coal.DistanceRequest()
-REQUEST.enable_signed_distance = True
-REQUEST.enable_nearest_points = True
-
-
-def shape_distance(one: Any, at_one: Any, two: Any, at_two: Any) -> float:
-    """Signed distance in metres of two convex shapes; minus the penetration depth where they overlap."""
-    return float(coal.distance(one, at_one, two, at_two, REQUEST, coal.DistanceResult()))
-
-
-def link_distance(parts: list[Part], T_base_link: Array, obstacle: Obstacle, cutoff: float) -> float:
-    """Smallest signed distance of a link and an obstacle; ``cutoff`` where nothing is nearer than that."""
-    best = cutoff
-    for each in parts:
-        center = T_base_link[:3, :3] @ each.center + T_base_link[:3, 3]
-        outside = np.maximum(np.maximum(obstacle.low - center, center - obstacle.high), 0.0)
-        bound = np.sqrt((outside**2).sum(axis=1)) - each.radius
-        near = np.flatnonzero(bound < best)
-        if len(near) == 0:
-            continue
-        at = transform(T_base_link @ each.pose)
-        for index in near[np.argsort(bound[near])]:
-            if bound[index] < best:
-                other = obstacle.parts[index]
-                best = min(best, shape_distance(each.shape, at, other.shape, obstacle.transforms[index]))
-    return best
-
-
-class Arm:
-    """The Panda: kinematics by Pinocchio, collision shapes by coal."""
+class Arm(Mechanism):
+    """The Panda, with Pinocchio's model of it."""
 
     def __init__(self) -> None:
         urdf, srdf = panda_files()
-        text = re.sub(r"<mimic[^>]*/>", "", urdf.read_text())
-        self.model = pin.buildModelFromXML(text)
+        super().__init__(urdf.read_text(), urdf.parent, "panda_hand", srdf.read_text())
+        self.model = self.pinocchio()
         self.data = self.model.createData()
         self.hand = self.model.getFrameId("panda_hand")
-        self.lower = np.asarray(self.model.lowerPositionLimit)
-        self.upper = np.asarray(self.model.upperPositionLimit)
-        self.velocity = np.asarray(self.model.velocityLimit)
-        self.parts: dict[str, list[Part]] = {}
-        for link in ElementTree.fromstring(text).findall("link"):
-            parts = [_collision(element, urdf.parent) for element in link.findall("collision")]
-            if parts:
-                self.parts[link.get("name", "")] = parts
-        self.frames = {name: self.model.getFrameId(name) for name in self.parts}
-        disabled = {
-            frozenset((entry.get("link1"), entry.get("link2")))
-            for entry in ElementTree.parse(srdf).getroot().findall("disable_collisions")
-        }
-        names = list(self.parts)
-        self.self_pairs = [
-            (one, two)
-            for index, one in enumerate(names)
-            for two in names[index + 1 :]
-            if frozenset((one, two)) not in disabled
-        ]
-        #: points whose hull is the link's, in the link frame
-        self.corners = {name: np.concatenate([each.points for each in parts]) for name, parts in self.parts.items()}
-
-    def place(self, q: Array) -> dict[str, Array]:
-        """Poses (4, 4) of every link with collision shapes at (9,) joints; also ``panda_hand``."""
-        pin.framesForwardKinematics(self.model, self.data, q)
-        return {name: self.data.oMf[frame].homogeneous.copy() for name, frame in self.frames.items()}
 
     def hand_pose(self, q: Array) -> Array:
         """Pose of ``panda_hand``, (4, 4)."""
@@ -181,22 +51,6 @@ class Arm:
     def jacobian(self, q: Array) -> Array:
         """(6, 9): linear, angular velocity of the hand's origin in base axes."""
         return pin.computeFrameJacobian(self.model, self.data, q, self.hand, pin.LOCAL_WORLD_ALIGNED)
-
-
-def _collision(element: ElementTree.Element, folder: Path) -> Part:
-    origin = element.find("origin")
-    pose = np.eye(4)
-    if origin is not None:
-        roll, pitch, yaw = (float(value) for value in origin.get("rpy", "0 0 0").split())
-        pose[:3, :3] = pin.rpy.rpyToMatrix(roll, pitch, yaw)
-        pose[:3, 3] = [float(value) for value in origin.get("xyz", "0 0 0").split()]
-    box, mesh = element.find("geometry/box"), element.find("geometry/mesh")
-    if box is not None:
-        return part(coal.Box(*(float(value) for value in box.get("size", "").split())), pose)
-    assert mesh is not None
-    shape = hull(np.asarray(trimesh.load(folder / mesh.get("filename", ""), force="mesh").vertices))
-    assert shape is not None
-    return part(shape, pose)
 
 
 @lru_cache(maxsize=4096)

@@ -117,16 +117,16 @@ class Drake:
         spent = 1e3 * (time.process_time() - solve)
         return (np.array(result.GetSolution(variables)) if result.is_success() else None), spent
 
-    def trajectory(self, problem: dict[str, Any], q_actuation: Array, keyframes: list[Any]) -> tuple[bool, float]:
-        """Solve the joint trajectory through the keyframes: whether it converged, CPU ms of the solve."""
+    def trajectory(
+        self, problem: dict[str, Any], q_actuation: Array, keyframes: list[Any]
+    ) -> tuple[Array | None, float]:
+        """Solve the joint trajectory through the keyframes: (N, 9) waypoints if it converged, CPU ms of the solve."""
         from pydrake.math import RotationMatrix
         from pydrake.multibody.inverse_kinematics import OrientationConstraint, PositionConstraint
         from pydrake.solvers import MathematicalProgram
 
         begin = time.process_time()
-        dense_from = problem["pre_actuation_times"][-1] if problem["pre_actuation_times"] else 0.0
-        start, end = problem["start_time"], keyframes[-1].time
-        times = np.concatenate([np.arange(start, dense_from), np.arange(dense_from, end + 0.25, 0.5)])
+        times = waypoint_times(problem, keyframes[-1].time)
         program = MathematicalProgram()
         q = program.NewContinuousVariables(len(times), 9, "q")
         current = np.asarray(problem["q_current"])
@@ -146,12 +146,20 @@ class Drake:
                 OrientationConstraint(self.plant, self.world, turn, self.hand, RotationMatrix(), 0.03, self.context),
                 q[index],
             )
+        start = problem["start_time"]
         shares = np.clip((times - start) / (problem["actuation_time"] - start), 0.0, 1.0)
         program.SetInitialGuess(q, current + shares[:, None] * (q_actuation - current))
         solve = time.process_time()
         self.building += 1e3 * (solve - begin)
         result = self.solver.Solve(program)
-        return bool(result.is_success()), 1e3 * (time.process_time() - solve)
+        spent = 1e3 * (time.process_time() - solve)
+        return (np.asarray(result.GetSolution(q)) if result.is_success() else None), spent
+
+
+def waypoint_times(problem: dict[str, Any], end: float) -> Array:
+    """The original's waypoints: one a second, two a second from the last pre-actuation keyframe on."""
+    dense_from = problem["pre_actuation_times"][-1] if problem["pre_actuation_times"] else 0.0
+    return np.concatenate([np.arange(problem["start_time"], dense_from), np.arange(dense_from, end + 0.25, 0.5)])
 
 
 def solve_in_drake(drake: Drake, arm: Arm, problem: dict[str, Any], anchors: Array) -> Timing:
@@ -169,9 +177,9 @@ def solve_in_drake(drake: Drake, arm: Arm, problem: dict[str, Any], anchors: Arr
         return Timing(problem["id"], actuation, 0.0, drake.building, 0, False, None)
     best = min(poses, key=lambda q: pose_cost(problem, arm, q))
     keyframes = expected_keyframes(problem, arm.hand_pose(best), "original")
-    solved, trajectory = drake.trajectory(problem, best, keyframes)
+    waypoints, trajectory = drake.trajectory(problem, best, keyframes)
     cost = pose_cost(problem, arm, best)
-    return Timing(problem["id"], actuation, trajectory, drake.building, len(poses), solved, cost)
+    return Timing(problem["id"], actuation, trajectory, drake.building, len(poses), waypoints is not None, cost)
 
 
 def add_ours(timing: Timing, problem: Any, repeats: int) -> None:

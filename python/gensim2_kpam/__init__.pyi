@@ -1,5 +1,6 @@
 """Keypoint solver: constraints in, joint motion out. Metres, radians, seconds; poses are (4, 4) row-major float64."""
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -8,11 +9,17 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.ArrayLike
+File = str | os.PathLike[str]
 
 __version__: str
 
 class KpamError(Exception):
-    """Base class. Its subclasses name the file or field and the remedy."""
+    """Base class. Its subclasses name the file or field and the remedy, in their text and as attributes."""
+
+    file: str | None
+    """The file at fault, where there is one."""
+    field: str | None
+    """Path of the field at fault, e.g. ``constraint_list[2].tolerance`` or ``options.margin``."""
 
 class UrdfError(KpamError):
     """A robot description that cannot be used: file, field, remedy."""
@@ -27,11 +34,11 @@ class Robot:
     """A URDF arm. Pickles."""
 
     @staticmethod
-    def from_urdf(
-        path: str, *, srdf: str | None = None, hand_link: str = "panda_hand", base_link: str | None = None
-    ) -> Robot:
+    def from_urdf(path: File, *, hand_link: str, srdf: File | None = None, base_link: str | None = None) -> Robot:
         """Reads a URDF and its collision meshes (relative paths; ``package://`` is stripped).
 
+        ``hand_link`` carries the tool: the joints between ``base_link`` (default: the only link without a parent) and
+        it are planned, poses and tool keypoints are in its frame, moving joints below it are fingers.
         ``srdf`` disables pairs of links; without one, neighbours and links that overlap at the middle of all joint
         ranges are not judged. Raises UrdfError.
         """
@@ -96,13 +103,21 @@ class Body:
         role: Literal["table", "object_body", "moving_link", "rigid", "target", "attached"],
         shapes: Sequence[Shape],
         pose: Numbers,
+        *,
+        keypoints: Mapping[str, Numbers] | None = None,
     ) -> None:
-        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame.
+        """``pose``: (4, 4) body in the robot base frame; of an attached body, in the hand frame. ``keypoints``: (3,)
+        each, in the body frame (m); scenes hand them to problems.
 
-        Hand and fingers may touch a ``target``; an ``attached`` body rides on the hand and is judged like it.
+        Hand, fingers and what they hold may touch a ``target``; an ``attached`` body rides on the hand.
         """
     @property
     def name(self) -> str: ...
+    @property
+    def role(self) -> str: ...
+    @property
+    def pose(self) -> Array:
+        """(4, 4)"""
 
 class Joint:
     def __init__(
@@ -115,6 +130,76 @@ class Joint:
         upper: float,
     ) -> None:
         """The object's moving joint; ``origin`` and ``axis`` are (3,) in the robot base frame."""
+
+class SceneJoint:
+    """A joint of an object and the names of the bodies that it moves. Pickles."""
+
+    def __init__(self, name: str, joint: Joint, moves: Sequence[str]) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> float:
+        """Present value, rad or m."""
+    @property
+    def moves(self) -> list[str]: ...
+
+class Scene:
+    """A robot and what stands about it, built once; every problem on it shares its shapes and its tree. What changes a
+    scene returns another one."""
+
+    def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None: ...
+    @property
+    def bodies(self) -> list[Body]: ...
+    @property
+    def joints(self) -> list[SceneJoint]: ...
+    @property
+    def tool_keypoints(self) -> dict[str, Array]:
+        """Keypoints of the attached bodies in the hand frame, named "body/keypoint"."""
+    @property
+    def object_keypoints(self) -> dict[str, Array]:
+        """Keypoints of the standing bodies in the base frame, named "body/keypoint"."""
+    def with_joint(self, name: str, value: float) -> Scene:
+        """The joint at another value (rad or m, within its range); the bodies that it moves go with it."""
+    def with_pose(self, body: str, pose: Numbers) -> Scene:
+        """A body elsewhere: (4, 4) in the base frame, or in the hand frame where it is attached."""
+    def attached(self, body: str, q: Numbers) -> Scene:
+        """A body held by the hand at joints ``q`` (n,): it rides from there on, and no joint moves it."""
+    def detached(self, body: str, q: Numbers, on: str | None = None) -> Scene:
+        """An attached body left where the hand at joints ``q`` (n,) holds it: a rigid obstacle from there on, which the
+        joint ``on`` moves where it lies on something that moves."""
+    def problem(
+        self,
+        config: SolverConfig,
+        q_start: Numbers,
+        *,
+        tool_keypoints: Mapping[str, Numbers] | None = None,
+        object_keypoints: Mapping[str, Numbers] | None = None,
+        T_base_object: Numbers | None = None,
+        joint: str | None = None,
+        object_axis: Literal["x", "y", "z"] = "y",
+        object_yaw: float = 0.0,
+        T_base_world: Numbers | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> KeypointProblem:
+        """A problem on this scene, as KeypointProblem makes it; the keypoints of its bodies are added to those given.
+        ``joint`` names the joint that the config is about: what that moves is the moving link."""
+    def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
+        """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
+        no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
+    def distance(self, q: Numbers, most: float = 1.0) -> float | Array:
+        """Smallest signed distance (m) of the same pairs, ``most`` where none is nearer: (n,) -> float, (N, n) ->
+        (N,)."""
+    def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
+        """Pairs that come within ``reach`` (m), nearest first, as dicts ``bodies`` (two names), ``distance`` (m,
+        negative where they overlap), ``point`` (3,): for (n,) a list of them, for (N, n) a list of such lists."""
+
+class Cancel:
+    """Ends planning from another thread: pass it to ``plan`` and call ``cancel``. Once set it stays set."""
+
+    def __init__(self) -> None: ...
+    def cancel(self) -> None: ...
+    @property
+    def is_cancelled(self) -> bool: ...
 
 class KeypointProblem:
     """Everything one plan needs; checked on construction. Pickles."""
@@ -140,36 +225,52 @@ class KeypointProblem:
         ``options`` (unknown keys raise ProblemError); n is the number of the robot's joints:
             timing: "limits" (as fast as the limits allow) or "config" (the config's clock; the default where the
                 config sets a time). start_time: of the first waypoint on that clock, s.
-            velocity_scale, acceleration_scale: fractions of the limits, 0.5 each; the second scales jerk too.
-            velocity_limits, acceleration_limits, jerk_limits: (n,), default the URDF's velocities and Franka's others.
+            velocity_scale, acceleration_scale: fractions of the limits, 0.001 to 1, 0.5 each; the second scales jerk.
+            velocity_limits, acceleration_limits, jerk_limits: (n,) from 0.001; default the URDF's velocities and those
+                of `limits`.
+            limits: "panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default
+                "panda" for an arm whose planned joints are named panda_joint1 to 7 (or fer_joint1 to 7), else "plain".
             start_velocity: (n,), default at rest.
             frames: "object" (list-type translations are in the hand frame) or "original" (turned by object_yaw).
             rotate_path: "arc" or "chord".
             workspace: [[x, y, z], [x, y, z]] that holds the hand's origin at the actuation pose, or None.
-            margin: clearance wished for on the free approach, m (0.005).
+            margin: clearance wished for on the free approach, 0 to 0.2 m (0.005).
             avoid_collisions: True; False only reports them. allow_partial: False; True takes the longest part of the
                 motion after the actuation pose, with status "partial".
-            finger_width: value of the finger joints while planning, m; default as in q_start.
-            seeds, candidates, harvest, samples: budgets (starts, poses tried, further starts, tree growths).
+            finger_width: value of the finger joints (those below the hand) while planning, m or rad, within their
+                limits; mimic joints among them follow; default as in q_start.
+            starts, descents, candidates, harvest, samples: budgets (start values, poses moved to their optimum, poses
+                tried, further starts, tree growths).
             contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
-                keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end".
+                keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end". ``links`` may name what
+                rides on the hand.
+            pick: names of bodies that ride on the hand from the actuation on.
+            release: names of attached bodies that stand where they are from the actuation on.
+            joint_travel: (motions after the actuation,) by how much each moves the joint (rad or m); default: motions
+                that follow or trace the joint say so, others take it along with the contact point.
         """
+    def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
+        """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
+        time (s) on the motion's clock. Shares everything else."""
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is asked of; its joint is named "joint" there."""
 
 class Trajectory:
     """Timed joint motion. Pickles."""
 
     @property
     def times(self) -> Array:
-        """(N,) seconds; every keyframe time is among them."""
+        """(N,) seconds, at most 0.1 s (or a 100,000th of the motion) apart; every keyframe time is among them."""
     @property
     def positions(self) -> Array:
         """(N, n) joint positions at ``times``."""
     @property
     def duration(self) -> float: ...
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at t, each (n,)."""
+    def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
     def sample_every(self, dt: float) -> Array:
-        """(ceil(duration / dt) + 1, n) positions."""
+        """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
 class Plan:
     """What was solved, each residual, what failed. Pickles."""
@@ -177,7 +278,8 @@ class Plan:
     @property
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
-        "unreachable", "collision", "too_fast"."""
+        "unreachable", "collision", "not_found" (the search ended without a motion; there may be one), "too_fast",
+        "cannot_stop" (no motion from the start stays within the joint limits), "cancelled"."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
@@ -205,6 +307,13 @@ class Plan:
     @property
     def trajectory(self) -> Trajectory | None: ...
     @property
+    def tried(self) -> int:
+        """Number of poses whose motion was tried."""
+    @property
+    def tried_poses(self) -> list[dict[str, Any]]:
+        """What became of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
+        ``reason``."""
+    @property
     def reached_fraction(self) -> float:
         """Part of the motion after the actuation pose that is reachable and free, 0..1."""
     @property
@@ -220,15 +329,97 @@ class Plan:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON holds them."""
 
-def plan(problem: KeypointProblem) -> Plan:
-    """Plans one problem with the GIL released."""
+def plan(
+    problem: KeypointProblem,
+    *,
+    former: Plan | None = None,
+    resume: str | None = None,
+    max_checks: int | None = None,
+    cancel: Cancel | None = None,
+    explain: bool = False,
+) -> Plan:
+    """Plans one problem with the GIL released; Ctrl-C ends it.
+
+    Args:
+        problem: the problem.
+        former: an earlier plan of this or a similar problem; its pose and its way are tried first.
+        resume: label of the keyframe that the motion goes to first. What comes before it is done: ``q_start`` and
+            ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
+            it needs ``former``.
+        max_checks: most states that are checked for collisions; the same on every machine.
+        cancel: ends planning when set.
+        explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
+    """
+
+def ik(problem: KeypointProblem, most: int = 10) -> list[dict[str, Any]]:
+    """The cheapest distinct poses that meet the constraints, cheapest first: ``q`` (n,), ``cost``. Obstacles are left
+    out; ``Scene.check`` says what a pose touches."""
+
+def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
+    """How far (rad or m) the planner takes the object's joint to have moved at times (N,) of a plan's motion: (N,)."""
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
-    """Plans many on ``threads`` threads (default: all cores); the same results as ``plan``, in order."""
-
-def in_collision(problem: KeypointProblem, q: Numbers) -> bool | npt.NDArray[np.bool_]:
-    """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; attached bodies
-    ride on the hand; links that no joint moves and pairs that the SRDF disables are left out."""
+    """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C
+    ends it."""
 
 def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
-    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object"."""
+    """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".
+
+    ``step`` is at least a 100,000th of the motion.
+    """
+
+def retime(
+    waypoints: npt.ArrayLike,
+    velocity_limits: npt.ArrayLike,
+    acceleration_limits: npt.ArrayLike,
+    jerk_limits: npt.ArrayLike,
+    *,
+    stops: Sequence[int] = (),
+    slowest: npt.ArrayLike | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    start_acceleration: npt.ArrayLike | None = None,
+    position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    method: Literal["reachability", "conic"] = "reachability",
+) -> tuple[Trajectory, Array]:
+    """The fastest motion along the cubic spline through waypoints that keeps velocity, acceleration and jerk limits.
+
+    Args:
+        waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
+        velocity_limits, acceleration_limits, jerk_limits: (n,) per second, per second squared and cubed.
+        stops: waypoints at which the motion rests, beside the last.
+        slowest: (N - 1,) least time of each interval between waypoints, s.
+        start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
+            towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        position_limits: (n,) lower and upper limits that a start under way has to stop within.
+        method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
+
+    Returns:
+        The motion from time 0, and the (N,) times at which it passes the waypoints.
+
+    Raises:
+        ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.
+    """
+
+def refine(
+    problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
+) -> dict[str, Any]:
+    """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
+
+    The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of
+    keyframes stay (position exactly, orientation within 0.03 rad), joint limits hold, straight steps that were free
+    stay free; the cost is never more than before.
+
+    Args:
+        problem: what was planned.
+        plan: a plan of it that has a trajectory.
+        times: (N,) times of the plan's motion at which waypoints lie, s, beside its start, end and keyframes; about 40
+            evenly by default.
+        keep_paths: keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+
+    Returns:
+        ``waypoints`` (N, n), ``times`` (N,), ``keyframes`` (numbers of their waypoints), ``cost_before``,
+        ``cost_after``, ``rounds``. ``retime`` makes a motion of the waypoints.
+
+    Raises:
+        ProblemError: the plan has no motion, or a time is not within it.
+    """

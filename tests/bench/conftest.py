@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 DOOR_ANGLE = 0.6
 Q_CURRENT = [0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04]
 
@@ -135,10 +132,7 @@ def problem_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def peers_path() -> Iterator[None]:
-    """Make the scripts under benchmarks/ importable."""
+def peers() -> None:
+    """Skips where the independent libraries are missing."""
     pytest.importorskip("coal")
     pytest.importorskip("pinocchio")
-    sys.path.insert(0, str(BENCHMARKS))
-    yield
-    sys.path.remove(str(BENCHMARKS))

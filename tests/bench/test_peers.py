@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("mani_skill")
-pytestmark = pytest.mark.usefixtures("peers_path")
+pytestmark = pytest.mark.usefixtures("peers")
 
 
 def test_kinematics_agree(capsys: pytest.CaptureFixture[str]) -> None:

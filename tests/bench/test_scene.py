@@ -107,7 +107,7 @@ def test_rigid_objects(
     assert scene_of(problem, assets).obstacles[-1].role == role
 
 
-@pytest.mark.usefixtures("peers_path")
+@pytest.mark.usefixtures("peers")
 def test_agrees_with_pinocchio_and_trimesh(problem: dict[str, Any], assets: Path) -> None:
     import peers
 
@@ -119,5 +119,6 @@ def test_agrees_with_pinocchio_and_trimesh(problem: dict[str, Any], assets: Path
         assert [each.role for each in theirs] == [each.role for each in ours.obstacles]
         for one, two in zip(ours.obstacles, theirs, strict=True):
             points = np.concatenate(one.hulls) @ one.pose[:3, :3].T + one.pose[:3, 3]
-            np.testing.assert_allclose(points.min(axis=0), two.low.min(axis=0), atol=1e-9)
-            np.testing.assert_allclose(points.max(axis=0), two.high.max(axis=0), atol=1e-9)
+            theirs_at = np.concatenate([each.points for each in two.parts]) @ two.pose[:3, :3].T + two.pose[:3, 3]
+            np.testing.assert_allclose(points.min(axis=0), theirs_at.min(axis=0), atol=1e-9)
+            np.testing.assert_allclose(points.max(axis=0), theirs_at.max(axis=0), atol=1e-9)

@@ -83,7 +83,7 @@ def test_threads_change_nothing_but_the_times(
         assert {**one, "cpu_ms": None} == {**two, "cpu_ms": None}
 
 
-@pytest.mark.usefixtures("peers_path")
+@pytest.mark.usefixtures("peers")
 def test_the_checker_finds_nothing(solved: list[dict[str, Any]], problem_file: Path, assets: Path) -> None:
     import check_plans
     import peers

@@ -77,12 +77,21 @@ def _looked(said: str, _: Path) -> None:
     assert all(f"  {name} on {point.link} at" in said for name, point in drawer.keypoints.items())
 
 
+def _placed(said: str, _: Path) -> None:
+    """Both steps are planned whole, and the cube stands where it was to be put."""
+    assert "pick: solved place: solved" in said
+    place = re.search(r"the cube stands at \[\s*(\S+)\s+(\S+)\s+(\S+?)\s*\]", said)
+    assert place is not None
+    assert [float(value) for value in place.groups()] == pytest.approx([0.5, 0.15, 0.025], abs=0.003)
+
+
 OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "01_solve_a_config.py": (_solved, False),
     "02_make_an_env.py": (_stepped, False),
     "03_design_a_task.py": (_designed, True),
     "04_read_a_demo.py": (_recorded, True),
     "05_look_at_an_object.py": (_looked, False),
+    "06_pick_and_place.py": (_placed, False),
 }
 """By name; and whether it takes an output folder."""
 

@@ -26,4 +26,4 @@ def robots() -> Path:
 @pytest.fixture(scope="session")
 def panda(robots: Path) -> kpam.Robot:
     folder = robots / "panda"
-    return kpam.Robot.from_urdf(str(folder / "panda_v2.urdf"), srdf=str(folder / "panda_v2.srdf"))
+    return kpam.Robot.from_urdf(folder / "panda_v2.urdf", hand_link="panda_hand", srdf=folder / "panda_v2.srdf")

@@ -20,13 +20,13 @@ def test_a_ball_at_the_hand_is_hit_and_one_far_away_is_not(panda: kpam.Robot) ->
         pose = np.eye(4)
         pose[:3, 3] = hand[:3, 3] + [0.0, 0.0, offset]
         ball = kpam.Body("ball", "rigid", [kpam.Shape.sphere(0.03)], pose)
-        assert kpam.in_collision(arm_among(panda, [ball]), kpam_scenes.Q_START) is expected
+        assert arm_among(panda, [ball]).scene.in_collision(kpam_scenes.Q_START) is expected
 
 
 def test_the_arm_hits_itself_folded_and_not_at_rest(panda: kpam.Robot) -> None:
     folded = kpam_scenes.Q_START.copy()
     folded[[1, 3]] = [1.7, -3.0]
-    found = kpam.in_collision(arm_among(panda, []), np.stack([kpam_scenes.Q_START, folded]))
+    found = arm_among(panda, []).scene.in_collision(np.stack([kpam_scenes.Q_START, folded]))
     assert found.dtype == np.bool_
     assert found.tolist() == [False, True]
 
@@ -35,4 +35,4 @@ def test_a_wrong_row_is_refused(panda: kpam.Robot) -> None:
     problem = arm_among(panda, [])
     for q in (np.zeros(3), np.zeros((2, 8)), np.full(9, np.nan)):
         with pytest.raises(kpam.ProblemError, match="q"):
-            kpam.in_collision(problem, q)
+            problem.scene.in_collision(q)

@@ -118,7 +118,7 @@ def test_a_bad_urdf_is_named(tmp_path: Path, text: str, what: str) -> None:
     file = tmp_path / "bad.urdf"
     file.write_text(text)
     with pytest.raises(kpam.UrdfError, match=what) as caught:
-        kpam.Robot.from_urdf(str(file), hand_link="h" if "'h'" in text else "hand")
+        kpam.Robot.from_urdf(file, hand_link="h" if "'h'" in text else "hand")
     assert "bad.urdf" in str(caught.value)
 
 
@@ -131,11 +131,11 @@ def test_what_other_tools_add_under_their_namespace_is_left_out(tmp_path: Path) 
         "<joint name='j' type='revolute'><parent link='b'/><child link='&quot;h&#9;'/><axis xyz='0 0 1'/>"
         "<limit lower='-1' upper='1' effort='1' velocity='1'/></joint></robot>"
     )
-    robot = kpam.Robot.from_urdf(str(file), hand_link='"h\t')
+    robot = kpam.Robot.from_urdf(file, hand_link='"h\t')
     assert robot.joint_names == ["j"]
     assert robot.link_names == ["b", '"h\t']
 
 
 def test_a_missing_urdf_is_named(tmp_path: Path) -> None:
     with pytest.raises(kpam.UrdfError, match=r"none\.urdf"):
-        kpam.Robot.from_urdf(str(tmp_path / "none.urdf"))
+        kpam.Robot.from_urdf(tmp_path / "none.urdf", hand_link="hand")

@@ -96,7 +96,8 @@ def test_following_the_joint_is_an_arc(panda: kpam.Robot) -> None:
     about[:3, 3] = shift - about[:3, :3] @ shift
     np.testing.assert_allclose(end, about @ act, atol=1e-9)
     radius = np.linalg.norm((hand_path(panda, plan, "actuation", "post_0")[:, :3, 3] - shift)[:, 1:], axis=1)
-    assert np.ptp(radius) < 1e-3
+    # The motion passes the actuation pose without a stop: it leaves the arc by 2 mm there at most.
+    assert np.abs(radius - radius[-1]).max() < 2e-3
 
 
 def test_tracing_the_joint_keeps_the_orientation(panda: kpam.Robot) -> None:
@@ -286,7 +287,15 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"object_keypoints": {}}, "object_keypoints"),
         ({"tool_keypoints": {**TOOL, "tool_tail": TOOL["tool_head"]}}, "tool_keypoints"),
         ({"object_axis": "w"}, "object_axis"),
-        ({"options": {"speed": 1}}, "speed"),
+        ({"options": {"speed": 1}}, r"options\.speed"),
+        ({"options": {"velocity_scale": "fast"}}, r"options\.velocity_scale"),
+        ({"options": {"velocity_scale": float("nan")}}, r"options\.velocity_scale"),
+        ({"options": {"contacts": [{"links": 3}]}}, r"options\.contacts\[0\]\.links"),
+        ({"options": {"candidates": 0}}, r"options\.candidates"),
+        ({"options": {"harvest": 10**9}}, r"options\.harvest"),
+        ({"options": {"samples": 10**9}}, r"options\.samples"),
+        ({"options": {"jerk_limits": [1e-9] * 9}}, r"options\.jerk_limits\[0\]"),
+        ({"object_yaw": np.nan}, "object_yaw"),
         ({"options": {"velocity_scale": 0}}, "velocity_scale"),
         ({"options": {"velocity_limits": [1.0]}}, "velocity_limits"),
         ({"options": {"velocity_limits": [1e300] * 9}}, "velocity_limits"),
@@ -294,7 +303,7 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"options": {"start_time": 1e300}}, "start_time"),
         ({"options": {"finger_width": 1e300}}, "finger_width"),
         ({"options": {"margin": 1e300}}, "margin"),
-        ({"options": {"seeds": 10**9}}, "seeds"),
+        ({"options": {"starts": 10**9}}, r"options\.starts"),
         ({"object_keypoints": {"edge": [1e300, 0, 0]}}, "object_keypoints"),
         ({"tool_keypoints": {**TOOL, "tool_head": [1e300, 0, 0]}}, "tool_keypoints"),
         ({"options": {"workspace": [[1, 1, 1], [0, 0, 0]]}}, "workspace"),
@@ -315,6 +324,8 @@ def test_bad_shapes_are_named() -> None:
         kpam.Shape.convex_hull([[0, 0, 0], [0, 0, np.nan]])
     with pytest.raises(kpam.ProblemError, match=r"triangles\[0\]"):
         kpam.Shape.mesh(np.zeros((3, 3)), [[0, 1, 7]])
+    with pytest.raises(kpam.ProblemError, match=r"triangles\[0\].*1\.5"):
+        kpam.Shape.mesh(np.eye(3), [[0, 1.5, 2]])
     with pytest.raises(kpam.ProblemError, match="axis"):
         kpam.Joint("revolute", [0, 0, 0], [0, 0, 0], 0, 0, 1)
     with pytest.raises(kpam.ProblemError, match="role"):
@@ -331,7 +342,7 @@ def test_bad_shapes_are_named() -> None:
 )
 def test_other_arms_reach(robots: Path, urdf: str, hand: str, at: list[float]) -> None:
     file = robots / urdf
-    robot = kpam.Robot.from_urdf(str(file), hand_link=hand)
+    robot = kpam.Robot.from_urdf(file, hand_link=hand)
     settings = kpam.SolverConfig(
         {
             "constraint_list": [

@@ -294,10 +294,12 @@ pub fn signed_distance(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        GJKResult::NoIntersection(n) => {
+        // The search says the x axis where it ran out of rounds, which proves nothing.
+        GJKResult::NoIntersection(n) if n != Vector3::x_axis() || apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
         }
+        GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)),
         GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
     };
     let (p, q, normal, core) = found?;
@@ -308,6 +310,45 @@ pub fn signed_distance(
         on_second: q - normal * second.1,
         normal,
     })
+}
+
+/// Directions along which nothing man-made lies.
+const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
+
+/// How far two hulls are apart along a unit direction from the first to the second: never more than their distance.
+fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
+    (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
+}
+
+/// Points, normal and signed distance of two hulls whose distance the search has not found: it is begun anew from other
+/// directions, and failing all of them, what is known to part the hulls stands in for their distance. They are never
+/// said to be further apart than they are.
+fn undecided(
+    a: &Corners,
+    b: &Corners,
+    direction: &Unit<Vector3<f64>>,
+) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
+    let same = Isometry3::identity();
+    let mut widest = (direction.into_inner(), apart_along(a, b, direction));
+    for skew in SKEW {
+        let from = Unit::new_normalize(Vector3::from(skew));
+        let mut simplex = VoronoiSimplex::new();
+        simplex.reset(CSOPoint::from_shapes(&same, a, b, &from));
+        match gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut simplex) {
+            GJKResult::ClosestPoints(p, q, n) => return (p, q, n.into_inner(), (q - p).norm()),
+            GJKResult::Proximity(_) | GJKResult::Intersection => return deepest(a, b, &simplex, direction),
+            GJKResult::NoIntersection(_) => {
+                for n in [from.into_inner(), -from.into_inner()] {
+                    let apart = apart_along(a, b, &n);
+                    if apart > widest.1 {
+                        widest = (n, apart);
+                    }
+                }
+            }
+        }
+    }
+    let (n, apart) = widest;
+    (a.furthest(&n), b.furthest(&-n), n, apart)
 }
 
 /// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
@@ -321,10 +362,9 @@ fn deepest(
     simplex: &VoronoiSimplex,
     direction: &Unit<Vector3<f64>>,
 ) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
-    const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
     const SLACK: f64 = 1e-7;
     let same = Isometry3::identity();
-    let parting = |n: &Vector3<f64>| (a.furthest(n) - b.furthest(&-n)).dot(n);
+    let parting = |n: &Vector3<f64>| -apart_along(a, b, n);
     let fallback = (a.furthest(direction), b.furthest(&-direction.into_inner()), direction.into_inner());
     let mut best = (fallback, parting(direction));
     let mut look = |simplex: &VoronoiSimplex| {
@@ -445,5 +485,30 @@ mod tests {
         let plate = Convex::hull(&flat).unwrap();
         let d = between(&plate, &Convex::ball(0.1, Point3::new(1.0, 1.0, 1.0)).unwrap());
         assert!((d.distance - 0.9).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_undecided_is_never_said_to_be_further(
+            at in prop::array::uniform3(-0.6..0.6f64), guess in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            prop_assume!(Vector3::from(guess).norm() > 1e-3);
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b).distance;
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            let (_, _, n, found) = undecided(&p, &q, &Unit::new_normalize(Vector3::from(guess)));
+            prop_assert!((found - wanted).abs() < 1e-6, "{found} {wanted}");
+            prop_assert!(apart_along(&p, &q, &n) <= wanted + 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_search_that_gives_up_does_not_mean_free() {
+        // What the search answers where it runs out of rounds is the x axis, whatever the hulls: along it these overlap.
+        let (a, b) = (cube(0.2, [0.0; 3]), cube(0.2, [0.1, 0.1, 0.1]));
+        let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+        assert!(apart_along(&p, &q, &Vector3::x()) < 0.0);
+        let (.., found) = undecided(&p, &q, &Vector3::x_axis());
+        assert!((found + 0.3).abs() < 1e-6, "{found}");
     }
 }

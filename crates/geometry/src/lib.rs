@@ -23,14 +23,17 @@ mod collision;
 mod convex;
 mod error;
 mod mesh;
+mod mimic;
+mod obstacles;
 mod pose;
 mod robot;
 mod urdf;
 mod xml;
 
 pub use bvh::{Aabb, Bvh};
-pub use collision::{Proximity, RobotShapes, Scene, Scratch, Target};
+pub use collision::{MovingShapes, Proximity, Scratch, Target, judged_pairs};
 pub use convex::{Contact, Convex, Corners, signed_distance};
 pub use error::{ShapeError, UrdfError};
+pub use obstacles::Obstacles;
 pub use pose::{Pose, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about};
 pub use robot::{Chain, ChainFrames, Joint, JointKind, Link, Mimic, Robot};

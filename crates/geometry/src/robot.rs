@@ -1,5 +1,7 @@
 //! The kinematic tree: poses of links, the chain to the hand, and its Jacobian.
 
+use std::path::Path;
+
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -14,10 +16,11 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// A joint that follows another: `value = multiplier * source + offset`.
+/// A joint that follows another: `value = multiplier * source + offset`. The source follows none: what a URDF writes as
+/// a mimic of a mimic is composed when it is read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mimic {
-    /// Index of the source in the joint vector.
+    /// Index of the source in the joint vector; it has no mimic itself.
     pub source: usize,
     /// Factor.
     pub multiplier: f64,
@@ -91,16 +94,15 @@ impl Robot {
     /// # Errors
     /// An unreadable or malformed file, an unknown link, a loop, inverted limits, a zero axis, or a missing mesh.
     pub fn from_urdf(
-        path: &str,
-        srdf: Option<&str>,
+        path: impl AsRef<Path>,
+        srdf: Option<&Path>,
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
-        let mut robot = urdf::parse(&text, path, hand_link, base_link)?;
+        let path = path.as_ref();
+        let mut robot = urdf::parse(&read_text(path)?, path, hand_link, base_link)?;
         if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs(srdf, &robot.links)?;
+            robot.allowed = urdf::disabled_pairs(&read_text(srdf)?, srdf, &robot.links)?;
         }
         robot.allow_neighbours(srdf.is_none());
         Ok(robot)
@@ -112,14 +114,14 @@ impl Robot {
     /// As [`Robot::from_urdf`].
     pub fn from_urdf_str(
         text: &str,
-        file: &str,
+        file: impl AsRef<Path>,
         srdf: Option<&str>,
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let mut robot = urdf::parse(text, file, hand_link, base_link)?;
+        let mut robot = urdf::parse(text, file.as_ref(), hand_link, base_link)?;
         if let Some(srdf) = srdf {
-            robot.allowed = urdf::disabled_pairs_in(srdf, "SRDF", &robot.links)?;
+            robot.allowed = urdf::disabled_pairs(srdf, Path::new("SRDF"), &robot.links)?;
         }
         robot.allow_neighbours(srdf.is_none());
         Ok(robot)
@@ -144,12 +146,23 @@ impl Robot {
             }
         }
         if and_overlapping {
-            let middle: Vec<f64> = self.joints.iter().map(middle_of_range).collect();
+            let mut middle: Vec<f64> = (0..self.joints.len()).map(|j| self.middle_of_range(j)).collect();
+            self.apply_mimic(&mut middle);
             let overlapping = crate::collision::overlapping_pairs(self, &middle);
             self.allowed.extend(overlapping);
         }
         self.allowed.sort_unstable();
         self.allowed.dedup();
+    }
+
+    /// Middle of an independent joint's range; the value nearest to zero where an end is open.
+    fn middle_of_range(&self, j: usize) -> f64 {
+        let joint = &self.joints[j];
+        let (lower, upper) = match self.range(j) {
+            (lower, upper) if lower <= upper => (lower, upper),
+            _ => (joint.lower, joint.upper),
+        };
+        if lower.is_finite() && upper.is_finite() { 0.5 * (lower + upper) } else { 0.0_f64.max(lower).min(upper) }
     }
 
     /// Name in the URDF.
@@ -200,16 +213,33 @@ impl Robot {
         self.links.iter().position(|l| l.name == name)
     }
 
-    /// Joint value of a mimic joint set from its source; all others untouched.
-    pub fn apply_mimic(&self, q: &mut [f64], moved: &[usize]) {
+    /// The independent joint that moves joint `j`, with factor and summand: `value = factor * source + offset`.
+    #[must_use]
+    pub fn drive(&self, j: usize) -> Mimic {
+        self.joints[j].mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 })
+    }
+
+    /// Sets mimic joints to what their sources make of them; entries of independent joints stay.
+    pub fn apply_mimic(&self, q: &mut [f64]) {
         for (i, joint) in self.joints.iter().enumerate() {
-            if let Some(m) = joint.mimic
-                && moved.contains(&m.source)
-                && !moved.contains(&i)
-            {
+            if let Some(m) = joint.mimic {
                 q[i] = m.multiplier * q[m.source] + m.offset;
             }
         }
+    }
+
+    /// Range (rad or m) in which an independent joint keeps its own limits and those of all joints that follow it. It
+    /// is empty (lower above upper) where they contradict each other.
+    #[must_use]
+    pub fn range(&self, source: usize) -> (f64, f64) {
+        let (mut lower, mut upper) = (self.joints[source].lower, self.joints[source].upper);
+        for joint in &self.joints {
+            let Some(m) = joint.mimic.filter(|m| m.source == source && m.multiplier != 0.0) else { continue };
+            let ends = [joint.lower, joint.upper].map(|limit| (limit - m.offset) / m.multiplier);
+            lower = lower.max(ends[0].min(ends[1]));
+            upper = upper.min(ends[0].max(ends[1]));
+        }
+        (lower, upper)
     }
 
     /// Pose of every link in the base frame, written into `out`; `q` has one entry a joint.
@@ -244,8 +274,9 @@ impl Robot {
     }
 }
 
-fn middle_of_range(joint: &Joint) -> f64 {
-    if joint.lower.is_finite() && joint.upper.is_finite() { 0.5 * (joint.lower + joint.upper) } else { 0.0 }
+fn read_text(path: &Path) -> Result<String, UrdfError> {
+    std::fs::read_to_string(path)
+        .map_err(|e| UrdfError::new(&path.display().to_string(), "file", format!("cannot be read: {e}")))
 }
 
 /// One moving joint of a chain, with the fixed transforms before it folded in.

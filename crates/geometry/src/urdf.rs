@@ -6,14 +6,16 @@ use nalgebra::{Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use crate::robot::{Joint, JointKind, Link, Mimic};
-use crate::{Convex, Pose, Robot, UrdfError, mesh, pose_from_xyz_rpy, xml};
+use crate::{Convex, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
 /// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
 const FURTHEST: f64 = 1000.0;
 
-pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
+    let file = path.display().to_string();
+    let file = file.as_str();
     let fail = |field: &str, message: String| UrdfError::new(file, field, message);
     let plain = xml::plain(&xml::parse(text, file)?);
     let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
@@ -76,6 +78,11 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
             joints.push(built);
         }
     }
+    let mut names: Vec<&str> = model.joints.iter().map(|j| j.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(fail(&format!("joint {}", pair[0]), "stands twice; names are unique".to_owned()));
+    }
     for (j, joint) in model.joints.iter().enumerate() {
         if let (Some(at), Some(mimic)) = (slot[j], &joint.mimic) {
             let field = format!("joint {}: mimic", joint.name);
@@ -91,8 +98,9 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
             joints[at].mimic = Some(Mimic { source, multiplier, offset });
         }
     }
+    mimic::compose(&mut joints, file)?;
 
-    let folder = Path::new(file).parent().map(Path::to_path_buf).unwrap_or_default();
+    let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
     let mut links = Vec::with_capacity(order.len());
     for &l in &order {
         let link = &model.links[l];
@@ -113,14 +121,13 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
         }
         links.push(Link { name: link.name.clone(), parent, origin, joint: joint.and_then(|j| slot[j]), shapes });
     }
-    let hand_index = links
-        .iter()
-        .position(|l| l.name == hand)
-        .ok_or_else(|| fail("hand_link", format!("{hand:?} is not a link below the base; links: {}", names(&links))))?;
+    let hand_index = links.iter().position(|l| l.name == hand).ok_or_else(|| {
+        fail("hand_link", format!("{hand:?} is not a link below the base; links: {}", listed(&links)))
+    })?;
     Ok(Robot::assemble(model.name.clone(), links, joints, hand_index))
 }
 
-fn names(links: &[Link]) -> String {
+fn listed(links: &[Link]) -> String {
     let mut all: Vec<&str> = links.iter().map(|l| l.name.as_str()).collect();
     let more = all.len().saturating_sub(30);
     all.truncate(30);
@@ -211,13 +218,9 @@ fn resolve(filename: &str, folder: &Path) -> PathBuf {
         .unwrap_or_else(|| folder.join(inside))
 }
 
-pub(crate) fn disabled_pairs(path: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
-    disabled_pairs_in(&text, path, links)
-}
-
-pub(crate) fn disabled_pairs_in(text: &str, file: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
+pub(crate) fn disabled_pairs(text: &str, path: &Path, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
+    let file = path.display().to_string();
+    let file = file.as_str();
     let document = xml::parse(text, file)?;
     let mut pairs = Vec::new();
     for node in document.descendants().filter(|n| n.has_tag_name("disable_collisions")) {

@@ -77,7 +77,14 @@ fn problem() -> KeypointProblem {
     let start = vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0];
     let mut problem = KeypointProblem::new(robot, config, start, BTreeMap::from(tool), goal, Pose::identity()).unwrap();
     let top = Convex::cuboid([0.5, 0.5, 0.02], &Pose::translation(0.6, 0.0, -0.02)).unwrap();
-    problem.bodies = vec![Body { name: "table".into(), role: Role::Table, shapes: vec![top], pose: Pose::identity() }];
+    let table = Body {
+        name: "table".into(),
+        role: Role::Table,
+        shapes: [top].into(),
+        pose: Pose::identity(),
+        keypoints: BTreeMap::new(),
+    };
+    problem.bodies = vec![table].into();
     problem
 }
 

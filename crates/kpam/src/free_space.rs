@@ -1,9 +1,8 @@
 //! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
 //! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
 
-use crate::contact::{Hit, Judge, TOUCH};
-use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
+use crate::world::{Hit, Leg, Margins, State, TOUCH, World};
 
 /// Longest edge that a tree grows by (weighted rad).
 const EDGE: f64 = 0.6;
@@ -72,36 +71,48 @@ impl Draws {
     }
 }
 
-/// Corners of a free joint path from `a` to `b`, both included, or the first thing that blocks the straight segment.
+/// Why there is no free motion.
+#[derive(Debug, Clone)]
+pub(crate) enum NoWay {
+    /// An end is not free.
+    Blocked(Hit),
+    /// The samples are spent; this is in the straight way.
+    NotFound(Hit),
+}
+
+/// Corners of a free joint path from `a` to `b`, both included.
 pub(crate) fn connect(
-    judge: &mut Judge<'_>,
+    world: &mut World<'_>,
     model: &Model,
     a: &Row,
     b: &Row,
-    stage: usize,
+    leg: Leg,
     margins: &Margins,
     samples: usize,
-) -> Result<Vec<Row>, Hit> {
+) -> Result<Vec<Row>, NoWay> {
     for end in [b, a] {
-        if let Some(hit) = judge.at(end, stage, margins) {
-            return Err(hit);
+        if let Some(hit) = world.hit_at(State::still(end), leg, margins) {
+            return Err(NoWay::Blocked(hit));
         }
     }
-    let Some(hit) = judge.sweep(a, b, stage, margins) else { return Ok(vec![*a, *b]) };
+    let Some(hit) = world.sweep(a, b, leg, margins) else { return Ok(vec![*a, *b]) };
     let n = model.n();
     let mut draws = Draws::new(0x6b70_616d);
     let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
     let mut active = 0;
     for _ in 0..samples {
+        if world.is_over() {
+            break;
+        }
         let mut goal = [0.0; MOST_JOINTS];
         for (v, value) in goal.iter_mut().enumerate().take(n) {
             let (low, high) = model.range(v);
             *value = low + (high - low) * draws.unit();
         }
-        if let Some(new) = grow(judge, n, &mut trees[active], &goal, stage, margins) {
+        if let Some(new) = grow(world, n, &mut trees[active], &goal, leg, margins) {
             let target = trees[active].nodes[new].0;
             let other = 1 - active;
-            while let Some(reached) = grow(judge, n, &mut trees[other], &target, stage, margins) {
+            while let Some(reached) = grow(world, n, &mut trees[other], &target, leg, margins) {
                 if squared(n, &trees[other].nodes[reached].0, &target) < 1e-18 {
                     let mut path = trees[active].path_from_root(new);
                     let mut rest = trees[other].path_from_root(reached);
@@ -111,18 +122,18 @@ pub(crate) fn connect(
                     if active == 1 {
                         path.reverse();
                     }
-                    shorten(judge, n, &mut path, stage, margins, &mut draws);
+                    shorten(world, n, &mut path, leg, margins, &mut draws);
                     return Ok(path);
                 }
             }
         }
         active = 1 - active;
     }
-    Err(hit)
+    Err(NoWay::NotFound(hit))
 }
 
 /// Where the start overlaps something: a pose near it that is free, straight to which the overlap only lessens.
-pub(crate) fn way_out(judge: &mut Judge<'_>, model: &Model, start: &Row, stage: usize) -> Option<Row> {
+pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg) -> Option<Row> {
     let n = model.n();
     let mut draws = Draws::new(0x6578_6974);
     let free = Margins::plain(2.0 * TOUCH).parted();
@@ -140,13 +151,13 @@ pub(crate) fn way_out(judge: &mut Judge<'_>, model: &Model, start: &Row, stage: 
         for v in 0..n {
             end[v] = (start[v] + way[v] * length / norm).clamp(model.lower[v], model.upper[v]);
         }
-        if judge.at(&end, stage, &free).is_some() {
+        if world.hit_at(State::still(&end), leg, &free).is_some() {
             continue;
         }
         let steps = (length / EXIT_STEP).ceil() as usize;
         let mut depth = f64::INFINITY;
         let lessens = (0..=steps).all(|i| {
-            let next = judge.overlap(&between(n, start, &end, i as f64 / steps as f64), stage);
+            let next = world.overlap(State::still(&between(n, start, &end, i as f64 / steps as f64)), leg);
             let less = next <= depth + 0.1 * TOUCH;
             depth = next;
             less
@@ -159,20 +170,13 @@ pub(crate) fn way_out(judge: &mut Judge<'_>, model: &Model, start: &Row, stage: 
 }
 
 /// Whether the straight segment between two free joint vectors is free. What blocks one mostly shows at a few places.
-fn is_free(judge: &mut Judge<'_>, n: usize, a: &Row, b: &Row, stage: usize, margins: &Margins) -> bool {
-    let blocked = |s: &f64| judge.at(&between(n, a, b, *s), stage, margins).is_some();
-    ![0.5, 0.25, 0.75].iter().any(blocked) && judge.sweep(a, b, stage, margins).is_none()
+fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, leg: Leg, margins: &Margins) -> bool {
+    let blocked = |s: &f64| world.hit_at(State::still(&between(n, a, b, *s)), leg, margins).is_some();
+    ![0.5, 0.25, 0.75].iter().any(blocked) && world.sweep(a, b, leg, margins).is_none()
 }
 
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
-fn grow(
-    judge: &mut Judge<'_>,
-    n: usize,
-    tree: &mut Tree,
-    goal: &Row,
-    stage: usize,
-    margins: &Margins,
-) -> Option<usize> {
+fn grow(world: &mut World<'_>, n: usize, tree: &mut Tree, goal: &Row, leg: Leg, margins: &Margins) -> Option<usize> {
     let from = tree.nearest(n, goal);
     let start = tree.nodes[from].0;
     let length = squared(n, &start, goal).sqrt();
@@ -180,7 +184,7 @@ fn grow(
         return None;
     }
     let end = if length <= EDGE { *goal } else { between(n, &start, goal, EDGE / length) };
-    if judge.at(&end, stage, margins).is_some() || !is_free(judge, n, &start, &end, stage, margins) {
+    if world.hit_at(State::still(&end), leg, margins).is_some() || !is_free(world, n, &start, &end, leg, margins) {
         return None;
     }
     tree.nodes.push((end, from));
@@ -188,12 +192,12 @@ fn grow(
 }
 
 /// Cuts corners: first whole runs of them, then between points drawn on the path.
-fn shorten(judge: &mut Judge<'_>, n: usize, path: &mut Vec<Row>, stage: usize, margins: &Margins, draws: &mut Draws) {
+fn shorten(world: &mut World<'_>, n: usize, path: &mut Vec<Row>, leg: Leg, margins: &Margins, draws: &mut Draws) {
     let mut i = 0;
     while i + 2 < path.len() {
         let mut j = path.len() - 1;
         while j > i + 1 {
-            if is_free(judge, n, &path[i], &path[j], stage, margins) {
+            if is_free(world, n, &path[i], &path[j], leg, margins) {
                 path.drain(i + 1..j);
                 break;
             }
@@ -218,7 +222,7 @@ fn shorten(judge: &mut Judge<'_>, n: usize, path: &mut Vec<Row>, stage: usize, m
         let along: f64 = squared(n, &a, &path[i + 1]).sqrt()
             + (i + 1..j).map(|k| squared(n, &path[k], &path[k + 1]).sqrt()).sum::<f64>()
             + squared(n, &path[j], &b).sqrt();
-        if squared(n, &a, &b).sqrt() < 0.98 * along && is_free(judge, n, &a, &b, stage, margins) {
+        if squared(n, &a, &b).sqrt() < 0.98 * along && is_free(world, n, &a, &b, leg, margins) {
             path.splice(i + 1..=j, [a, b]);
         }
     }

@@ -5,10 +5,10 @@ use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::Vector3;
 
 use crate::KeypointProblem;
-use crate::curve::{Curve, Limits};
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::HandPath;
 use crate::qp::{ActiveSet, Bound, Qp, QpOutcome, QpSolver, smallest_step};
+use crate::timing::Spline;
 
 /// Longest step of the hand (m) and largest turn (rad) between waypoints.
 const STRIDE: f64 = 0.01;
@@ -18,13 +18,15 @@ const JUMP: f64 = 0.25;
 /// Hand pose is met within this (m and rad) at waypoints.
 const EXACT: f64 = 1e-6;
 /// The curve through the waypoints leaves the path by at most this (m).
-const OFF_PATH: f64 = 2e-3;
+pub(crate) const OFF_PATH: f64 = 2e-3;
 /// Where it would leave the path or the joint limits, waypoints come this many times closer, and once more.
 const FINER: [usize; 3] = [1, 4, 16];
 /// Part of a stride's free motion that goes on in the next: less than all, or the arm would swing about its middle.
 const KEEP: f64 = 0.5;
 /// Free motion a stride (rad) of a joint that is pushed from its limit, once under way.
 const PUSH: f64 = 0.03;
+/// Weight of a step's size where it cannot meet the hand pose exactly and is to miss it least.
+const FREE_WEIGHT: f64 = 1e-8;
 /// Kept from the joint limits, so that the spline between waypoints stays inside (rad or m).
 pub(crate) const LIMIT_MARGIN: f64 = 1e-3;
 
@@ -36,10 +38,27 @@ pub(crate) struct Followed {
     pub fraction: f64,
 }
 
+/// A path of the hand over 0..1.
+pub(crate) trait Guide {
+    /// Pose at `s` in 0..1.
+    fn at(&self, s: f64) -> Pose;
+    /// Length of the hand origin's way (m) and angle turned (rad).
+    fn length(&self) -> (f64, f64);
+}
+
+impl Guide for HandPath {
+    fn at(&self, s: f64) -> Pose {
+        HandPath::at(self, s)
+    }
+
+    fn length(&self) -> (f64, f64) {
+        HandPath::length(self)
+    }
+}
+
 pub(crate) struct Follower<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
-    limits: Limits,
     placed: Placed,
     qp: ActiveSet,
     bounds: Vec<Bound>,
@@ -47,14 +66,7 @@ pub(crate) struct Follower<'p> {
 
 impl<'p> Follower<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
-        Self {
-            problem,
-            model,
-            limits: Limits::of(problem, model),
-            placed: Placed::default(),
-            qp: ActiveSet::default(),
-            bounds: Vec::new(),
-        }
+        Self { problem, model, placed: Placed::default(), qp: ActiveSet::default(), bounds: Vec::new() }
     }
 
     /// Hand pose at `x`.
@@ -67,7 +79,7 @@ impl<'p> Follower<'p> {
     ///
     /// The motion runs on the curve through the waypoints, so that has to keep to the path and to the joint limits
     /// between them as well: where a joint turns sharply, waypoints come closer together, or the path ends there.
-    pub fn follow(&mut self, path: &HandPath, x: &Row, backwards: bool) -> Followed {
+    pub fn follow(&mut self, path: &impl Guide, x: &Row, backwards: bool) -> Followed {
         let (way, turn) = path.length();
         let steps = ((way / STRIDE).max(turn / TURN).ceil() as usize).max(1);
         let mut out = Followed { waypoints: vec![*x], fraction: 0.0 };
@@ -80,7 +92,7 @@ impl<'p> Follower<'p> {
         out
     }
 
-    fn follow_in(&mut self, path: &HandPath, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
+    fn follow_in(&mut self, path: &impl Guide, x: &Row, backwards: bool, strides: usize, finer: usize) -> Followed {
         let steps = strides * finer;
         // A push of one stride, shared among finer steps, drives the arm as fast as it would a stride at a time.
         let keep = KEEP.powf(1.0 / finer as f64);
@@ -104,20 +116,15 @@ impl<'p> Follower<'p> {
     }
 
     /// The first waypoint after which the curve through them leaves the path or the joint limits.
-    fn strays(&mut self, path: &HandPath, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
+    fn strays(&mut self, path: &impl Guide, followed: &Followed, backwards: bool, steps: usize) -> Option<usize> {
         let n = self.model.n();
         let waypoints = &followed.waypoints;
-        let curve = Curve::new(n, waypoints, &self.limits);
-        if curve.knots() != waypoints.len() {
+        let curve = Spline::through(n, waypoints, None);
+        if curve.intervals() + 1 != waypoints.len() {
             return None; // the path is shorter than what counts as a step
         }
         (0..waypoints.len() - 1).find(|&i| {
-            let limited = (0..n).all(|v| {
-                let (low, high) = curve.range(v, i);
-                // Waypoints may lie outside where the start does.
-                let (from, to) = (waypoints[i][v], waypoints[i + 1][v]);
-                low >= self.model.lower[v].min(from).min(to) && high <= self.model.upper[v].max(from).max(to)
-            });
+            let limited = curve.keeps_within(i..i + 1, &self.model.lower, &self.model.upper);
             let mut on_path = || {
                 let s = (i as f64 + 0.5) / steps as f64;
                 let wanted = path.at(if backwards { 1.0 - s } else { s }).translation.vector;
@@ -178,20 +185,33 @@ impl<'p> Follower<'p> {
         })
     }
 
-    /// The smallest step that meets `rows . step = values` within joint limits.
+    /// The smallest step that meets `rows . step = values` within joint limits. With fewer joints than the hand has
+    /// freedoms the rows depend on each other, and rounding makes them contradict: there, the step that misses least.
     fn limited_step(&mut self, x: &Row, rows: &[Row; 6], values: &[f64; 6], gradient: &Row) -> Option<Row> {
         let n = self.model.n();
-        self.bounds.clear();
-        self.bounds.extend(rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: *b, high: *b }));
+        let few = n < rows.len();
         let mut hessian = [[0.0; MOST_JOINTS]; MOST_JOINTS];
+        let mut slope = *gradient;
+        self.bounds.clear();
+        if few {
+            for v in 0..n {
+                for w in 0..n {
+                    hessian[v][w] = rows.iter().map(|row| row[v] * row[w]).sum();
+                }
+                let miss: f64 = rows.iter().zip(values).map(|(row, b)| row[v] * b).sum();
+                slope[v] = FREE_WEIGHT * gradient[v] - miss;
+            }
+        } else {
+            self.bounds.extend(rows.iter().zip(values).map(|(row, b)| Bound { row: *row, low: *b, high: *b }));
+        }
         for v in 0..n {
-            hessian[v][v] = 1.0;
+            hessian[v][v] += if few { FREE_WEIGHT } else { 1.0 };
             let (low, high) = self.room(v, x);
             let mut row = [0.0; MOST_JOINTS];
             row[v] = 1.0;
             self.bounds.push(Bound { row, low, high });
         }
-        let qp = Qp { n, hessian: &hessian[..n], gradient, bounds: &self.bounds };
+        let qp = Qp { n, hessian: &hessian[..n], gradient: &slope, bounds: &self.bounds };
         match self.qp.solve(&qp) {
             QpOutcome::Solved { step, .. } => Some(step),
             QpOutcome::Infeasible | QpOutcome::Failed => None,

@@ -5,29 +5,35 @@
 //! solved and what was not. Metres, radians, seconds; poses are in the robot base frame.
 
 mod actuation;
-mod collision_check;
+mod cancel;
 pub mod config;
-mod contact;
-mod curve;
+mod default_limits;
 mod error;
+mod fingers;
 mod free_space;
 mod hand_path;
+mod joint_map;
 mod ldl;
-mod margins;
 pub mod model;
 mod motion;
 pub mod options;
 mod plan;
 mod problem;
 pub mod qp;
-mod trajectory;
+mod refine;
+mod resolve;
+mod timing;
+mod world;
 
-pub use collision_check::CollisionCheck;
+pub use cancel::Cancel;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
 pub use options::Options;
 pub use plan::{
-    Collision, KeyframeReport, Plan, Residual, StageTimes, Status, min_clearance, plan, plan_batch, plan_timed,
+    Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,
+    TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
 pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
-pub use trajectory::{Sample, Trajectory};
+pub use refine::{RefineOptions, Refined, refine};
+pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
+pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

@@ -1,7 +1,12 @@
 //! The joints that planning moves, and the hand as a function of them.
 
+use std::f64::consts::{PI, TAU};
+
 use gensim2_geometry::{ChainFrames, JointKind, Pose, Robot};
 use nalgebra::Vector3;
+
+use crate::ProblemError;
+pub use crate::joint_map::{DrivenJoint, JointMap};
 
 /// Most joints that planning moves at once; buffers of this length live on the stack.
 pub const MOST_JOINTS: usize = 12;
@@ -9,91 +14,147 @@ pub const MOST_JOINTS: usize = 12;
 /// Joint values, velocities or a Jacobian row of the moving joints; entries past their number are zero.
 pub type Row = [f64; MOST_JOINTS];
 
-/// The joints between base and hand, as independent variables.
+/// The joints that move the hand, as independent variables. Mimic joints are none: they follow the variables, through
+/// [`Model::map`], and their limits bind the variables that drive them.
 #[derive(Debug, Clone)]
 pub struct Model {
-    /// Place in the full joint vector of each variable.
-    pub indices: Vec<usize>,
-    /// Lower limits (rad or m).
+    map: JointMap,
+    /// Lower limits (rad or m), those of joints that follow included.
     pub lower: Row,
     /// Upper limits (rad or m).
     pub upper: Row,
-    /// Full joint vector that holds still whatever is not a variable.
-    pub rest: Vec<f64>,
-    /// For each chain joint: its variable and factor (1 but for mimic joints).
-    columns: Vec<(usize, f64)>,
+    /// Velocity limits (rad/s or m/s), those of joints that follow included.
+    pub velocity: Row,
+    endless: [bool; MOST_JOINTS],
+    /// Half of the range drawn from where limits are open (rad or m).
+    reach: Row,
+    /// For each link the joints above it that variables drive, as places in the map's list, base first.
+    above: Vec<Vec<usize>>,
+    /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
+    columns: Vec<(usize, usize, f64)>,
 }
 
 impl Model {
-    /// Variables of `robot`; joints off the chain stay as in `rest`. `None` where the chain has too many joints or a
-    /// mimic joint whose source is off the chain.
-    #[must_use]
-    pub fn new(robot: &Robot, rest: &[f64]) -> Option<Self> {
+    /// Variables of `robot`; joints that do not move the hand stay as in the full joint vector `rest`.
+    ///
+    /// # Errors
+    /// No joint moves the hand, more than [`MOST_JOINTS`] do, `rest` has another length than the robot's joint vectors,
+    /// or a variable whose own limits and those of its mimics contradict each other.
+    pub fn new(robot: &Robot, rest: &[f64]) -> Result<Self, ProblemError> {
         let joints = robot.joints();
-        let on_chain: Vec<usize> = robot.chain().joint_indices().collect();
-        let indices: Vec<usize> = on_chain.iter().copied().filter(|j| joints[*j].mimic.is_none()).collect();
+        if rest.len() != joints.len() {
+            return Err(ProblemError::new("q_start", format!("has {} entries, not {}", rest.len(), joints.len())));
+        }
+        let on_chain: Vec<_> = robot.chain().joint_indices().map(|j| robot.drive(j)).collect();
+        let mut indices: Vec<usize> = Vec::new();
+        for drive in on_chain.iter().filter(|d| d.multiplier != 0.0) {
+            if !indices.contains(&drive.source) {
+                indices.push(drive.source);
+            }
+        }
         if indices.is_empty() || indices.len() > MOST_JOINTS {
-            return None;
+            let message = format!(
+                "has {} independent joints that move its hand; 1 to {MOST_JOINTS} can be planned",
+                indices.len()
+            );
+            return Err(ProblemError::new("robot", message));
         }
-        let columns = on_chain
-            .iter()
-            .map(|j| {
-                let (source, factor) = joints[*j].mimic.map_or((*j, 1.0), |m| (m.source, m.multiplier));
-                indices.iter().position(|i| *i == source).map(|v| (v, factor))
-            })
-            .collect::<Option<Vec<_>>>()?;
-        let mut lower = [0.0; MOST_JOINTS];
-        let mut upper = [0.0; MOST_JOINTS];
-        for (v, j) in indices.iter().enumerate() {
-            (lower[v], upper[v]) = (joints[*j].lower, joints[*j].upper);
+        let mut columns = Vec::new();
+        for (i, drive) in on_chain.iter().enumerate().filter(|(_, d)| d.multiplier != 0.0) {
+            let variable = indices.iter().position(|j| *j == drive.source);
+            columns.extend(variable.map(|v| (i, v, drive.multiplier)));
         }
-        Some(Self { indices, lower, upper, rest: rest.to_vec(), columns })
+        let map = JointMap::new(robot, indices, rest);
+        let (mut lower, mut upper, mut reach) = ([0.0; MOST_JOINTS], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]);
+        let mut endless = [false; MOST_JOINTS];
+        for (v, j) in map.indices().iter().enumerate() {
+            (lower[v], upper[v]) = robot.range(*j);
+            if lower[v] > upper[v] {
+                let message =
+                    format!("no value of {} meets its limits and those of the joints that mimic it", joints[*j].name);
+                return Err(ProblemError::new("robot", message));
+            }
+            reach[v] = if joints[*j].kind == JointKind::Revolute { PI } else { 0.5 };
+            // A whole turn changes nothing where every joint that it drives makes whole turns.
+            endless[v] = map.driven().iter().filter(|d| d.variable == v).all(|d| {
+                let joint = &joints[d.joint];
+                let open = joint.lower == f64::NEG_INFINITY && joint.upper == f64::INFINITY;
+                joint.kind == JointKind::Revolute && open && d.factor.fract() == 0.0
+            });
+        }
+        let mut above: Vec<Vec<usize>> = Vec::new();
+        for (l, link) in robot.links().iter().enumerate() {
+            let mut mine = link.parent.map_or_else(Vec::new, |p| above[p].clone());
+            mine.extend(map.driven().iter().position(|d| d.link == l));
+            above.push(mine);
+        }
+        let velocity = map.least(|j| joints[j].velocity);
+        Ok(Self { map, lower, upper, velocity, endless, reach, above, columns })
+    }
+
+    /// How full joint vectors follow from variables.
+    #[must_use]
+    pub fn map(&self) -> &JointMap {
+        &self.map
     }
 
     /// Number of variables.
     #[must_use]
     pub fn n(&self) -> usize {
-        self.indices.len()
+        self.map.indices().len()
     }
 
     /// Variables of a full joint vector.
     #[must_use]
     pub fn pick(&self, q: &[f64]) -> Row {
-        let mut x = [0.0; MOST_JOINTS];
-        for (v, j) in self.indices.iter().enumerate() {
-            x[v] = q[*j];
-        }
-        x
+        self.map.pick(q)
     }
 
-    /// Writes the full joint vector of variables `x` into `q`.
-    pub fn fill(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>) {
-        q.clear();
-        q.extend_from_slice(&self.rest);
-        for (v, j) in self.indices.iter().enumerate() {
-            q[*j] = x[v];
-        }
-        robot.apply_mimic(q, &self.indices);
+    /// The variables where planning begins.
+    #[must_use]
+    pub fn start(&self) -> Row {
+        self.map.pick(self.map.rest())
+    }
+
+    /// The driven joints between the base and a link, base first. Each moves the link, by its factor times its variable;
+    /// what two links have in common there moves neither against the other.
+    pub fn movers(&self, link: usize) -> impl ExactSizeIterator<Item = &DrivenJoint> + '_ {
+        self.above[link].iter().map(|i| &self.map.driven()[*i])
     }
 
     /// Hand frames at `x`.
     pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
-        self.fill(robot, x, q);
+        self.map.positions(x, q);
         robot.chain().forward(q, frames);
     }
 
-    /// Whether a variable turns without limits, so that it may be counted modulo one turn.
+    /// Whether a whole turn of a variable changes nothing, so that it counts modulo one turn.
     #[must_use]
-    pub fn endless(&self, robot: &Robot, v: usize) -> bool {
-        robot.joints()[self.indices[v]].kind == JointKind::Revolute && self.lower[v] == f64::NEG_INFINITY
+    pub fn endless(&self, v: usize) -> bool {
+        self.endless[v]
     }
 
-    /// Range of a variable to draw start values from.
+    /// Range of a variable to draw values from: its limits; where those are open, half a turn (or half a metre) to
+    /// either side of where planning begins.
     #[must_use]
     pub fn range(&self, v: usize) -> (f64, f64) {
-        let low = if self.lower[v].is_finite() { self.lower[v] } else { -std::f64::consts::PI };
-        let high = if self.upper[v].is_finite() { self.upper[v] } else { std::f64::consts::PI };
-        (low, high)
+        let (lower, upper) = (self.lower[v], self.upper[v]);
+        if lower.is_finite() && upper.is_finite() {
+            return (lower, upper);
+        }
+        let half = self.reach[v];
+        let middle = self.start()[v].max(lower + half).min(upper - half);
+        (middle - half, middle + half)
+    }
+
+    /// `x` with endless variables brought to within half a turn of `center`: the same pose of every link.
+    #[must_use]
+    pub fn unwound(&self, x: &Row, center: &Row) -> Row {
+        let mut out = *x;
+        for v in (0..self.n()).filter(|v| self.endless[*v]) {
+            out[v] -= TAU * ((x[v] - center[v]) / TAU).round();
+        }
+        out
     }
 }
 
@@ -140,13 +201,13 @@ impl Placed {
         self.hand = self.frames.tip;
         self.columns.clear();
         let chain = robot.chain();
-        for (i, (variable, factor)) in model.columns.iter().enumerate() {
-            let axis = self.frames.axes[i] * *factor;
+        for &(i, variable, factor) in &model.columns {
+            let axis = self.frames.axes[i] * factor;
             let (turn, shift) = match chain.kind(i) {
                 JointKind::Revolute => (axis, self.frames.origins[i].cross(&axis)),
                 JointKind::Prismatic => (Vector3::zeros(), axis),
             };
-            self.columns.push(Column { variable: *variable, turn, shift });
+            self.columns.push(Column { variable, turn, shift });
         }
     }
 

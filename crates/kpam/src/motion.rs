@@ -7,6 +7,7 @@ use crate::KeypointProblem;
 use crate::config::Motion;
 use crate::options::{Frames, RotatePath};
 use crate::problem::ObjectJointKind;
+use crate::world::joint_steps;
 
 /// A named hand pose.
 #[derive(Debug, Clone)]
@@ -64,7 +65,8 @@ impl HandPath {
     }
 }
 
-/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ...) and the paths between them: path i leads from keyframe i to i + 1.
+/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ...) and the paths between them: path i leads from
+/// keyframe i to i + 1.
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,
@@ -102,7 +104,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
         keyframes.insert(0, Keyframe { label: format!("pre_{i}"), hand });
         paths.insert(0, path);
     }
-    let mut joint_value = problem.joint.map_or(0.0, |j| j.value);
+    let steps = joint_steps(problem);
     for (i, motion) in config.post.iter().enumerate() {
         let last = keyframes[keyframes.len() - 1].hand;
         let path = match *motion {
@@ -118,16 +120,8 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 let (point, axis) = object_axis(problem);
                 rotation_path(problem, HandPath::Arc { from: last, point, axis, angle })
             }
-            Motion::FollowJoint(v) | Motion::TraceJoint(v) => {
-                joint_value += v;
-                follow(problem, last, v, matches!(motion, Motion::FollowJoint(_)))
-            }
-            Motion::FollowJointTo(openness) | Motion::TraceJointTo(openness) => {
-                let goal = problem.joint.map_or(0.0, |j| j.lower + openness * (j.upper - j.lower));
-                let v = goal - joint_value;
-                joint_value = goal;
-                follow(problem, last, v, matches!(motion, Motion::FollowJointTo(_)))
-            }
+            Motion::FollowJoint(_) | Motion::FollowJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), true),
+            Motion::TraceJoint(_) | Motion::TraceJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), false),
         };
         keyframes.push(Keyframe { label: format!("post_{i}"), hand: path.at(1.0) });
         paths.push(path);

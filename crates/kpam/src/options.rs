@@ -1,6 +1,20 @@
 //! What a problem may set beside the config.
 
+use std::ops::RangeInclusive;
+
+use gensim2_geometry::Robot;
 use serde::{Deserialize, Serialize};
+
+use crate::ProblemError;
+use crate::default_limits::check_limit_set;
+use crate::model::Model;
+
+/// Slowest, gentlest limits (per second, and its powers): motions under them still have a length one can store.
+const GENTLEST: f64 = 1e-3;
+/// Fastest joint that a motion may start with (rad/s or m/s).
+const FASTEST: f64 = 100.0;
+/// Greatest acceleration that a motion may start with (rad/s^2 or m/s^2).
+const HARDEST: f64 = 1e4;
 
 /// How keyframes get their times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -10,6 +24,16 @@ pub enum Timing {
     Limits,
     /// On the config's clock.
     Config,
+}
+
+/// Acceleration and jerk limits of an arm, of which its URDF says nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LimitSet {
+    /// As Franka publishes them for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
+    Panda,
+    /// 10 rad/s^2 and 5,000 rad/s^3 (m for sliding joints) every joint.
+    Plain,
 }
 
 /// How list-type translations after the actuation are read.
@@ -36,7 +60,7 @@ pub enum RotatePath {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactWindow {
-    /// Links of the robot.
+    /// Links of the robot, and bodies that ride on the hand.
     pub links: Vec<String>,
     /// Bodies of the scene.
     pub bodies: Vec<String>,
@@ -52,44 +76,61 @@ pub struct ContactWindow {
 pub struct Options {
     /// Keyframe times; by default the config's clock where it sets times, else the limits.
     pub timing: Option<Timing>,
-    /// Time of the first waypoint (s), on the config's clock.
+    /// Time of the first waypoint (s), on the config's clock, within 1e6.
     pub start_time: f64,
-    /// Fraction of the velocity limits, 0..1.
+    /// Fraction of the velocity limits, 0.001 to 1.
     pub velocity_scale: f64,
-    /// Fraction of the acceleration and jerk limits, 0..1.
+    /// Fraction of the acceleration and jerk limits, 0.001 to 1.
     pub acceleration_scale: f64,
-    /// Velocity limits (rad/s or m/s) a full joint; by default the URDF's.
+    /// Velocity limits (rad/s or m/s) a full joint, 0.001 to 1e9; by default the URDF's.
     pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2) a full joint; by default Franka's for seven-joint arms, else 10.
+    /// Acceleration limits (rad/s^2 or m/s^2) a full joint, 0.001 to 1e9; by default those of `limits`.
     pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3) a full joint; by default Franka's for seven-joint arms, else 5,000.
+    /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
-    /// Velocity at the start, a full joint; by default at rest.
+    /// Acceleration and jerk limits where none are given; by default the Panda's for an arm whose planned joints are
+    /// named `panda_joint1` to `7` (or `fer_joint1` to `7`), else plain ones.
+    pub limits: Option<LimitSet>,
+    /// Velocity at the start, a full joint, within 100 rad/s or m/s; by default at rest.
     pub start_velocity: Option<Vec<f64>>,
+    /// Acceleration at the start, a full joint, within 1e4 rad/s^2 or m/s^2; by default none.
+    pub start_acceleration: Option<Vec<f64>>,
+    /// Greatest speed (m/s) of the point that touches, from the actuation on, 0.001 to 1,000; null for what the joints can do.
+    pub contact_speed: Option<f64>,
     /// Reading of list-type post-actuation translations.
     pub frames: Frames,
     /// Path of "rotate".
     pub rotate_path: RotatePath,
-    /// Number of start values of the actuation pose, the present joints included.
-    pub seeds: usize,
+    /// Start values of the actuation pose, the present joints included: 1 to 1,000.
+    pub starts: usize,
+    /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
+    pub descents: usize,
     /// Box of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// Clearance kept on the free approach (m). Where start or goal are nearer to something, that is kept instead.
+    /// Clearance kept on the free approach (m), 0 to 0.2. Where start or goal are nearer to something, that is kept instead.
     pub margin: f64,
     /// Take the longest part of the motion where the whole is out of reach or blocked after the actuation pose.
     pub allow_partial: bool,
-    /// Value of every finger joint during the motion (m); by default as in `q_start`.
+    /// Value of the finger joints (those below the hand) during the motion (m or rad), within their limits; mimic joints
+    /// among them follow. By default as in `q_start`.
     pub finger_width: Option<f64>,
-    /// Most actuation poses that are tried for the whole motion.
+    /// Most actuation poses that are tried for the whole motion: 1 to 1,000.
     pub candidates: usize,
-    /// Further start values that are spent where no pose from `seeds` allows the whole motion.
+    /// Further start values that are spent where no pose from `starts` allows the whole motion: at most 100,000.
     pub harvest: usize,
-    /// Most samples of the free-space planner a candidate.
+    /// Most samples of the free-space planner a candidate: at most 1,000,000.
     pub samples: usize,
     /// Whether collisions decide. Without, they are only reported.
     pub avoid_collisions: bool,
     /// Contact windows in place of the default rules; null for those.
     pub contacts: Option<Vec<ContactWindow>>,
+    /// Bodies that the hand picks at the actuation pose: they ride on it from there on.
+    pub pick: Vec<String>,
+    /// Attached bodies that the hand releases at the actuation pose: they stand there from there on.
+    pub release: Vec<String>,
+    /// By how much (rad or m) each post-actuation motion moves the object's joint, one entry a motion. By default
+    /// motions that follow or trace the joint say so, and others take it along with the contact point.
+    pub joint_travel: Option<Vec<f64>>,
 }
 
 impl Default for Options {
@@ -102,10 +143,14 @@ impl Default for Options {
             velocity_limits: None,
             acceleration_limits: None,
             jerk_limits: None,
+            limits: None,
             start_velocity: None,
+            start_acceleration: None,
+            contact_speed: None,
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
-            seeds: 48,
+            starts: 48,
+            descents: 3,
             workspace: Some([[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]]),
             margin: 0.005,
             allow_partial: false,
@@ -115,6 +160,89 @@ impl Default for Options {
             samples: 2000,
             avoid_collisions: true,
             contacts: None,
+            pick: Vec::new(),
+            release: Vec::new(),
+            joint_travel: None,
         }
     }
+}
+
+impl Options {
+    /// Checks each option against its range, and the robot's own speeds against the slowest that is planned.
+    pub(crate) fn check(&self, robot: &Robot, model: &Model) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        let numbers = [
+            ("start_time", self.start_time, -1e6..=1e6),
+            ("velocity_scale", self.velocity_scale, 1e-3..=1.0),
+            ("acceleration_scale", self.acceleration_scale, 1e-3..=1.0),
+            ("margin", self.margin, 0.0..=0.2),
+        ];
+        for (name, value, range) in numbers {
+            within(name, value, &range)?;
+        }
+        let counts = [
+            ("starts", self.starts, 1..=1000),
+            ("descents", self.descents, 1..=1000),
+            ("candidates", self.candidates, 1..=1000),
+            ("harvest", self.harvest, 0..=100_000),
+            ("samples", self.samples, 0..=1_000_000),
+        ];
+        for (name, value, range) in counts {
+            within(name, value, &range)?;
+        }
+        if let Some([low, high]) = self.workspace
+            && !(0..3).all(|i| low[i] <= high[i])
+        {
+            return fail("workspace", format!("lower corner {low:?} must not exceed upper corner {high:?}"));
+        }
+        let n = robot.joints().len();
+        let lists = [
+            ("velocity_limits", &self.velocity_limits, GENTLEST..=1e9),
+            ("acceleration_limits", &self.acceleration_limits, GENTLEST..=1e9),
+            ("jerk_limits", &self.jerk_limits, GENTLEST..=1e9),
+            ("start_velocity", &self.start_velocity, -FASTEST..=FASTEST),
+            ("start_acceleration", &self.start_acceleration, -HARDEST..=HARDEST),
+        ];
+        for (name, list, range) in lists {
+            let Some(list) = list else { continue };
+            if list.len() != n {
+                return fail(name, format!("has {} entries; the robot has {n} joints", list.len()));
+            }
+            for (j, value) in list.iter().enumerate() {
+                within(&format!("{name}[{j}]"), *value, &range)?;
+            }
+        }
+        if let Some(speed) = self.contact_speed {
+            within("contact_speed", speed, &(1e-3..=1e3))?;
+        }
+        check_limit_set(model, self)?;
+        check_speeds(robot, model, self)
+    }
+}
+
+/// A joint that all but stands still has no motion that one could wait for, or store.
+fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), ProblemError> {
+    let velocity = options.velocity_limits.as_ref().map_or(model.velocity, |l| model.map().least(|j| l[j]));
+    match model.map().indices().iter().zip(velocity).find(|(_, speed)| *speed < GENTLEST) {
+        None => Ok(()),
+        Some((j, speed)) => {
+            let name = &robot.joints()[*j].name;
+            let message = format!(
+                "let {name} go at {speed:e} per second (those of joints that mimic it included); give at least {GENTLEST}"
+            );
+            Err(ProblemError::new("options.velocity_limits", message))
+        }
+    }
+}
+
+fn within<T: PartialOrd + std::fmt::Display>(
+    name: &str,
+    value: T,
+    range: &RangeInclusive<T>,
+) -> Result<(), ProblemError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let message = format!("must be {} to {}, not {value}", range.start(), range.end());
+    Err(ProblemError::new(format!("options.{name}"), message))
 }

@@ -7,9 +7,9 @@ use gensim2_geometry::{Convex, Pose, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::config::{Constraint, Frame, TargetAxis};
+use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::{Options, ProblemError, SolverConfig};
+use crate::{Bodies, Options, ProblemError, Scene, SolverConfig};
 
 /// What the default contact rules go by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,9 +37,11 @@ pub struct Body {
     /// Role.
     pub role: Role,
     /// Convex shapes in the body frame.
-    pub shapes: Vec<Convex>,
+    pub shapes: Arc<[Convex]>,
     /// Pose in the robot base frame; of an attached body, in the hand frame.
     pub pose: Pose,
+    /// Keypoints in the body frame (m); of use to scenes.
+    pub keypoints: BTreeMap<String, Vector3<f64>>,
 }
 
 /// Kind of the object's joint.
@@ -91,8 +93,8 @@ pub struct KeypointProblem {
     pub object_yaw: f64,
     /// World in the base frame.
     pub world: Pose,
-    /// Obstacles.
-    pub bodies: Vec<Body>,
+    /// Obstacles, and what rides on the hand.
+    pub bodies: Bodies,
     /// Options.
     pub options: Options,
 }
@@ -100,8 +102,8 @@ pub struct KeypointProblem {
 /// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
 const FARTHEST: f64 = 1e3;
 
-/// Fastest joint that a motion may start with (rad/s or m/s).
-const FASTEST: f64 = 100.0;
+/// Simulators rest a hair outside joint limits, and mimic joints beside where they should (rad or m).
+const SLACK: f64 = 0.01;
 
 impl KeypointProblem {
     /// A problem with default options, no joint, no obstacles, and the world at the base.
@@ -127,7 +129,7 @@ impl KeypointProblem {
             object_axis: 1,
             object_yaw: 0.0,
             world: Pose::identity(),
-            bodies: Vec::new(),
+            bodies: Bodies::default(),
             options: Options::default(),
         };
         problem.check()?;
@@ -152,8 +154,6 @@ impl KeypointProblem {
             return fail("q_start", message);
         }
         for (i, (q, joint)) in self.q_start.iter().zip(joints).enumerate() {
-            // Simulators rest a hair outside their limits.
-            const SLACK: f64 = 0.01;
             if !q.is_finite() {
                 return fail(&format!("q_start[{i}]"), format!("{q} is not finite"));
             }
@@ -162,9 +162,8 @@ impl KeypointProblem {
                 return fail(&format!("q_start[{i}]"), message);
             }
         }
-        if Model::new(&self.robot, &self.q_start).is_none() {
-            return fail("robot", "needs 1 to 12 independent joints between base and hand".to_owned());
-        }
+        let model = Model::new(&self.robot, &self.q_start)?;
+        self.check_mimics(&model)?;
         for (field, map) in [("tool_keypoints", &self.tool_keypoints), ("object_keypoints", &self.object_keypoints)] {
             for (name, p) in map {
                 place(&format!("{field}[{name:?}]"), p)?;
@@ -172,8 +171,11 @@ impl KeypointProblem {
         }
         place("T_base_object", &self.object.translation.vector)?;
         place("T_base_world", &self.world.translation.vector)?;
-        if self.object_axis > 2 || !self.object_yaw.is_finite() {
-            return fail("object_axis", "must be x, y or z, and object_yaw finite".to_owned());
+        if self.object_axis > 2 {
+            return fail("object_axis", format!("must be 0, 1 or 2 for x, y or z, not {}", self.object_axis));
+        }
+        if !self.object_yaw.is_finite() {
+            return fail("object_yaw", format!("{} is not finite", self.object_yaw));
         }
         if let Some(j) = &self.joint {
             place("joint.origin", &j.origin)?;
@@ -190,71 +192,98 @@ impl KeypointProblem {
                 return fail(&format!("bodies[{i}].name"), format!("{:?} is taken; names are unique", body.name));
             }
         }
-        self.check_options()?;
+        self.options.check(&self.robot, &model)?;
+        resting_joints(self)?;
+        self.check_contacts()?;
         self.check_motions()?;
+        self.check_acts()?;
         self.resolve().map(|_| ())
     }
 
-    fn check_options(&self) -> Result<(), ProblemError> {
-        let o = &self.options;
+    /// The same problem from another state: joints, their velocity (at rest where none is given), and the time (s).
+    ///
+    /// # Errors
+    /// As [`KeypointProblem::check`].
+    pub fn with_start(&self, q: Vec<f64>, velocity: Option<Vec<f64>>, time: f64) -> Result<Self, ProblemError> {
+        let mut out = self.clone();
+        out.q_start = q;
+        (out.options.start_velocity, out.options.start_time) = (velocity, time);
+        out.check()?;
+        Ok(out)
+    }
+
+    /// The scene that it is asked of.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        Scene::of(self)
+    }
+
+    /// Whether a body rides on the hand in some leg of the motion.
+    pub(crate) fn rides(&self, name: &str) -> bool {
+        let attached = |b: &Body| b.name == name && b.role == Role::Attached;
+        self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
+    }
+
+    /// What the hand picks and releases is there, and the joint's travel has an entry a motion.
+    fn check_acts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
-        for (name, v) in [("velocity_scale", o.velocity_scale), ("acceleration_scale", o.acceleration_scale)] {
-            if !(v > 0.0 && v <= 1.0) {
-                return fail(name, format!("must lie above 0 and not above 1, not {v}"));
+        for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {
+            for (i, name) in names.iter().enumerate() {
+                match self.bodies.iter().find(|b| b.name == *name) {
+                    None => return fail(&format!("{field}[{i}]"), format!("{name:?} is not a body")),
+                    Some(b) if field == "pick" && b.role == Role::MovingLink => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is moved by the joint"));
+                    }
+                    Some(b) if field == "release" && b.role != Role::Attached => {
+                        return fail(&format!("{field}[{i}]"), format!("{name:?} is not attached"));
+                    }
+                    Some(_) => {}
+                }
             }
         }
-        if !(o.margin >= 0.0 && o.margin <= 0.2) {
-            return fail("margin", format!("must lie in 0 to 0.2 m, not {}", o.margin));
-        }
-        if o.start_time.is_nan() || o.start_time.abs() > 1e6 {
-            return fail("start_time", format!("must lie within 1e6 s, not {}", o.start_time));
-        }
-        if !(1..=1000).contains(&o.seeds)
-            || !(1..=1000).contains(&o.candidates)
-            || o.samples > 1_000_000
-            || o.harvest > 100_000
-        {
-            return fail("seeds", "seeds and candidates must be 1 to 1000, samples at most 1,000,000".to_owned());
-        }
-        if let Some([low, high]) = o.workspace
-            && !(0..3).all(|i| low[i] <= high[i])
-        {
-            return fail("workspace", format!("lower corner {low:?} must not exceed upper corner {high:?}"));
-        }
-        let n = self.robot.joints().len();
-        for (name, v) in [
-            ("velocity_limits", &o.velocity_limits),
-            ("acceleration_limits", &o.acceleration_limits),
-            ("jerk_limits", &o.jerk_limits),
-        ] {
-            if let Some(v) = v
-                && (v.len() != n || !v.iter().all(|l| (1e-6..=1e9).contains(l)))
-            {
-                return fail(name, format!("needs {n} numbers from 1e-6 to 1e9, one a joint"));
+        if let Some(travel) = &self.options.joint_travel {
+            let motions = self.config.post.len();
+            if self.joint.is_none() {
+                return fail("joint_travel", "is given without a joint".to_owned());
+            }
+            if travel.len() != motions || travel.iter().any(|t| !t.is_finite()) {
+                return fail("joint_travel", format!("needs {motions} finite numbers, one a post-actuation motion"));
             }
         }
-        if let Some(v) = &o.start_velocity
-            && (v.len() != n || !v.iter().all(|l| l.abs() <= FASTEST))
-        {
-            return fail("start_velocity", format!("needs {n} numbers within {FASTEST} per second, one a joint"));
+        Ok(())
+    }
+
+    /// Mimic joints that planning moves stand where their sources take them.
+    fn check_mimics(&self, model: &Model) -> Result<(), ProblemError> {
+        let mut q = Vec::new();
+        model.map().positions(&model.start(), &mut q);
+        for (i, (given, follows)) in self.q_start.iter().zip(&q).enumerate() {
+            if (given - follows).abs() > SLACK {
+                let joints = self.robot.joints();
+                let (name, source) = (&joints[i].name, &joints[self.robot.drive(i).source].name);
+                let message = format!("{given} is not where {name} stands as it follows {source}: {follows}");
+                return Err(ProblemError::new(format!("q_start[{i}]"), message));
+            }
         }
-        if let Some(w) = o.finger_width
-            && (w.is_nan() || w.abs() > 1.0)
-        {
-            return fail("finger_width", format!("must lie within 1 m, not {w}"));
-        }
-        for (i, window) in o.contacts.iter().flatten().enumerate() {
-            if let Some(name) = window.links.iter().find(|name| self.robot.link_index(name).is_none()) {
-                return fail(&format!("contacts[{i}].links"), format!("{name:?} is not a link"));
+        Ok(())
+    }
+
+    fn check_contacts(&self) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        for (i, window) in self.options.contacts.iter().flatten().enumerate() {
+            let known = |name: &String| self.robot.link_index(name).is_some() || self.rides(name);
+            if let Some(name) = window.links.iter().find(|name| !known(name)) {
+                let message = format!("{name:?} is neither a link nor a body that rides on the hand");
+                return fail(&format!("contacts[{i}].links"), message);
             }
             if let Some(name) = window.bodies.iter().find(|name| !self.bodies.iter().any(|b| b.name == **name)) {
                 return fail(&format!("contacts[{i}].bodies"), format!("{name:?} is not a body"));
             }
-            for end in [&window.from, &window.to] {
+            for (which, end) in [("from", &window.from), ("to", &window.to)] {
                 if self.keyframe_index(end).is_none() {
                     let message =
                         format!("{end:?} is not a keyframe: start, ..., pre_1, pre_0, actuation, post_0, ..., end");
-                    return fail(&format!("contacts[{i}]"), message);
+                    return fail(&format!("contacts[{i}].{which}"), message);
                 }
             }
         }
@@ -303,108 +332,6 @@ impl KeypointProblem {
             })
             .unwrap_or_else(Vector3::zeros)
     }
-
-    fn tool(&self, name: &str) -> Result<Vector3<f64>, ProblemError> {
-        look_up(&self.tool_keypoints, "tool_keypoints", name)
-    }
-
-    fn target(&self, name: &str) -> Result<Vector3<f64>, ProblemError> {
-        look_up(&self.object_keypoints, "object_keypoints", name)
-    }
-
-    /// Axes of a frame in the base frame, as columns.
-    fn axes(&self, frame: Frame, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
-        match frame {
-            Frame::World => Ok(*self.world.rotation.matrix()),
-            Frame::Object => Ok(*self.object.rotation.matrix()),
-            Frame::Joint => self.joint_frame(field),
-        }
-    }
-
-    /// The joint frame at the config's target keypoint, as columns x, y, z in the base frame.
-    fn joint_frame(&self, field: &str) -> Result<nalgebra::Matrix3<f64>, ProblemError> {
-        let joint = self
-            .joint
-            .ok_or_else(|| ProblemError::new("joint", format!("is missing, but {field} uses the joint frame")))?;
-        let (y, z) = match joint.kind {
-            ObjectJointKind::Prismatic => {
-                let up = self.world.rotation * Vector3::z();
-                let side = self.world.rotation * Vector3::x();
-                let across = |v: Vector3<f64>| v - joint.axis * v.dot(&joint.axis);
-                let z = if across(up).norm() > 1e-3 { across(up) } else { across(side) };
-                (joint.axis, z.normalize())
-            }
-            ObjectJointKind::Revolute => {
-                let name = self.config.target_keypoint().ok_or_else(|| {
-                    ProblemError::new(field, "uses the joint frame, which needs a point2point_constraint to stand at")
-                })?;
-                let arm = self.target(name)? - joint.origin;
-                let y = joint.axis.cross(&arm);
-                if y.norm() < 1e-6 {
-                    let message =
-                        format!("lies on the joint's axis, where the joint frame of {field} has no direction");
-                    return Err(ProblemError::new(format!("object_keypoints[{name:?}]"), message));
-                }
-                (y.normalize(), joint.axis)
-            }
-        };
-        Ok(nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]))
-    }
-
-    /// The constraints with every name and frame replaced by numbers.
-    pub(crate) fn resolve(&self) -> Result<Resolved, ProblemError> {
-        let mut out = Resolved::default();
-        for (i, c) in self.config.constraints.iter().enumerate() {
-            let field = format!("constraint_list[{i}]");
-            match c {
-                Constraint::Point { keypoint, target, offset, frame, tolerance } => {
-                    let shift = self.axes(*frame, &field)? * offset;
-                    out.points.push(PointBound {
-                        entry: i,
-                        on_hand: self.tool(keypoint)?,
-                        target: self.target(target)? + shift,
-                        tolerance: *tolerance,
-                    });
-                }
-                Constraint::Axis { from, to, target, inner, tolerance, .. } => {
-                    let mine = direction(self.tool(to)? - self.tool(from)?, "tool_keypoints", from, to)?;
-                    let theirs = match target {
-                        TargetAxis::Fixed { axis, frame } => self.axes(*frame, &field)? * axis,
-                        TargetAxis::Keypoints { from, to } => {
-                            direction(self.target(to)? - self.target(from)?, "object_keypoints", from, to)?
-                        }
-                    };
-                    let center = inner.acos();
-                    out.axes.push(AxisBound {
-                        entry: i,
-                        on_hand: mine,
-                        target: theirs.normalize(),
-                        center,
-                        tolerance: *tolerance,
-                    });
-                }
-                Constraint::PointCost { keypoint, target, weight } => {
-                    for k in 0..3 {
-                        out.costs.push(PlaneTerm {
-                            on_hand: self.tool(keypoint)?,
-                            target: self.target(target)?,
-                            normal: Vector3::ith(k, 1.0),
-                            weight: *weight,
-                        });
-                    }
-                }
-                Constraint::PlaneCost { keypoint, target, normal, frame, weight } => {
-                    out.costs.push(PlaneTerm {
-                        on_hand: self.tool(keypoint)?,
-                        target: self.target(target)?,
-                        normal: (self.axes(*frame, &field)? * normal).normalize(),
-                        weight: *weight,
-                    });
-                }
-            }
-        }
-        Ok(out)
-    }
 }
 
 fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
@@ -412,63 +339,4 @@ fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
         return Ok(());
     }
     Err(ProblemError::new(field, format!("{:?} is not a finite place within {FARTHEST} m", p.as_slice())))
-}
-
-fn look_up(map: &BTreeMap<String, Vector3<f64>>, field: &str, name: &str) -> Result<Vector3<f64>, ProblemError> {
-    map.get(name).copied().ok_or_else(|| {
-        let known: Vec<&str> = map.keys().map(String::as_str).take(30).collect();
-        ProblemError::new(field, format!("has no {name:?}, which the config names; it has {}", known.join(", ")))
-    })
-}
-
-fn direction(v: Vector3<f64>, field: &str, from: &str, to: &str) -> Result<Vector3<f64>, ProblemError> {
-    let length = v.norm();
-    if length > 1e-6 {
-        return Ok(v / length);
-    }
-    Err(ProblemError::new(field, format!("{from:?} and {to:?} coincide, so the axis between them has no direction")))
-}
-
-/// A point of the hand bound to a box.
-#[derive(Debug, Clone)]
-pub(crate) struct PointBound {
-    pub entry: usize,
-    pub on_hand: Vector3<f64>,
-    pub target: Vector3<f64>,
-    pub tolerance: f64,
-}
-
-/// A direction of the hand bound to a band of angles about a direction.
-#[derive(Debug, Clone)]
-pub(crate) struct AxisBound {
-    pub entry: usize,
-    pub on_hand: Vector3<f64>,
-    pub target: Vector3<f64>,
-    pub center: f64,
-    pub tolerance: f64,
-}
-
-impl AxisBound {
-    /// How far the angle is from the target angle (rad).
-    pub fn residual(&self, hand: &Pose) -> f64 {
-        let a = hand.rotation * self.on_hand;
-        (a.cross(&self.target).norm().atan2(a.dot(&self.target)) - self.center).abs()
-    }
-}
-
-/// Weighted squared distance of a point of the hand from a plane.
-#[derive(Debug, Clone)]
-pub(crate) struct PlaneTerm {
-    pub on_hand: Vector3<f64>,
-    pub target: Vector3<f64>,
-    pub normal: Vector3<f64>,
-    pub weight: f64,
-}
-
-/// Constraints in numbers.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Resolved {
-    pub points: Vec<PointBound>,
-    pub axes: Vec<AxisBound>,
-    pub costs: Vec<PlaneTerm>,
 }

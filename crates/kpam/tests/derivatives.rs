@@ -27,28 +27,72 @@ fn arm() -> Arc<Robot> {
     Arc::new(Robot::from_urdf_str(ARM, "arm.urdf", None, "hand", None).unwrap())
 }
 
+/// The same, with mimics that stand before what they follow: j1 follows j4, j4 follows j5, j3 follows a joint that no
+/// hand rides on.
+fn tangled_arm() -> Arc<Robot> {
+    let mimic = |joint: &str, factor: f64| format!(r#"<mimic joint="{joint}" multiplier="{factor}" offset="0.1"/>"#);
+    let text = ARM
+        .replace(r#"<mimic joint="j1" multiplier="-0.7" offset="0.1"/>"#, &mimic("j5", -0.7))
+        .replacen("</joint>", &(mimic("j4", 1.5) + "</joint>"), 1)
+        .replace(r#"<axis xyz="0.3 -1 0.2"/>"#, &(r#"<axis xyz="0.3 -1 0.2"/>"#.to_owned() + &mimic("side", 2.0)))
+        .replace(
+            "</robot>",
+            r#"<link name="flap"/><joint name="side" type="revolute"><parent link="base"/><child link="flap"/>
+            <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"#,
+        );
+    Arc::new(Robot::from_urdf_str(&text, "arm.urdf", None, "hand", None).unwrap())
+}
+
 #[test]
 fn a_mimic_joint_is_no_variable() {
     let robot = arm();
     let model = Model::new(&robot, &[0.0; 5]).unwrap();
-    assert_eq!(model.indices, [0, 1, 2, 4]);
+    assert_eq!(model.map().indices(), [0, 1, 2, 4]);
     let mut q = Vec::new();
-    model.fill(&robot, &model.pick(&[0.5, 0.1, 0.2, 9.0, 0.3]), &mut q);
+    model.map().positions(&model.pick(&[0.5, 0.1, 0.2, 9.0, 0.3]), &mut q);
     assert!((q[3] - (0.1 - 0.35)).abs() < 1e-12);
+}
+
+#[test]
+fn every_link_knows_the_joints_that_move_it() {
+    let robot = tangled_arm();
+    let model = Model::new(&robot, &[0.0; 6]).unwrap();
+    // j5 drives j1 and j4; j2 stands alone; the flap's joint drives j3.
+    assert_eq!(model.map().indices(), [4, 1, 5]);
+    let moved = |name: &str| -> Vec<(usize, usize)> {
+        let link = robot.link_index(name).unwrap();
+        model.movers(link).map(|d| (d.joint, d.variable)).collect()
+    };
+    assert_eq!(moved("base"), []);
+    assert_eq!(moved("a"), [(0, 0)]);
+    assert_eq!(moved("hand"), [(0, 0), (1, 1), (2, 2), (3, 0), (4, 0)]);
+    assert_eq!(moved("flap"), [(5, 2)]);
+    let factors: Vec<f64> = model.movers(robot.hand()).map(|d| d.factor).collect();
+    assert!((factors[0] - 1.5 * -0.7).abs() < 1e-12 && factors[2] == 2.0, "{factors:?}");
+    // j1 = -1.05 j5 + 0.25 in [-2, 2] at 1 rad/s binds j5.
+    assert!((model.lower[0] - -1.75 / 1.05).abs() < 1e-12, "{}", model.lower[0]);
+    assert!((model.velocity[0] - 1.0 / 1.05).abs() < 1e-12, "{}", model.velocity[0]);
+    let (mut q, mut rates) = (Vec::new(), Vec::new());
+    let x = model.pick(&[0.0, 0.2, 0.0, 0.0, 0.3, 0.4]);
+    model.map().positions(&x, &mut q);
+    assert!((q[3] - (-0.21 + 0.1)).abs() < 1e-12 && (q[0] - (1.5 * q[3] + 0.1)).abs() < 1e-12, "{q:?}");
+    model.map().rates(&x, &mut rates);
+    assert!((rates[0] - -1.05 * 0.3).abs() < 1e-12 && (rates[2] - 0.8).abs() < 1e-12, "{rates:?}");
 }
 
 proptest! {
     #[test]
     fn rows_are_gradients(
+        tangled in any::<bool>(),
         values in prop::collection::vec(-1.0..1.0f64, 4),
         on_hand in prop::array::uniform3(-0.3..0.3f64),
         direction in prop::array::uniform3(-1.0..1.0f64),
     ) {
-        let robot = arm();
-        let model = Model::new(&robot, &[0.0; 5]).unwrap();
+        let robot = if tangled { tangled_arm() } else { arm() };
+        let model = Model::new(&robot, &vec![0.0; robot.joints().len()]).unwrap();
         let (on_hand, direction) = (Vector3::from(on_hand), Vector3::from(direction));
-        let mut x = model.pick(&[0.0; 5]);
-        x[..4].copy_from_slice(&values);
+        let mut x = model.start();
+        x[..model.n()].copy_from_slice(&values[..model.n()]);
         let at = |x: &gensim2_kpam::model::Row| {
             let mut placed = Placed::default();
             placed.place(&robot, &model, x);
@@ -60,7 +104,7 @@ proptest! {
         let linear = here.linear_row(&point, &direction);
         let rows = here.point_rows(&point);
         let angular = here.angular_row(&carried.cross(&direction));
-        for v in 0..4 {
+        for v in 0..model.n() {
             let h = 1e-6;
             let (mut up, mut down) = (x, x);
             up[v] += h;

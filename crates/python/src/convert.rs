@@ -10,14 +10,11 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Number, Value};
 
-use crate::{ConfigError, KpamError, ProblemError};
+use crate::KpamError;
+use crate::errors::problem_error;
 
 /// Poses are written in single precision by simulators; this is how far from rigid they may be.
 const RIGID: f64 = 1e-3;
-
-pub(crate) fn problem_error(field: &str, message: impl std::fmt::Display) -> PyErr {
-    ProblemError::new_err(format!("{field}: {message}"))
-}
 
 /// Numbers of any array-like, flattened, with their shape.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
@@ -80,11 +77,16 @@ pub(crate) fn array2<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) ->
     PyArray2::from_owned_array(py, ndarray::Array2::from_shape_fn((rows.len(), columns), |(r, c)| rows[r][c]))
 }
 
-/// A config or options mapping as JSON; `field` is the path so far.
-pub(crate) fn json(value: &Bound<'_, PyAny>, field: &str, depth: usize) -> PyResult<Value> {
+/// A config or options mapping as JSON; `field` is the path so far, `error` makes the exception of a field and a message.
+pub(crate) fn json(
+    value: &Bound<'_, PyAny>,
+    field: &str,
+    depth: usize,
+    error: fn(&str, String) -> PyErr,
+) -> PyResult<Value> {
     let fail = |message: String| {
         let at = if field.is_empty() { "config" } else { field };
-        Err(ConfigError::new_err(format!("{at}: {message}")))
+        Err(error(at, message))
     };
     if depth > 20 {
         return fail("is nested too deeply".to_owned());
@@ -109,7 +111,7 @@ pub(crate) fn json(value: &Bound<'_, PyAny>, field: &str, depth: usize) -> PyRes
             let (key, entry): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
             let Ok(key) = key.extract::<String>() else { return fail(format!("key {key} must be text")) };
             let path = if field.is_empty() { key.clone() } else { format!("{field}.{key}") };
-            out.insert(key, json(&entry, &path, depth + 1)?);
+            out.insert(key, json(&entry, &path, depth + 1, error)?);
         }
         return Ok(Value::Object(out));
     }
@@ -124,7 +126,7 @@ pub(crate) fn json(value: &Bound<'_, PyAny>, field: &str, depth: usize) -> PyRes
     if let Ok(sequence) = listed.cast::<PySequence>() {
         let mut out = Vec::new();
         for i in 0..sequence.len()? {
-            out.push(json(&sequence.get_item(i)?, &format!("{field}[{i}]"), depth + 1)?);
+            out.push(json(&sequence.get_item(i)?, &format!("{field}[{i}]"), depth + 1, error)?);
         }
         return Ok(Value::Array(out));
     }
@@ -169,16 +171,30 @@ pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
         .map_err(|e| KpamError::new_err(format!("pickle: was written by another version or is damaged ({e})")))
 }
 
-/// Rows of an (n,) or (N, n) array of joint values.
-pub(crate) fn joint_rows(value: &Bound<'_, PyAny>, n: usize) -> PyResult<(Vec<f64>, Option<usize>)> {
-    let (data, shape) = numbers(value, "q")?;
-    let count = match shape.as_slice() {
-        [m] if *m == n => None,
-        [count, m] if *m == n => Some(*count),
-        _ => return Err(problem_error("q", format!("must have shape ({n},) or (N, {n}), not {shape:?}"))),
-    };
-    if data.iter().any(|v| !v.is_finite()) {
-        return Err(problem_error("q", "has an entry that is not finite"));
+/// Joint vectors of an (n,) or (N, n) array.
+pub(crate) struct JointRows {
+    data: Vec<f64>,
+    n: usize,
+    /// Number of rows, none where it was a single vector.
+    pub count: Option<usize>,
+}
+
+impl JointRows {
+    pub fn of(value: &Bound<'_, PyAny>, n: usize) -> PyResult<Self> {
+        let (data, shape) = numbers(value, "q")?;
+        let count = match shape.as_slice() {
+            [m] if *m == n => None,
+            [count, m] if *m == n => Some(*count),
+            _ => return Err(problem_error("q", format!("must have shape ({n},) or (N, {n}), not {shape:?}"))),
+        };
+        if data.iter().any(|v| !v.is_finite()) {
+            return Err(problem_error("q", "has an entry that is not finite"));
+        }
+        Ok(Self { data, n, count })
     }
-    Ok((data, count))
+
+    /// The vectors; they are empty where the robot has no joints.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = &[f64]> {
+        (0..self.count.unwrap_or(1)).map(|r| &self.data[r * self.n..(r + 1) * self.n])
+    }
 }

@@ -1,5 +1,6 @@
 //! Robot, shapes, bodies, the object's joint.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, Convex, Pose, Robot, ShapeError};
@@ -9,12 +10,8 @@ use numpy::{PyArray2, PyArray3, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::convert::{self, problem_error};
-use crate::{ProblemError, UrdfError};
-
-fn shape_error(e: &ShapeError) -> PyErr {
-    ProblemError::new_err(e.to_string())
-}
+use crate::convert::{self, JointRows};
+use crate::errors::{from_shape, from_urdf, problem_error};
 
 /// A URDF arm. Pickles.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
@@ -23,11 +20,11 @@ pub(crate) struct PyRobot(pub Arc<Robot>);
 #[pymethods]
 impl PyRobot {
     #[staticmethod]
-    #[pyo3(signature = (path, *, srdf = None, hand_link = "panda_hand", base_link = None))]
-    fn from_urdf(path: &str, srdf: Option<&str>, hand_link: &str, base_link: Option<&str>) -> PyResult<Self> {
-        Robot::from_urdf(path, srdf, hand_link, base_link)
+    #[pyo3(name = "from_urdf", signature = (path, *, hand_link, srdf = None, base_link = None))]
+    fn read_urdf(path: PathBuf, hand_link: &str, srdf: Option<PathBuf>, base_link: Option<&str>) -> PyResult<Self> {
+        Robot::from_urdf(path, srdf.as_deref(), hand_link, base_link)
             .map(|r| Self(Arc::new(r)))
-            .map_err(|e| UrdfError::new_err(e.to_string()))
+            .map_err(|e| from_urdf(&e))
     }
 
     #[getter]
@@ -68,19 +65,15 @@ impl PyRobot {
         q: &Bound<'py, PyAny>,
         link: Option<&str>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.0.joints().len();
-        let (data, count) = convert::joint_rows(q, n)?;
+        let q = JointRows::of(q, self.0.joints().len())?;
         let chain = self.0.chain_to(self.link(link)?);
         let mut frames = ChainFrames::default();
-        let Some(count) = count else {
-            chain.forward(&data, &mut frames);
-            return Ok(convert::pose_array(py, &frames.tip).into_any());
-        };
-        let mut out = Vec::with_capacity(count * 16);
-        for row in data.chunks_exact(n) {
+        let mut out = Vec::with_capacity(q.rows().len() * 16);
+        for row in q.rows() {
             chain.forward(row, &mut frames);
             push_rows(&frames.tip, &mut out);
         }
+        let Some(count) = q.count else { return Ok(convert::pose_array(py, &frames.tip).into_any()) };
         let array = ndarray::Array3::from_shape_vec((count, 4, 4), out).map_err(|e| problem_error("q", e))?;
         Ok(PyArray3::from_owned_array(py, array).into_any())
     }
@@ -89,13 +82,13 @@ impl PyRobot {
     #[pyo3(signature = (q, link = None))]
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
-        let (data, count) = convert::joint_rows(q, n)?;
+        let q = JointRows::of(q, n)?;
         let chain = self.0.chain_to(self.link(link)?);
         let columns: Vec<usize> = chain.joint_indices().collect();
         let mut frames = ChainFrames::default();
-        let rows = count.unwrap_or(1);
-        let mut out = vec![0.0; rows * 6 * n];
-        for (r, row) in data.chunks_exact(n).enumerate() {
+        let count = q.rows().len();
+        let mut out = vec![0.0; count * 6 * n];
+        for (r, row) in q.rows().enumerate() {
             chain.forward(row, &mut frames);
             let tip = frames.tip.translation.vector;
             let block = &mut out[r * 6 * n..(r + 1) * 6 * n];
@@ -107,11 +100,11 @@ impl PyRobot {
                 }
             }
         }
-        if count.is_none() {
+        if q.count.is_none() {
             let array = ndarray::Array2::from_shape_vec((6, n), out).map_err(|e| problem_error("q", e))?;
             return Ok(PyArray2::from_owned_array(py, array).into_any());
         }
-        let array = ndarray::Array3::from_shape_vec((rows, 6, n), out).map_err(|e| problem_error("q", e))?;
+        let array = ndarray::Array3::from_shape_vec((count, 6, n), out).map_err(|e| problem_error("q", e))?;
         Ok(PyArray3::from_owned_array(py, array).into_any())
     }
 
@@ -201,13 +194,13 @@ impl PyShape {
         for (t, corner) in indices.chunks_exact(3).enumerate() {
             let mut points = Vec::with_capacity(3);
             for c in corner {
-                let i = *c as usize;
-                let vertex = vertices.get(i).filter(|_| *c >= 0.0).ok_or_else(|| {
-                    problem_error(&format!("triangles[{t}]"), format!("names vertex {c} of {}", vertices.len()))
-                })?;
-                points.push(*vertex);
+                if c.fract() != 0.0 || !(0.0..vertices.len() as f64).contains(c) {
+                    let message = format!("names vertex {c} of {}; give whole numbers from 0", vertices.len());
+                    return Err(problem_error(&format!("triangles[{t}]"), message));
+                }
+                points.push(vertices[*c as usize]);
             }
-            out.push(Convex::hull(&points).map_err(|e| shape_error(&e))?);
+            out.push(Convex::hull(&points).map_err(|e| from_shape(&e))?);
         }
         if out.is_empty() {
             return Err(problem_error("triangles", "is empty"));
@@ -227,7 +220,7 @@ impl PyShape {
             .map(|p| Convex::ball(radius, p))
             .collect::<Result<Vec<_>, _>>()
             .map(Self)
-            .map_err(|e| shape_error(&e))
+            .map_err(|e| from_shape(&e))
     }
 
     #[staticmethod]
@@ -241,7 +234,7 @@ impl PyShape {
 }
 
 fn one(shape: Result<Convex, ShapeError>) -> PyResult<PyShape> {
-    shape.map(|s| PyShape(vec![s])).map_err(|e| shape_error(&e))
+    shape.map(|s| PyShape(vec![s])).map_err(|e| from_shape(&e))
 }
 
 /// A body: `role` is "table", "object_body", "moving_link", "rigid", "target" (the hand may touch it) or "attached" (it
@@ -252,7 +245,14 @@ pub(crate) struct PyBody(pub Body);
 #[pymethods]
 impl PyBody {
     #[new]
-    fn new(name: String, role: &str, shapes: Vec<PyRef<'_, PyShape>>, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
+    #[pyo3(signature = (name, role, shapes, pose, *, keypoints = None))]
+    fn new(
+        name: String,
+        role: &str,
+        shapes: Vec<PyRef<'_, PyShape>>,
+        pose: &Bound<'_, PyAny>,
+        keypoints: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let role = match role {
             "table" => Role::Table,
             "object_body" => Role::ObjectBody,
@@ -268,7 +268,30 @@ impl PyBody {
         };
         let pose = convert::pose(pose, "pose")?;
         let shapes = shapes.iter().flat_map(|s| s.0.iter().cloned()).collect();
-        Ok(Self(Body { name, role, shapes, pose }))
+        let keypoints = match keypoints {
+            None => std::collections::BTreeMap::new(),
+            Some(map) => crate::planning::keypoints(map, "keypoints")?,
+        };
+        Ok(Self(Body { name, role, shapes, pose, keypoints }))
+    }
+
+    /// Role, as given.
+    #[getter]
+    fn role(&self) -> &'static str {
+        match self.0.role {
+            Role::Table => "table",
+            Role::ObjectBody => "object_body",
+            Role::MovingLink => "moving_link",
+            Role::Rigid => "rigid",
+            Role::Target => "target",
+            Role::Attached => "attached",
+        }
+    }
+
+    /// (4, 4) in the base frame, of an attached body in the hand frame.
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.pose).into_any()
     }
 
     #[getter]

@@ -1,42 +1,38 @@
 //! The Python face: conversions, errors, and nothing else. The GIL is released while planning.
 
 mod convert;
+mod errors;
 mod geometry;
+mod interrupt;
 mod planning;
+mod scene;
+mod timing;
 
-use pyo3::create_exception;
-use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 
-create_exception!(
-    gensim2_kpam,
-    KpamError,
-    PyException,
-    "Base class. Its subclasses name the file or field and the remedy."
-);
-create_exception!(gensim2_kpam, UrdfError, KpamError, "A robot description that cannot be used: file, field, remedy.");
-create_exception!(gensim2_kpam, ConfigError, KpamError, "A solver config that cannot be used: field, remedy.");
-create_exception!(gensim2_kpam, ProblemError, KpamError, "A problem whose parts do not fit each other: field, remedy.");
+use errors::KpamError;
 
 #[pymodule]
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    let py = m.py();
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    m.add("KpamError", py.get_type::<KpamError>())?;
-    m.add("UrdfError", py.get_type::<UrdfError>())?;
-    m.add("ConfigError", py.get_type::<ConfigError>())?;
-    m.add("ProblemError", py.get_type::<ProblemError>())?;
+    errors::register(m)?;
     m.add_class::<geometry::PyRobot>()?;
     m.add_class::<geometry::PyShape>()?;
     m.add_class::<geometry::PyBody>()?;
     m.add_class::<geometry::PyJoint>()?;
+    m.add_class::<scene::PySceneJoint>()?;
+    m.add_class::<scene::PyScene>()?;
+    m.add_class::<scene::PyCancel>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
-    m.add_class::<planning::PyTrajectory>()?;
+    m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
-    m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;
+    m.add_function(wrap_pyfunction!(planning::ik, m)?)?;
+    m.add_function(wrap_pyfunction!(planning::joint_travel, m)?)?;
     m.add_function(wrap_pyfunction!(planning::min_clearance, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::retime, m)?)?;
+    m.add_function(wrap_pyfunction!(timing::refine, m)?)?;
     Ok(())
 }

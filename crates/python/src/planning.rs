@@ -3,15 +3,21 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_kpam::{CollisionCheck, Gripper, KeypointProblem, Options, Plan, SolverConfig, StageTimes, Trajectory};
+use gensim2_geometry::Robot;
+use gensim2_kpam::{
+    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Options, Plan, Request, SolverConfig, StageTimes,
+};
 use nalgebra::Vector3;
-use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
 
-use crate::convert::{self, problem_error};
+use crate::KpamError;
+use crate::convert;
+use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
-use crate::{ConfigError, KpamError, ProblemError};
+use crate::interrupt::interruptible;
+use crate::scene::{PyCancel, PyScene};
+use crate::timing::PyTrajectory;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
@@ -21,8 +27,8 @@ pub(crate) struct PySolverConfig(SolverConfig);
 impl PySolverConfig {
     #[new]
     fn new(config: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let value = convert::json(config, "", 0)?;
-        SolverConfig::from_value(&value).map(Self).map_err(|e| ConfigError::new_err(e.to_string()))
+        let value = convert::json(config, "", 0, config_error)?;
+        SolverConfig::from_value(&value).map(Self).map_err(|e| from_config(&e))
     }
 
     /// The config as it was given.
@@ -45,7 +51,7 @@ impl PySolverConfig {
     }
 }
 
-fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTreeMap<String, Vector3<f64>>> {
+pub(crate) fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTreeMap<String, Vector3<f64>>> {
     let mapping = value.cast::<PyMapping>().map_err(|_| problem_error(field, "must map names to (3,) arrays"))?;
     let mut out = BTreeMap::new();
     for item in mapping.items()?.iter() {
@@ -57,9 +63,69 @@ fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTreeMap<String,
     Ok(out)
 }
 
+/// What a problem asks, beside what it is asked of.
+#[allow(non_snake_case)]
+pub(crate) struct Question<'a, 'py> {
+    pub config: &'a Bound<'py, PySolverConfig>,
+    pub q_start: &'a Bound<'py, PyAny>,
+    pub tool_keypoints: Option<&'a Bound<'py, PyAny>>,
+    pub object_keypoints: Option<&'a Bound<'py, PyAny>>,
+    pub T_base_object: Option<&'a Bound<'py, PyAny>>,
+    pub object_axis: &'a str,
+    pub object_yaw: f64,
+    pub T_base_world: Option<&'a Bound<'py, PyAny>>,
+    pub options: Option<&'a Bound<'py, PyAny>>,
+}
+
+impl Question<'_, '_> {
+    /// The problem that is asked of a robot among bodies, not checked yet.
+    pub fn on(&self, robot: Arc<Robot>, bodies: Bodies, joint: Option<ObjectJoint>) -> PyResult<KeypointProblem> {
+        let options = match self.options {
+            None => Options::default(),
+            Some(o) => {
+                let value = convert::json(o, "options", 0, problem_error)?;
+                serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
+                    "." => problem_error("options", e.inner()),
+                    path => problem_error(&format!("options.{path}"), e.inner()),
+                })?
+            }
+        };
+        let object_axis = match self.object_axis {
+            "x" => 0,
+            "y" => 1,
+            "z" => 2,
+            other => return Err(problem_error("object_axis", format!("must be x, y or z, not {other:?}"))),
+        };
+        let named = |value: Option<&Bound<'_, PyAny>>, field: &str| {
+            value.map_or_else(|| Ok(BTreeMap::new()), |v| keypoints(v, field))
+        };
+        Ok(KeypointProblem {
+            robot,
+            config: self.config.get().0.clone(),
+            q_start: convert::vector(self.q_start, "q_start", None)?,
+            tool_keypoints: named(self.tool_keypoints, "tool_keypoints")?,
+            object_keypoints: named(self.object_keypoints, "object_keypoints")?,
+            object: convert::optional_pose(self.T_base_object, "T_base_object")?,
+            joint,
+            object_axis,
+            object_yaw: self.object_yaw,
+            world: convert::optional_pose(self.T_base_world, "T_base_world")?,
+            bodies,
+            options,
+        })
+    }
+}
+
 /// Everything one plan needs; checked on construction. Pickles.
 #[pyclass(name = "KeypointProblem", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyKeypointProblem(Arc<KeypointProblem>);
+pub(crate) struct PyKeypointProblem(pub Arc<KeypointProblem>);
+
+impl PyKeypointProblem {
+    pub fn checked(problem: KeypointProblem) -> PyResult<Self> {
+        problem.check().map_err(|e| from_problem(&e))?;
+        Ok(Self(Arc::new(problem)))
+    }
+}
 
 #[pymethods]
 impl PyKeypointProblem {
@@ -83,35 +149,34 @@ impl PyKeypointProblem {
         bodies: Vec<PyRef<'_, PyBody>>,
         options: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let options = match options {
-            None => Options::default(),
-            Some(o) => {
-                let value = convert::json(o, "options", 0)?;
-                serde_json::from_value(value).map_err(|e| problem_error("options", e))?
-            }
-        };
-        let object_axis = match object_axis {
-            "x" => 0,
-            "y" => 1,
-            "z" => 2,
-            other => return Err(problem_error("object_axis", format!("must be x, y or z, not {other:?}"))),
-        };
-        let problem = KeypointProblem {
-            robot: Arc::clone(&robot.get().0),
-            config: config.get().0.clone(),
-            q_start: convert::vector(q_start, "q_start", None)?,
-            tool_keypoints: keypoints(tool_keypoints, "tool_keypoints")?,
-            object_keypoints: keypoints(object_keypoints, "object_keypoints")?,
-            object: convert::pose(T_base_object, "T_base_object")?,
-            joint: joint.map(|j| j.get().0),
+        let question = Question {
+            config,
+            q_start,
+            tool_keypoints: Some(tool_keypoints),
+            object_keypoints: Some(object_keypoints),
+            T_base_object: Some(T_base_object),
             object_axis,
             object_yaw,
-            world: convert::optional_pose(T_base_world, "T_base_world")?,
-            bodies: bodies.iter().map(|b| b.0.clone()).collect(),
+            T_base_world,
             options,
         };
-        problem.check().map_err(|e| ProblemError::new_err(e.to_string()))?;
-        Ok(Self(Arc::new(problem)))
+        let bodies: Vec<Body> = bodies.iter().map(|b| b.0.clone()).collect();
+        Self::checked(question.on(Arc::clone(&robot.get().0), bodies.into(), joint.map(|j| j.get().0))?)
+    }
+
+    /// The same problem from another state: joints (n,), their velocity (n,) (at rest where none is given), and the time
+    /// (s) on the motion's clock.
+    #[pyo3(signature = (q, velocity = None, time = 0.0))]
+    fn with_start(&self, q: &Bound<'_, PyAny>, velocity: Option<&Bound<'_, PyAny>>, time: f64) -> PyResult<Self> {
+        let q = convert::vector(q, "q", None)?;
+        let velocity = velocity.map(|v| convert::vector(v, "velocity", None)).transpose()?;
+        self.0.with_start(q, velocity, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
+    }
+
+    /// The scene that it is asked of; a joint is named "joint" there.
+    #[getter]
+    fn scene(&self) -> PyScene {
+        PyScene(self.0.scene())
     }
 
     #[staticmethod]
@@ -125,65 +190,9 @@ impl PyKeypointProblem {
     }
 }
 
-/// Timed joint motion. Pickles.
-#[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyTrajectory(Trajectory);
-
-#[pymethods]
-impl PyTrajectory {
-    /// (N,) seconds; every keyframe time is among them.
-    #[getter]
-    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::array1(py, self.0.times()).into_any()
-    }
-
-    /// (N, n) joint positions at `times`.
-    #[getter]
-    fn positions<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        let rows = self.0.positions();
-        let columns = rows.first().map_or(0, Vec::len);
-        convert::array2(py, &rows, columns).into_any()
-    }
-
-    /// Seconds from the first waypoint to the last.
-    #[getter]
-    fn duration(&self) -> f64 {
-        self.0.end() - self.0.start()
-    }
-
-    /// Position, velocity, acceleration at t, each (n,); at rest before the start and after the end.
-    fn sample<'py>(&self, py: Python<'py>, t: f64) -> (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>) {
-        let s = self.0.sample(t);
-        let array = |v: &[f64]| convert::array1(py, v).into_any();
-        (array(&s.position), array(&s.velocity), array(&s.acceleration))
-    }
-
-    /// (ceil(duration / dt) + 1, n) positions, the last one at the end.
-    fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
-        let (start, end) = (self.0.start(), self.0.end());
-        let steps = ((end - start) / dt - 1e-9).ceil();
-        if !(dt > 0.0 && steps < 1e7) {
-            return Err(problem_error("dt", format!("must be positive and not tiny, not {dt}")));
-        }
-        let rows: Vec<Vec<f64>> =
-            (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
-        let columns = rows.first().map_or(0, Vec::len);
-        Ok(convert::array2(py, &rows, columns).into_any())
-    }
-
-    #[staticmethod]
-    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
-        convert::thaw(bytes).map(Self)
-    }
-
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
-        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
-    }
-}
-
 /// What was solved, each residual, what failed. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyPlan(Plan, StageTimes);
+pub(crate) struct PyPlan(pub(crate) Plan, StageTimes);
 
 fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
     q.map(|q| convert::array1(py, q).into_any())
@@ -233,6 +242,27 @@ impl PyPlan {
         out.set_item("actuation", 1e3 * self.1.actuation)?;
         out.set_item("trajectory", 1e3 * self.1.trajectory)?;
         out.set_item("total", 1e3 * (self.1.actuation + self.1.trajectory))?;
+        Ok(out)
+    }
+
+    /// Number of poses whose motion was tried.
+    #[getter]
+    fn tried(&self) -> usize {
+        self.0.tried
+    }
+
+    /// What became of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
+    #[getter]
+    fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for pose in &self.0.tried_poses {
+            let d = PyDict::new(py);
+            d.set_item("q", convert::array1(py, &pose.q))?;
+            d.set_item("rank", pose.rank)?;
+            d.set_item("status", pose.status.name())?;
+            d.set_item("reason", &pose.reason)?;
+            out.append(d)?;
+        }
         Ok(out)
     }
 
@@ -318,16 +348,66 @@ impl PyPlan {
     }
 }
 
-/// Plans one problem. The GIL is released meanwhile.
+/// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `former` is an earlier plan, tried first; `resume` the keyframe to go
+/// on to from q_start in the middle of that plan's motion; `max_checks` ends planning after so many collision checks,
+/// `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
-pub(crate) fn plan(py: Python<'_>, problem: &Bound<'_, PyKeypointProblem>) -> PyPlan {
+#[pyo3(signature = (problem, *, former = None, resume = None, max_checks = None, cancel = None, explain = false))]
+pub(crate) fn plan(
+    py: Python<'_>,
+    problem: &Bound<'_, PyKeypointProblem>,
+    former: Option<&Bound<'_, PyPlan>>,
+    resume: Option<&str>,
+    max_checks: Option<u64>,
+    cancel: Option<&Bound<'_, PyCancel>>,
+    explain: bool,
+) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
-    let (plan, times) = py.detach(|| gensim2_kpam::plan_timed(&problem));
-    PyPlan(plan, times)
+    let former = former.map(|plan| &plan.get().0);
+    let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
+    let request = Request { former, resume, most_checks: max_checks, cancel: Some(cancel.clone()), explain };
+    let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
+    planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
-/// Plans many problems on `threads` threads (default: all cores), the GIL released. Results are those of `plan`, in
-/// order, whatever the number of threads.
+/// The cheapest distinct poses that meet the problem's constraints, cheapest first and `most` of them: dicts `q` (n,)
+/// and `cost`. Obstacles are left out.
+#[pyfunction]
+#[pyo3(signature = (problem, most = 10))]
+pub(crate) fn ik<'py>(
+    py: Python<'py>,
+    problem: &Bound<'py, PyKeypointProblem>,
+    most: usize,
+) -> PyResult<Bound<'py, PyList>> {
+    let problem = Arc::clone(&problem.get().0);
+    let found = py.detach(|| gensim2_kpam::ik(&problem, most)).map_err(|e| from_problem(&e))?;
+    let out = PyList::empty(py);
+    for pose in found {
+        let d = PyDict::new(py);
+        d.set_item("q", convert::array1(py, &pose.q))?;
+        d.set_item("cost", pose.cost)?;
+        out.append(d)?;
+    }
+    Ok(out)
+}
+
+/// Travel of the object's joint (rad or m, from where it stands) at times (N,) of a plan's motion, as the planner takes
+/// it: (N,).
+#[pyfunction]
+pub(crate) fn joint_travel<'py>(
+    py: Python<'py>,
+    problem: &Bound<'py, PyKeypointProblem>,
+    plan: &Bound<'py, PyPlan>,
+    times: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let times = convert::vector(times, "times", None)?;
+    let (problem, plan) = (&problem.get().0, &plan.get().0);
+    let found = py.detach(|| gensim2_kpam::joint_travel(problem, plan, &times));
+    Ok(convert::array1(py, &found).into_any())
+}
+
+/// Plans many problems on `threads` threads, 1 to 256 (default: all cores), the GIL released; Ctrl-C ends it. Results
+/// are those of `plan`, in order, whatever the number of threads.
 #[pyfunction]
 #[pyo3(signature = (problems, threads = None))]
 pub(crate) fn plan_batch(
@@ -335,16 +415,14 @@ pub(crate) fn plan_batch(
     problems: Vec<PyRef<'_, PyKeypointProblem>>,
     threads: Option<usize>,
 ) -> PyResult<Vec<PyPlan>> {
-    if threads == Some(0) {
-        return Err(problem_error("threads", "must be at least 1"));
-    }
     let shared: Vec<Arc<KeypointProblem>> = problems.iter().map(|p| Arc::clone(&p.0)).collect();
     drop(problems);
-    let plans = py.detach(|| {
+    let plans = interruptible(py, Cancel::new(), |cancel| {
         let borrowed: Vec<&KeypointProblem> = shared.iter().map(AsRef::as_ref).collect();
-        gensim2_kpam::plan_batch(&borrowed, threads)
-    });
-    plans.map(|p| p.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect()).map_err(KpamError::new_err)
+        gensim2_kpam::plan_batch(&borrowed, threads, cancel)
+    })?;
+    let plans = plans.map_err(|e| from_problem(&e))?;
+    Ok(plans.into_iter().map(|(plan, times)| PyPlan(plan, times)).collect())
 }
 
 /// Smallest signed distances (m) of the judged pairs along a plan's motion, sampled every `step` seconds: `self`,
@@ -356,36 +434,12 @@ pub(crate) fn min_clearance<'py>(
     plan: &Bound<'py, PyPlan>,
     step: f64,
 ) -> PyResult<Option<Bound<'py, PyDict>>> {
-    if step.is_nan() || step <= 0.0 {
-        return Err(problem_error("step", format!("must be positive, not {step}")));
-    }
-    let (problem, plan) = (&problem.get().0, &plan.get().0);
-    let Some([itself, table, object]) = py.detach(|| gensim2_kpam::min_clearance(problem, plan, step)) else {
-        return Ok(None);
-    };
+    let (problem, plan) = (problem.get().0.as_ref(), &plan.get().0);
+    let found = interruptible(py, Cancel::new(), |cancel| gensim2_kpam::min_clearance(problem, plan, step, cancel))?;
+    let Some([itself, table, object]) = found.map_err(|e| from_problem(&e))? else { return Ok(None) };
     let out = PyDict::new(py);
     out.set_item("self", itself)?;
     out.set_item("table", table)?;
     out.set_item("object", object)?;
     Ok(Some(out))
-}
-
-/// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
-#[pyfunction]
-pub(crate) fn in_collision<'py>(
-    py: Python<'py>,
-    problem: &Bound<'py, PyKeypointProblem>,
-    q: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
-    let problem = &problem.get().0;
-    let n = problem.robot.joints().len();
-    let (data, count) = convert::joint_rows(q, n)?;
-    let hits: Vec<bool> = py.detach(|| {
-        let mut check = CollisionCheck::new(problem);
-        data.chunks_exact(n).map(|row| check.hits(row)).collect()
-    });
-    if count.is_none() {
-        return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
-    }
-    Ok(PyArray1::from_vec(py, hits).into_any())
 }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,12 @@ def _body(obstacle: SceneObstacle) -> kpam.Body:
 
 
 def keypoint_problem(
-    problem: PlanProblem, scene: ProblemScene, robot: kpam.Robot, *, frames: Frames = "original"
+    problem: PlanProblem,
+    scene: ProblemScene,
+    robot: kpam.Robot,
+    *,
+    frames: Frames = "original",
+    options: Mapping[str, Any] | None = None,
 ) -> kpam.KeypointProblem:
     """Return what the solver is asked.
 
@@ -31,6 +37,7 @@ def keypoint_problem(
         scene: its obstacles.
         robot: the arm, with hand and fingers.
         frames: which reading of motion frames; ``"original"`` turns list-type motions by the drawn yaw.
+        options: of the solver, over those that the records were made with.
 
     Raises:
         InputError: the config or a number is one that the solver refuses; names the problem.
@@ -58,6 +65,7 @@ def keypoint_problem(
                 "velocity_scale": 1.0,
                 "acceleration_scale": 1.0,
                 "allow_partial": True,
+                **(options or {}),
             },
         )
     except kpam.KpamError as error:

@@ -48,4 +48,4 @@ def panda_folder() -> Path:
 def panda() -> kpam.Robot:
     """Return ManiSkill's Panda, loaded once a process."""
     folder = panda_folder()
-    return kpam.Robot.from_urdf(str(folder / "panda_v2.urdf"), srdf=str(folder / "panda_v2.srdf"))
+    return kpam.Robot.from_urdf(folder / "panda_v2.urdf", hand_link="panda_hand", srdf=folder / "panda_v2.srdf")

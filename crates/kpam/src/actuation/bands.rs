@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::problem::AxisBound;
+use crate::resolve::AxisBound;
 
 /// Constraints are aimed at this fraction of their tolerance, so that rounding never leaves it.
 pub(super) const INSIDE: f64 = 0.995;

@@ -77,7 +77,7 @@ impl ActuationSearch<'_> {
             let trial_bad = self.project_gently(&mut trial);
             let trial_value = self.cost(&trial);
             if trial_bad <= 0.0 && best.is_none_or(|b| trial_value < b.cost) {
-                best = Some(Candidate { x: trial, cost: trial_value });
+                best = Some(self.candidate(&trial));
             }
             if trial_value + price * trial_bad <= value + price * bad + 1e-12 {
                 x = trial;
@@ -93,7 +93,7 @@ impl ActuationSearch<'_> {
                 if length < 1e-6 || (gain.abs() < GAIN * (1.0 + value) && bad <= 0.0) {
                     break;
                 }
-                if length < BASIN && known.iter().any(|c| (0..n).all(|v| (c.x[v] - x[v]).abs() < BASIN)) {
+                if length < BASIN && known.iter().any(|c| self.apart(&c.x, &x) < BASIN) {
                     return None;
                 }
             } else {
@@ -193,8 +193,9 @@ impl ActuationSearch<'_> {
         let placed = &self.placed;
         let hand = placed.hand;
         let mut g = [0.0; MOST_JOINTS];
+        let steps = self.steps(x);
         for v in 0..self.model.n() {
-            g[v] = 2.0 * joint_weight(self.model.indices[v]) * (x[v] - self.start[v]);
+            g[v] = 2.0 * joint_weight(v) * steps[v];
         }
         let mut add = |row: &Row, factor: f64| g.iter_mut().zip(row).for_each(|(a, b)| *a += factor * b);
         let way = hand.translation.vector - self.start_hand.translation.vector;
@@ -221,7 +222,7 @@ impl ActuationSearch<'_> {
         let origin = hand.translation.vector;
         let mut h = [[0.0; MOST_JOINTS]; MOST_JOINTS];
         for v in 0..n {
-            h[v][v] = 2.0 * joint_weight(self.model.indices[v]);
+            h[v][v] = 2.0 * joint_weight(v);
         }
         let mut add = |row: &Row, factor: f64| {
             for i in 0..n {

@@ -6,23 +6,18 @@
 mod bands;
 mod descent;
 mod projection;
+mod starts;
 
 use gensim2_geometry::Pose;
 
 use self::projection::Residuals;
 use crate::KeypointProblem;
-use crate::model::{MOST_JOINTS, Model, Placed, Row};
-use crate::problem::Resolved;
+use crate::model::{Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
+use crate::resolve::Resolved;
 
-/// Starts that are always projected; further ones only until there are `ENOUGH` poses.
-const FIRST: usize = 16;
-/// See [`FIRST`].
+/// Half as many starts again are spent while fewer than this many have led to the constraints.
 const ENOUGH: usize = 3;
-/// Projected poses that are moved to their optimum, cheapest first.
-const DESCENTS: usize = 3;
-/// Width of the starts about the present joints, as a fraction of the joint ranges.
-const NEARBY: f64 = 0.5;
 /// Poses closer than this in every joint are one (rad or m).
 const SAME: f64 = 0.02;
 
@@ -43,7 +38,7 @@ pub(crate) struct Actuation {
     pub used: usize,
 }
 
-/// The least-squares weights of the original: the base joint costs ten times the others.
+/// The least-squares weights of the original: the first joint of the chain costs ten times the others.
 fn joint_weight(v: usize) -> f64 {
     if v == 0 { 10.0 } else { 1.0 }
 }
@@ -68,7 +63,7 @@ pub(crate) struct ActuationSearch<'p> {
 
 impl<'p> ActuationSearch<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
-        let start = model.pick(&model.rest);
+        let start = model.start();
         let mut search = Self {
             problem,
             model,
@@ -95,21 +90,22 @@ impl<'p> ActuationSearch<'p> {
     }
 
     /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
-    /// at most `seeds` of them, fewer where some lead to the constraints.
+    /// `starts` of them, half as many more where few lead to the constraints.
     ///
     /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
     /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
     /// from which the motion may be free where the cheapest pose's is not.
-    pub fn run(&mut self, seeds: usize) -> Actuation {
+    pub fn run(&mut self, starts: usize) -> Actuation {
         let mut poses: Vec<Candidate> = Vec::new();
         let mut least = f64::INFINITY;
         let mut best_effort = None;
         let mut used = 0;
-        while used < seeds && (used < FIRST || poses.len() < ENOUGH) {
-            let mut x = self.seed(used);
+        let most = starts + starts / 2;
+        while used < starts || (used < most && poses.len() < ENOUGH) {
+            let mut x = self.start(used);
             let miss = self.project(&mut x);
             if miss <= 0.0 {
-                poses.push(Candidate { x, cost: self.cost(&x) });
+                poses.push(self.candidate(&x));
             } else if miss < least {
                 least = miss;
                 best_effort = Some(x);
@@ -118,7 +114,7 @@ impl<'p> ActuationSearch<'p> {
         }
         let mut poses = self.distinct(poses);
         let mut optima: Vec<Candidate> = Vec::new();
-        for pose in poses.iter().take(DESCENTS) {
+        for pose in poses.iter().take(self.problem.options.descents) {
             if let Some(better) = self.descend(&pose.x, &optima) {
                 optima.push(better);
             }
@@ -131,34 +127,21 @@ impl<'p> ActuationSearch<'p> {
         Actuation { candidates, best_effort, used }
     }
 
-    /// The pose that start value number `seed` projects to, where it meets the constraints.
-    pub fn sample(&mut self, seed: usize) -> Option<Candidate> {
-        let mut x = self.seed(seed);
-        (self.project(&mut x) <= 0.0).then(|| Candidate { x, cost: self.cost(&x) })
+    /// A pose that meets the constraints, no further than half a turn from the start in joints without limits.
+    fn candidate(&mut self, x: &Row) -> Candidate {
+        Candidate { x: self.model.unwound(x, &self.start), cost: self.cost(x) }
     }
 
-    /// The distinct poses that start values number `from..to` project to, cheapest first.
-    pub fn more(&mut self, from: usize, to: usize) -> Vec<Candidate> {
-        let poses = (from..to).filter_map(|seed| self.sample(seed)).collect();
-        self.distinct(poses)
+    /// The pose that start value number `index` projects to, where it meets the constraints.
+    pub fn sample(&mut self, index: usize) -> Option<Candidate> {
+        let mut x = self.start(index);
+        (self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 
-    /// Start value number `seed`: the present joints, then by turns points about them and points all over the ranges.
-    fn seed(&self, seed: usize) -> Row {
-        let mut x = self.start;
-        if seed == 0 {
-            return x;
-        }
-        for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
-            let (low, high) = self.model.range(v);
-            let draw = halton(seed, v);
-            *value = if seed % 2 == 1 {
-                low + (high - low) * draw
-            } else {
-                (*value + NEARBY * (high - low) * (draw - 0.5)).clamp(low, high)
-            };
-        }
-        x
+    /// The pose itself where it meets the constraints, else what it projects to.
+    pub fn from(&mut self, x: &Row) -> Option<Candidate> {
+        let mut x = *x;
+        (self.violation(&x) <= 0.0 || self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 
     /// Poses by cost, without those that are near a cheaper one.
@@ -166,20 +149,34 @@ impl<'p> ActuationSearch<'p> {
         poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Candidate> = Vec::new();
         for pose in poses {
-            let near = |c: &Candidate| (0..self.model.n()).all(|v| (c.x[v] - pose.x[v]).abs() < SAME);
-            if !out.iter().any(near) {
+            if !out.iter().any(|c| self.apart(&c.x, &pose.x) < SAME) {
                 out.push(pose);
             }
         }
         out
     }
 
+    /// Joint steps from the start to `x`; joints without limits go the short way round.
+    fn steps(&self, x: &Row) -> Row {
+        let mut out = self.model.unwound(x, &self.start);
+        for v in 0..self.model.n() {
+            out[v] -= self.start[v];
+        }
+        out
+    }
+
+    /// Largest difference of two poses in a joint (rad or m), whole turns of joints without limits left out.
+    fn apart(&self, a: &Row, b: &Row) -> f64 {
+        let near = self.model.unwound(b, a);
+        (0..self.model.n()).fold(0.0, |most: f64, v| most.max((near[v] - a[v]).abs()))
+    }
+
     /// Cost of a pose: weighted squared joint steps, squared way of the hand, 1 - cos of its turn, and the config's
     /// own cost terms.
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
-        let joints: f64 =
-            (0..self.model.n()).map(|v| joint_weight(self.model.indices[v]) * (x[v] - self.start[v]).powi(2)).sum();
+        let steps = self.steps(x);
+        let joints: f64 = (0..self.model.n()).map(|v| joint_weight(v) * steps[v].powi(2)).sum();
         let hand = &self.placed.hand;
         let way = (hand.translation.vector - self.start_hand.translation.vector).norm_squared();
         let turn = 0.5 * (3.0 - (self.start_hand.rotation.matrix().transpose() * hand.rotation.matrix()).trace());
@@ -220,26 +217,13 @@ impl<'p> ActuationSearch<'p> {
     }
 }
 
-/// Element `index` of the Halton sequence in dimension `dimension`: evenly spread, the same on every machine.
-pub(crate) fn halton(index: usize, dimension: usize) -> f64 {
-    const PRIMES: [usize; MOST_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37];
-    let base = PRIMES[dimension % MOST_JOINTS];
-    let (mut i, mut f, mut r) = (index, 1.0, 0.0);
-    while i > 0 {
-        f /= base as f64;
-        r += f * (i % base) as f64;
-        i /= base;
-    }
-    r
-}
-
 #[cfg(test)]
 mod tests {
     use super::bands::axis_bands;
     use super::descent::Curvature;
     use super::*;
     use crate::SolverConfig;
-    use crate::problem::AxisBound;
+    use crate::resolve::AxisBound;
     use gensim2_geometry::Robot;
     use nalgebra::Vector3;
     use proptest::prelude::*;
@@ -269,7 +253,7 @@ mod tests {
         Arc::new(Robot::from_urdf_str(&text, "arm.urdf", None, "l6", None).unwrap())
     }
 
-    fn problem(inner: f64, tolerance: f64, target: [f64; 3]) -> KeypointProblem {
+    pub(super) fn problem(inner: f64, tolerance: f64, target: [f64; 3]) -> KeypointProblem {
         let config = SolverConfig::from_json(&format!(
             r#"{{"constraint_list": [
                 {{"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal",
@@ -293,7 +277,7 @@ mod tests {
         let mut resolved = problem.resolve().unwrap();
         resolved.points.clear();
         resolved.axes.clear();
-        resolved.costs.push(crate::problem::PlaneTerm {
+        resolved.costs.push(crate::resolve::PlaneTerm {
             on_hand: Vector3::new(0.1, 0.0, 0.2),
             target: Vector3::new(0.3, 0.2, 0.1),
             normal: Vector3::new(0.6, 0.0, 0.8),

@@ -133,7 +133,8 @@ impl ActuationSearch<'_> {
         if let Some([low, high]) = self.problem.options.workspace {
             for k in 0..3 {
                 let c = hand.translation.vector[k];
-                let inner = INNER.min(0.5 * (high[k] - low[k]));
+                // In a thin box it is the middle half, whose ends rounding cannot swap.
+                let inner = INNER.min(0.25 * (high[k] - low[k]));
                 let miss = c - c.clamp(low[k] + inner, high[k] - inner);
                 if miss != 0.0 {
                     out.push((placed.linear_row(&hand.translation.vector, &Vector3::ith(k, 1.0)), miss));

@@ -1,32 +1,12 @@
 //! The motion through the keyframes of one actuation pose.
 
+use super::failure::Failure;
 use super::planner::Planner;
-use crate::contact::Hit;
+use crate::free_space::NoWay;
 use crate::hand_path::Followed;
-use crate::margins::Margins;
 use crate::model::Row;
 use crate::motion::{Motions, motions};
-
-/// Why a candidate's motion ends before its end.
-#[derive(Debug, Clone)]
-pub(super) enum Failure {
-    /// The hand cannot follow the path to this keyframe beyond this fraction.
-    Unreachable { keyframe: usize, fraction: f64 },
-    /// Something is in the way on the path to this keyframe.
-    Blocked { keyframe: usize, hit: Hit },
-    /// The clock allows this much less than needed.
-    TooFast { keyframe: usize, allowed: f64, needed: f64 },
-}
-
-impl Failure {
-    fn keyframe(&self) -> usize {
-        match self {
-            Self::Unreachable { keyframe, .. } | Self::Blocked { keyframe, .. } | Self::TooFast { keyframe, .. } => {
-                *keyframe
-            }
-        }
-    }
-}
+use crate::world::{Hit, Margins, State, Way, even, travel_along, travel_over};
 
 /// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
 pub(super) struct Attempt {
@@ -37,6 +17,8 @@ pub(super) struct Attempt {
     pub approach: Vec<Vec<Row>>,
     /// Waypoints of the path to keyframe i + 1, as far as it goes.
     pub paths: Vec<Vec<Row>>,
+    /// Travel of the object's joint at those waypoints; none before the actuation.
+    pub travel: Vec<Vec<f64>>,
     /// Number of whole paths after the actuation and the fraction of the next one.
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
@@ -45,9 +27,31 @@ pub(super) struct Attempt {
     pub overlaps: bool,
     /// Whether approach and pre-actuation motions stand.
     pub starts: bool,
+    /// First path that is planned; those before it are done.
+    pub first: usize,
 }
 
 impl Attempt {
+    fn new(x: &Row, rank: usize, motions: Motions, first: usize) -> Self {
+        let count = motions.paths.len();
+        // What lies before the first path is done.
+        let done = first.saturating_sub(motions.actuation);
+        Self {
+            x: *x,
+            rank,
+            motions,
+            approach: Vec::new(),
+            paths: vec![Vec::new(); count],
+            travel: vec![Vec::new(); count],
+            after: (done, 0.0),
+            hits: Vec::new(),
+            failure: None,
+            overlaps: false,
+            starts: false,
+            first,
+        }
+    }
+
     /// How far the motion goes.
     pub fn score(&self) -> f64 {
         if self.starts { self.extent() } else { 0.0 }
@@ -67,7 +71,12 @@ impl Attempt {
     /// Paths in the order in which they are looked at: from the actuation pose to the start, then to the end.
     fn outwards(&self) -> impl Iterator<Item = usize> + use<> {
         let act = self.motions.actuation;
-        (0..act).rev().chain(act..self.paths.len())
+        (self.first..act).rev().chain(act.max(self.first)..self.paths.len())
+    }
+
+    /// A path with the travel of the object's joint along it.
+    fn way(&self, path: usize) -> Way<'_> {
+        Way { waypoints: &self.paths[path], travel: &self.travel[path] }
     }
 
     /// Something is in the way on a path. Before the actuation that leaves no motion but what lies between it and there.
@@ -90,22 +99,14 @@ impl Planner<'_> {
         let hand = self.follower.hand(x);
         let motions = motions(self.problem, &hand);
         let act = motions.actuation;
-        let paths = vec![Vec::new(); motions.paths.len()];
-        let mut out = Attempt {
-            x: *x,
-            rank,
-            motions,
-            approach: Vec::new(),
-            paths,
-            after: (0, 0.0),
-            hits: Vec::new(),
-            failure: None,
-            overlaps: false,
-            starts: false,
-        };
-        // What overlapped at the start has come apart on the approach.
-        let plain = Margins::plain(0.0).parted();
-        if let Some(hit) = self.judge.at(x, act + 1, &plain) {
+        let first = if self.entry > act { self.entry - 1 } else { self.entry };
+        let mut out = Attempt::new(x, rank, motions, first);
+        self.world.act_at(x);
+        // What overlapped at the start has come apart on the approach, where there is one.
+        let plain = if self.entry > act { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
+        if self.entry <= act
+            && let Some(hit) = self.world.hit_at(State::still(x), self.world.course.last_before_actuation(), &plain)
+        {
             out.hits.push((act, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: act, hit });
@@ -114,6 +115,10 @@ impl Planner<'_> {
             }
         }
         self.follow_all(&mut out);
+        self.unwind(&mut out);
+        if self.entry > act {
+            self.take_up(&mut out);
+        }
         if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain)) {
             return out;
         }
@@ -123,23 +128,56 @@ impl Planner<'_> {
             // It still says how far it goes, but the free motion is not spent on it.
             return out;
         }
-        let first = out.paths[..act].first().map_or(*x, |path| path[0]);
-        match self.approach(&first, samples) {
-            Ok((approach, hit)) => {
-                out.approach = approach;
-                out.hits.extend(hit.map(|h| (0, h)));
-                out.starts = true;
-                if let Some(failure) = self.too_fast(&out) {
-                    out.starts = false;
-                    out.failure = Some(failure);
-                }
-            }
-            Err(hit) => {
-                out.hits.push((0, hit.clone()));
-                out.failure = Some(Failure::Blocked { keyframe: 0, hit });
-            }
+        if self.entry > act {
+            out.starts = true;
+        } else {
+            self.approach_first(&mut out, samples);
+        }
+        if out.starts
+            && let Some(failure) = self.too_fast(&out)
+        {
+            out.starts = false;
+            out.failure = Some(failure);
         }
         out
+    }
+
+    /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
+    fn take_up(&mut self, out: &mut Attempt) {
+        let path = self.entry - 1;
+        let leg = self.world.course.along(path);
+        let travel = out.travel[path].first().copied().unwrap_or(0.0);
+        let near = self.model.start();
+        self.world.measure_start(State { x: &near, travel }, leg);
+        let way = self.leads[self.lead].way(&self.start);
+        let brake = Way { waypoints: &way, travel: &[travel] };
+        if let Some((_, hit)) = self.world.sweep_along(brake, leg, &Margins::plain(0.0)) {
+            out.hits.push((self.entry, hit.clone()));
+            if self.problem.options.avoid_collisions {
+                out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
+            }
+        }
+    }
+
+    /// Looks for the free motion to the first keyframe.
+    fn approach_first(&mut self, out: &mut Attempt, samples: usize) {
+        let goal = out.paths[self.entry..out.motions.actuation].first().map_or(out.x, |path| path[0]);
+        let keyframe = self.entry;
+        match self.approach(&goal, samples) {
+            Ok((approach, hit)) => {
+                out.approach = approach;
+                out.hits.extend(hit.map(|h| (keyframe, h)));
+                out.starts = true;
+            }
+            Err(NoWay::Blocked(hit)) => {
+                out.hits.push((keyframe, hit.clone()));
+                out.failure = Some(Failure::Blocked { keyframe, hit });
+            }
+            Err(NoWay::NotFound(hit)) => {
+                out.hits.push((keyframe, hit.clone()));
+                out.failure = Some(Failure::NotFound { keyframe, hit });
+            }
+        }
     }
 
     /// Follows the paths as far as the hand gets. Before the actuation all must be followed whole, or there is no
@@ -147,7 +185,7 @@ impl Planner<'_> {
     fn follow_all(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         let mut at = out.x;
-        for i in (0..act).rev() {
+        for i in (self.entry..act).rev() {
             let Followed { mut waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, true);
             if fraction < 1.0 {
                 out.failure = Some(Failure::Unreachable { keyframe: i, fraction });
@@ -158,16 +196,45 @@ impl Planner<'_> {
             out.paths[i] = waypoints;
         }
         at = out.x;
+        let mut travel = 0.0;
         for i in act..out.paths.len() {
-            let Followed { waypoints, fraction } = self.follower.follow(&out.motions.paths[i], &at, false);
+            let path = &out.motions.paths[i];
+            // What lies before the entry is done; the path to it is followed from the present state.
+            if i + 1 < self.entry {
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..1.0);
+                continue;
+            }
+            let (waypoints, done, fraction) = if i + 1 == self.entry {
+                let (waypoints, done, fraction) = self.rest_of(path);
+                travel = travel_over(self.problem, i - act, path, travel, 0.0..done[0]);
+                (waypoints, done, fraction)
+            } else {
+                let Followed { waypoints, fraction } = self.follower.follow(path, &at, false);
+                let done = even(&(0.0..fraction), waypoints.len());
+                (waypoints, done, fraction)
+            };
             at = waypoints[waypoints.len() - 1];
+            out.travel[i] = travel_along(self.problem, i - act, path, travel, &done);
+            travel = out.travel[i].last().copied().unwrap_or(travel);
             out.paths[i] = waypoints;
             if fraction < 1.0 {
                 out.failure = Some(Failure::Unreachable { keyframe: i + 1, fraction });
-                out.after.1 = fraction;
+                out.after = (i - act, fraction);
                 return;
             }
-            out.after.0 += 1;
+            out.after.0 = i - act + 1;
+        }
+    }
+
+    /// Takes the motion as many whole turns back, in joints without limits, as it begins beyond half a turn from the
+    /// start: the approach to it goes the short way.
+    fn unwind(&self, out: &mut Attempt) {
+        let before = out.paths.get(self.entry..out.motions.actuation);
+        let Some(first) = before.and_then(<[_]>::first).and_then(|path| path.first()) else { return };
+        let near = self.model.unwound(first, &self.model.start());
+        let shift: Vec<f64> = (0..self.model.n()).map(|v| near[v] - first[v]).collect();
+        for x in out.paths.iter_mut().flatten().chain(std::iter::once(&mut out.x)) {
+            x.iter_mut().zip(&shift).for_each(|(value, by)| *value += by);
         }
     }
 
@@ -192,7 +259,7 @@ impl Planner<'_> {
                 if left < 0.0 { 0 } else { ((left * steps as f64 + 1e-9) as usize + 1).min(steps) }
             };
             if most > 0
-                && let Some(hit) = self.judge.at_any(&out.paths[i][..=most], i + 2, margins)
+                && let Some(hit) = self.world.hit_at_any(out.way(i).until(most), self.world.course.along(i), margins)
             {
                 out.block(i, hit);
                 return true;
@@ -208,7 +275,9 @@ impl Planner<'_> {
             if out.paths[i].is_empty() {
                 continue;
             }
-            let Some((k, hit)) = self.judge.sweep_along(&out.paths[i], i + 2, margins) else { continue };
+            let Some((k, hit)) = self.world.sweep_along(out.way(i), self.world.course.along(i), margins) else {
+                continue;
+            };
             if !self.problem.options.avoid_collisions {
                 out.hits.push((i + 1, hit));
                 continue;
@@ -220,6 +289,7 @@ impl Planner<'_> {
             let steps = (out.paths[i].len() - 1).max(1) as f64;
             out.after = (i - act, out.followed(i) * k as f64 / steps);
             out.paths[i].truncate(k + 1);
+            out.travel[i].truncate(k + 1);
             out.paths[i + 1..].iter_mut().for_each(Vec::clear);
             return;
         }

@@ -1,16 +1,24 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
 mod attempt;
+mod failure;
 mod planner;
+mod replay;
 mod report;
+mod request;
+mod resume;
+mod timed;
 
 use serde::{Deserialize, Serialize};
 
 use crate::actuation::ActuationSearch;
-use crate::contact::{Clearances, Judge};
+use crate::fingers::resting_joints;
 use crate::model::Model;
-use crate::{KeypointProblem, Trajectory};
+use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
+pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
+pub use request::Request;
+use resume::former_pose;
 
 /// How planning ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,6 +36,12 @@ pub enum Status {
     Collision,
     /// The clock asks for more than the joints' limits give.
     TooFast,
+    /// No motion from the state at the start stays within the joints' limits.
+    CannotStop,
+    /// The search for a free motion spent its samples and found none; there may be one.
+    NotFound,
+    /// The caller cancelled it.
+    Cancelled,
 }
 
 impl Status {
@@ -41,6 +55,9 @@ impl Status {
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::TooFast => "too_fast",
+            Self::CannotStop => "cannot_stop",
+            Self::NotFound => "not_found",
+            Self::Cancelled => "cancelled",
         }
     }
 }
@@ -86,6 +103,19 @@ pub struct Collision {
     pub point: [f64; 3],
 }
 
+/// What became of an actuation pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TriedPose {
+    /// The pose, one entry a joint.
+    pub q: Vec<f64>,
+    /// Its number in the order of trial.
+    pub rank: usize,
+    /// How its motion ended.
+    pub status: Status,
+    /// One sentence for a person.
+    pub reason: String,
+}
+
 /// What was solved, each residual, and what failed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -109,6 +139,8 @@ pub struct Plan {
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
+    /// What became of each of them, where [`Request::explain`] asks for it.
+    pub tried_poses: Vec<TriedPose>,
     /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
@@ -137,70 +169,130 @@ pub struct StageTimes {
 /// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
 #[must_use]
 pub fn plan(problem: &KeypointProblem) -> Plan {
-    plan_timed(problem).0
+    plan_timed(problem, &Cancel::new()).0
 }
 
-/// As [`plan`], with the time each stage took.
+/// As [`plan`], with the time each stage took; ends early, with [`Status::Cancelled`], where `cancel` is set.
 #[must_use]
-pub fn plan_timed(problem: &KeypointProblem) -> (Plan, StageTimes) {
+pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
+    let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
+    plan_with(problem, &request).unwrap_or_else(|e| (refused(e.to_string()), StageTimes::default()))
+}
+
+/// As [`plan_timed`], with what the request asks for.
+///
+/// # Errors
+/// A keyframe that the motion does not have, or one past the actuation pose without an earlier plan that has one.
+pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let mut times = StageTimes::default();
     let clock = cpu_time::ThreadTime::now();
-    let rest = resting_joints(problem);
-    let (model, resolved) = match (Model::new(&problem.robot, &rest), problem.resolve()) {
-        (Some(model), Ok(resolved)) => (model, resolved),
-        (None, _) => return (refused("the robot has no joints to plan for".to_owned()), times),
-        (_, Err(e)) => return (refused(e.to_string()), times),
-    };
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let resolved = problem.resolve()?;
+    let entry = entry(problem, request)?;
+    if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
+        return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
+    }
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let found = search.run(problem.options.seeds);
+    let mut planner = match Planner::new(problem, &model, &resolved, request, entry) {
+        Ok(planner) => planner,
+        Err(e) => {
+            let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name;
+            let reason = format!("{joint} cannot be stopped in time: {}", e.reason);
+            return Ok((Plan { status: Status::CannotStop, ..refused(reason) }, times));
+        }
+    };
+    let joints = problem.robot.joints().len();
+    if let Some(former) = request.former
+        && let Some(x) = former_pose(former, |q| model.pick(q), joints)
+        && let Some(plan) = planner.former_motion(&mut search, &x)
+    {
+        times.trajectory = clock.elapsed().as_secs_f64();
+        return Ok((plan, times));
+    }
+    let found = search.run(problem.options.starts);
     times.actuation = clock.elapsed().as_secs_f64();
-    let mut planner = Planner::new(problem, &model, &resolved);
     let plan = match found.candidates.first() {
         None => planner.infeasible(found.best_effort),
         Some(_) => planner.whole_motion(&found, &mut search),
     };
     times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
-    (plan, times)
+    Ok((plan, times))
 }
 
-/// Plans many problems on `threads` threads (all cores where `None`). Each result is that of [`plan_timed`].
+/// Number in time of the keyframe that the motion goes to first.
+fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
+    let Some(label) = request.resume else { return Ok(0) };
+    let last = problem.config.pre.len() + problem.config.post.len();
+    let entry =
+        problem.keyframe_index(label).filter(|k| (1..=last + 1).contains(k)).map(|k| k - 1).ok_or_else(|| {
+            let message =
+                format!("{label:?} is not a keyframe of the motion: ..., pre_1, pre_0, actuation, post_0, ...");
+            ProblemError::new("resume", message)
+        })?;
+    let posed = request.former.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
+    if entry > problem.config.pre.len() && !posed {
+        let message = format!("{label:?} lies past the actuation pose; pass the earlier plan that has one");
+        return Err(ProblemError::new("former", message));
+    }
+    Ok(entry)
+}
+
+/// The cheapest distinct poses that meet the constraints, cheapest first and `most` of them, obstacles left out.
 ///
 /// # Errors
-/// A sentence, where the threads cannot be started.
-pub fn plan_batch(problems: &[&KeypointProblem], threads: Option<usize>) -> Result<Vec<(Plan, StageTimes)>, String> {
-    use rayon::prelude::*;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
-        .build()
-        .map_err(|e| format!("cannot start threads: {e}"))?;
-    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p)).collect()))
+/// As [`KeypointProblem::check`].
+pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, ProblemError> {
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let resolved = problem.resolve()?;
+    let mut search = ActuationSearch::new(problem, &model, &resolved);
+    let found = search.run(problem.options.starts);
+    let full = |x| {
+        let mut q = Vec::new();
+        model.map().positions(x, &mut q);
+        q
+    };
+    Ok(found.candidates.iter().take(most).map(|c| IkSolution { q: full(&c.x), cost: c.cost }).collect())
 }
 
-/// Joint values while planning: the start, with fingers at the width asked for.
-fn resting_joints(problem: &KeypointProblem) -> Vec<f64> {
-    let mut rest = problem.q_start.clone();
-    if let Some(width) = problem.options.finger_width {
-        let robot = &problem.robot;
-        for (l, link) in robot.links().iter().enumerate() {
-            let mut above = Some(l);
-            while let Some(a) = above
-                && a != robot.hand()
-            {
-                above = robot.links()[a].parent;
-            }
-            if let (Some(j), Some(_)) = (link.joint, above)
-                && l != robot.hand()
-            {
-                rest[j] = width;
-            }
-        }
+/// A pose that meets the constraints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct IkSolution {
+    /// Joint values, one entry a joint.
+    pub q: Vec<f64>,
+    /// Its cost.
+    pub cost: f64,
+}
+
+/// Most threads that [`plan_batch`] starts.
+pub const MOST_THREADS: usize = 256;
+
+/// Plans many problems on `threads` threads, 1 to [`MOST_THREADS`] (one a core where `None`). Each result is that of
+/// [`plan_timed`].
+///
+/// # Errors
+/// A number of threads out of range, or threads that cannot be started.
+pub fn plan_batch(
+    problems: &[&KeypointProblem],
+    threads: Option<usize>,
+    cancel: &Cancel,
+) -> Result<Vec<(Plan, StageTimes)>, ProblemError> {
+    use rayon::prelude::*;
+    if let Some(count) = threads
+        && !(1..=MOST_THREADS).contains(&count)
+    {
+        return Err(ProblemError::new("threads", format!("must be 1 to {MOST_THREADS}, not {count}")));
     }
-    rest
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(cores).min(MOST_THREADS).min(problems.len()).max(1))
+        .build()
+        .map_err(|e| ProblemError::new("threads", format!("cannot be started: {e}")))?;
+    Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))
 }
 
 fn refused(reason: String) -> Plan {
     Plan {
-        schema_version: 1,
+        schema_version: 2,
         status: Status::ActuationInfeasible,
         reason,
         warnings: Vec::new(),
@@ -210,6 +302,7 @@ fn refused(reason: String) -> Plan {
         q_plan: None,
         rank: None,
         tried: 0,
+        tried_poses: Vec::new(),
         residuals: Vec::new(),
         keyframes: Vec::new(),
         trajectory: None,
@@ -217,22 +310,4 @@ fn refused(reason: String) -> Plan {
         collisions: Vec::new(),
         start_overlap: 0.0,
     }
-}
-
-/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
-/// plan has no motion; infinite where nothing is judged within a metre.
-#[must_use]
-pub fn min_clearance(problem: &KeypointProblem, plan: &Plan, step: f64) -> Option<[f64; 3]> {
-    let trajectory = plan.trajectory.as_ref()?;
-    let model = Model::new(&problem.robot, &resting_joints(problem))?;
-    let mut judge = Judge::new(problem, &model);
-    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
-    let due: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
-    let steps = ((trajectory.end() - trajectory.start()) / step).ceil().max(1.0) as usize;
-    for k in 0..=steps {
-        let t = (trajectory.start() + step * k as f64).min(trajectory.end());
-        let stage = 1 + due.iter().filter(|d| **d < t - 1e-9).count();
-        judge.measure(&trajectory.moving(t), stage, &mut out);
-    }
-    Some([out.itself, out.table, out.object])
 }

@@ -1,24 +1,25 @@
 //! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
-use super::attempt::{Attempt, Failure};
-use super::{Plan, refused};
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::{Plan, Request, Status, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::contact::{Hit, Judge, TOUCH};
-use crate::curve::{Curve, Limits, length, rounded};
-use crate::free_space;
+use crate::free_space::{self, NoWay};
 use crate::hand_path::Follower;
-use crate::margins::Margins;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
-use crate::problem::Resolved;
-use crate::trajectory::{Builder, Trajectory};
+use crate::resolve::Resolved;
+use crate::timing::{Builder, CannotStop, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
+use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
 
 /// What has been tried, and the best of it.
 #[derive(Default)]
 struct Trial {
     best: Option<Attempt>,
     tried: usize,
+    /// What became of each pose, where that is asked for.
+    poses: Vec<TriedPose>,
     /// Poses that lack nothing but the free approach, with their ranks.
     again: Vec<(Row, usize)>,
 }
@@ -45,22 +46,59 @@ pub(super) struct Planner<'p> {
     pub model: &'p Model,
     pub resolved: &'p Resolved,
     pub follower: Follower<'p>,
-    pub judge: Judge<'p>,
-    pub limits: Limits,
+    pub world: World<'p>,
+    /// State at the start, the ways from there to where planning begins, and the one that is taken.
+    pub start: Start,
+    pub leads: Vec<Lead>,
+    pub lead: usize,
+    /// What is in the way of all of them, once that was looked at.
+    lead_judged: Option<Option<Hit>>,
+    /// What a trajectory of this problem is built from.
+    pub builder: Builder,
     pub clock: Option<Vec<f64>>,
     /// Where the start leaves what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
+    /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
+    pub entry: usize,
+    pub former: Option<&'p Plan>,
+    explain: bool,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
 /// Clearance (m) of the free approach where the one asked for cannot be kept.
 const TIGHT: f64 = 2e-4;
+/// A smooth curve may take this much of the clearance of its corners (m).
+const CURVED: f64 = 1e-3;
+/// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
+const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
+pub(super) const WIDE: f64 = 0.5;
+pub(super) const NEAR: f64 = 0.04;
 /// Candidates that get the full number.
 const SECOND_CHANCES: usize = 4;
 
 impl<'p> Planner<'p> {
-    pub(super) fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
+    /// # Errors
+    /// No motion from the start stays within the joint limits.
+    pub(super) fn new(
+        problem: &'p KeypointProblem,
+        model: &'p Model,
+        resolved: &'p Resolved,
+        request: &Request<'p>,
+        entry: usize,
+    ) -> Result<Self, CannotStop> {
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
+        let options = &problem.options;
+        let start = Start {
+            position: model.start(),
+            velocity: rates(&options.start_velocity),
+            acceleration: rates(&options.start_acceleration),
+        };
+        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
+        let mut world = World::new(problem, model);
+        world.measure_start(State::still(&model.start()), world.course.toward(entry));
+        world.limit(request.most_checks, request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -68,63 +106,99 @@ impl<'p> Planner<'p> {
             // The config's own check has passed; a start time past its first keyframe ends as TooFast.
             Timing::Config => problem.config.clock(f64::NEG_INFINITY).ok(),
         };
-        Self {
+        Ok(Self {
             problem,
             model,
             resolved,
             follower: Follower::new(problem, model),
-            judge: Judge::new(problem, model),
-            limits: Limits::of(problem, model),
+            world,
+            start,
+            leads,
+            lead: 0,
+            lead_judged: None,
+            builder,
             clock,
             exit: None,
-        }
+            entry,
+            former: request.former,
+            explain: request.explain,
+        })
     }
 
     pub(super) fn full(&self, x: &Row) -> Vec<f64> {
         let mut q = Vec::new();
-        self.model.fill(&self.problem.robot, x, &mut q);
+        self.model.map().positions(x, &mut q);
         q
     }
 
+    /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
+    /// actuation there is no other.
+    pub(super) fn former_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
+        let past = self.entry > self.problem.config.pre.len();
+        let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
+        let mut trial = Trial::default();
+        let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
+        self.try_one(&pose.x, samples, &mut trial);
+        (past || trial.done()).then(|| self.conclude(trial, &pose))
+    }
+
     pub(super) fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
-        let cheapest = found.candidates[0];
         let options = &self.problem.options;
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
-        if !trial.done() && found.used < options.seeds {
-            // The poses that the cheapest one did not need, cheapest first.
-            let more = search.more(found.used, options.seeds);
-            let left = most.saturating_sub(trial.tried);
-            self.try_each(&more, left, samples.min(FIRST_SAMPLES), &mut trial);
-        }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for seed in options.seeds..options.seeds + options.harvest {
-            if trial.done() || extra > most {
+        for start in found.used..found.used + options.harvest {
+            if self.is_done(&trial) || extra > most {
                 break;
             }
-            let Some(c) = search.sample(seed) else { continue };
+            let Some(c) = search.sample(start) else { continue };
             let overlaps = self.try_one(&c.x, samples.min(FIRST_SAMPLES), &mut trial);
             // Poses that overlap something themselves cost next to nothing to turn down.
             extra += usize::from(!overlaps);
         }
         for (x, rank) in std::mem::take(&mut trial.again) {
-            if trial.done() {
+            if self.is_done(&trial) {
                 break;
             }
             let attempt = self.attempt(&x, rank, samples, trial.bar());
-            trial.keep(attempt);
+            self.keep(attempt, &mut trial);
         }
-        let Trial { best, tried, .. } = trial;
+        self.conclude(trial, &found.candidates[0])
+    }
+
+    /// Whether there is nothing more to try: a whole motion is found, or planning has to end.
+    fn is_done(&self, trial: &Trial) -> bool {
+        trial.done() || self.world.is_over()
+    }
+
+    fn keep(&self, attempt: Attempt, trial: &mut Trial) {
+        if self.explain {
+            trial.poses.push(self.explained(&attempt));
+        }
+        trial.keep(attempt);
+    }
+
+    /// What the trials come to; `cheapest` is the pose that obstacles aside would be taken.
+    fn conclude(&mut self, trial: Trial, cheapest: &Candidate) -> Plan {
+        let solved = trial.done();
+        let Trial { best, tried, poses, .. } = trial;
         let mut out = match best {
             Some(attempt) => self.report(attempt),
             None => refused("no actuation pose was tried".to_owned()),
         };
+        if !solved && self.world.is_cancelled() {
+            (out.status, out.reason) = (Status::Cancelled, "planning was cancelled".to_owned());
+        } else if !solved && self.world.is_spent() && out.status != Status::Partial {
+            out.status = Status::NotFound;
+            out.reason = format!("the collision checks are spent; so far {}", out.reason);
+        }
         out.tried = tried;
+        out.tried_poses = poses;
         out.q_actuation = Some(self.full(&cheapest.x));
         out.cost = Some(cheapest.cost);
-        out.start_overlap = self.judge.start_overlap;
+        out.start_overlap = self.world.start_overlap;
         if out.start_overlap > 0.0 {
             out.warnings.push(format!("the robot overlaps something by {:.4} m at the start", out.start_overlap));
         }
@@ -133,7 +207,7 @@ impl<'p> Planner<'p> {
 
     fn try_each(&mut self, candidates: &[Candidate], most: usize, samples: usize, trial: &mut Trial) {
         for c in candidates.iter().take(most) {
-            if trial.done() {
+            if self.is_done(trial) {
                 return;
             }
             self.try_one(&c.x, samples, trial);
@@ -144,62 +218,125 @@ impl<'p> Planner<'p> {
     fn try_one(&mut self, x: &Row, samples: usize, trial: &mut Trial) -> bool {
         let attempt = self.attempt(x, trial.tried, samples, trial.bar());
         trial.tried += 1;
-        let blocked_approach = matches!(attempt.failure, Some(Failure::Blocked { keyframe: 0, .. }));
         let overlaps = attempt.overlaps;
-        if blocked_approach && !overlaps && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES
-        {
+        let not_found = matches!(attempt.failure, Some(Failure::NotFound { .. }));
+        if not_found && samples < self.problem.options.samples && trial.again.len() < SECOND_CHANCES {
             trial.again.push((*x, attempt.rank));
         }
-        trial.keep(attempt);
+        self.keep(attempt, trial);
         overlaps
     }
 
-    /// Free motion from the start to the first keyframe: pieces from rest to rest, and what it hits where hits do not
-    /// count.
-    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), Hit> {
+    /// Free motion from the start to the first keyframe, and what it hits where hits do not count. Pieces end at rest,
+    /// and begin there but for the first of a start under way.
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), NoWay> {
         let n = self.model.n();
-        let start = self.start_after_brake();
-        let near = self.model.pick(&self.model.rest);
-        let braking = self.judge.sweep(&near, &start, 1, &Margins::plain(0.0));
-        let straight = |hit| Ok((vec![vec![start, *goal]], Some(hit)));
-        if let Some(hit) = braking {
-            return if self.problem.options.avoid_collisions { Err(hit) } else { straight(hit) };
+        let leg = self.world.course.toward(self.entry);
+        let braking = self.choose_lead(leg);
+        if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
+            return Err(NoWay::Blocked(hit.clone()));
         }
+        let lead = self.leads[self.lead].clone();
+        let start = lead.rest();
+        let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
-            let hit = self.judge.sweep(&start, goal, 1, &Margins::plain(0.0));
-            return Ok((vec![vec![start, *goal]], hit));
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
+            let way = match turn(&self.builder, &lead, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
+                Some(turned) => vec![turned.waypoints],
+                None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
+            return Ok((way, hit));
         }
         // What overlaps at the start comes apart first, and then stays apart.
-        let out = self.way_out(&start);
+        let out = self.way_out(&start, leg);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
+        pieces.splice(0..0, lead.line());
         let wish = self.problem.options.margin;
-        let (corners, margins) = match self.connect(&begin, goal, wish, out.is_some(), samples) {
-            // The clearance is a wish; a free motion without it is still free.
-            Err(_) if wish > TIGHT => self.connect(&begin, goal, TIGHT, out.is_some(), samples)?,
-            other => other?,
-        };
-        if corners.len() == 2 {
-            pieces.push(corners);
+        let kept = self.margins(&begin, goal, leg, wish, out.is_some()).eased(CURVED);
+        if let Some(way) = self.former_way(&begin, goal, leg, &kept) {
+            let along = |_: &Row, _: f64| way.clone();
+            match self.turned(&way, leg, &kept, along).filter(|_| out.is_none()) {
+                Some(turned) => pieces = vec![turned],
+                None => pieces.push(way),
+            }
             return Ok((pieces, None));
         }
-        // One smooth curve where it stays free, with knots ever closer to the corners; else stop at each corner.
-        let (mut lower, mut upper) = (self.model.lower, self.model.upper);
-        for v in 0..n {
-            lower[v] = lower[v].min(begin[v]).min(goal[v]);
-            upper[v] = upper[v].max(begin[v]).max(goal[v]);
+        let (corners, margins) = match self.connect(&begin, goal, leg, wish, out.is_some(), samples) {
+            // The clearance is a wish; a free motion without it is still free.
+            Err(_) if wish > TIGHT => self.connect(&begin, goal, leg, TIGHT, out.is_some(), samples)?,
+            other => other?,
+        };
+        let from = |end: &Row, spacing: f64| {
+            let mut corners = corners.clone();
+            corners[0] = *end;
+            rounded(n, &corners, spacing, NEAR)
+        };
+        if let Some(turned) = self.turned(&corners, leg, &margins.eased(CURVED), from).filter(|_| out.is_none()) {
+            return Ok((vec![turned], None));
         }
-        for spacing in [0.5, 0.2, 0.08] {
-            let curve = rounded(n, &corners, spacing);
-            let course = Curve::new(n, &curve, &self.limits);
-            if course.keeps_within(&lower, &upper)
-                && self.judge.sweep_along(&course.along(0.05), 1, &margins.eased(1e-3)).is_none()
-            {
-                pieces.push(curve);
-                return Ok((pieces, None));
-            }
+        if corners.len() == 2 {
+            pieces.push(straight(&corners));
+            return Ok((pieces, None));
         }
-        pieces.extend(corners.windows(2).map(<[Row]>::to_vec));
+        match self.rounded(&corners, leg, &margins) {
+            Some(curve) => pieces.push(curve),
+            None => pieces.extend(corners.windows(2).map(straight)),
+        }
         Ok((pieces, None))
+    }
+
+    /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
+    fn rounded(&mut self, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+        let n = self.model.n();
+        let margins = margins.eased(CURVED);
+        SPACINGS
+            .into_iter()
+            .map(|spacing| rounded(n, corners, spacing, NEAR))
+            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, &margins))
+    }
+
+    /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
+    /// such a one is free. `from` gives the waypoints from the end of the turn on, that end first, for a spacing.
+    fn turned(
+        &mut self,
+        way: &[Row],
+        leg: Leg,
+        margins: &Margins,
+        from: impl Fn(&Row, f64) -> Vec<Row>,
+    ) -> Option<Vec<Row>> {
+        let lead = &self.leads[self.lead];
+        let (builder, model, world) = (&self.builder, self.model, &mut self.world);
+        SPACINGS.into_iter().find_map(|spacing| {
+            let free = |path: &Spline| curve_is_free(world, model, path, leg, margins);
+            turn(builder, lead, way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
+                .map(|turned| turned.waypoints)
+        })
+    }
+
+    /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
+    fn margins(&mut self, from: &Row, to: &Row, leg: Leg, clearance: f64, parted: bool) -> Margins {
+        let margins = self.world.margins_between(from, to, leg, clearance);
+        if parted { margins.parted() } else { margins }
+    }
+
+    /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
+    /// none is.
+    fn choose_lead(&mut self, leg: Leg) -> Option<Hit> {
+        if self.lead_judged.is_none() {
+            let mut first = None;
+            for (k, lead) in self.leads.iter().enumerate() {
+                let way = lead.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), leg, &Margins::plain(0.0)) {
+                    None => {
+                        (self.lead, first) = (k, None);
+                        break;
+                    }
+                    Some((_, hit)) => first = first.or(Some(hit)),
+                }
+            }
+            self.lead_judged = Some(first);
+        }
+        self.lead_judged.clone().flatten()
     }
 
     /// Corners of a free motion that keeps a clearance, and the margins that they keep to.
@@ -207,77 +344,31 @@ impl<'p> Planner<'p> {
         &mut self,
         from: &Row,
         to: &Row,
+        leg: Leg,
         clearance: f64,
         parted: bool,
         samples: usize,
-    ) -> Result<(Vec<Row>, Margins), Hit> {
-        let margins = self.judge.margins_between(from, to, 1, clearance);
-        let margins = if parted { margins.parted() } else { margins };
-        let corners = free_space::connect(&mut self.judge, self.model, from, to, 1, &margins, samples)?;
+    ) -> Result<(Vec<Row>, Margins), NoWay> {
+        let margins = self.margins(from, to, leg, clearance, parted);
+        let corners = free_space::connect(&mut self.world, self.model, from, to, leg, &margins, samples)?;
         Ok((corners, margins))
     }
 
     /// A free pose near the start, where that overlaps something and can get out of it.
-    fn way_out(&mut self, start: &Row) -> Option<Row> {
-        if self.judge.start_overlap <= TOUCH {
+    fn way_out(&mut self, start: &Row, leg: Leg) -> Option<Row> {
+        if self.world.start_overlap <= TOUCH {
             return None;
         }
         if self.exit.is_none() {
-            self.exit = Some(free_space::way_out(&mut self.judge, self.model, start, 1));
+            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, leg));
         }
         self.exit.flatten()
     }
+}
 
-    fn start_velocity(&self) -> Row {
-        self.problem.options.start_velocity.as_ref().map_or([0.0; MOST_JOINTS], |v| self.model.pick(v))
-    }
-
-    fn start_after_brake(&self) -> Row {
-        let mut builder = Builder::new(self.model.n(), self.limits, 0.0);
-        builder.brake(&self.model.pick(&self.model.rest), &self.start_velocity())
-    }
-
-    /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
-    pub(super) fn timed(&self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
-        let count = attempt.motions.keyframes.len();
-        let mut times = vec![None; count];
-        let mut builder = Builder::new(self.model.n(), self.limits, self.problem.options.start_time);
-        builder.brake(&self.model.pick(&self.model.rest), &self.start_velocity());
-        let due = |keyframe: usize| self.clock.as_ref().map(|c| c[keyframe]);
-        let late = |keyframe: usize, builder: &Builder, needed: f64| {
-            let allowed = due(keyframe).map_or(0.0, |d| d - builder.now());
-            Failure::TooFast { keyframe, allowed, needed }
-        };
-        let pieces = attempt.approach.len();
-        let lengths: Vec<f64> = attempt.approach.iter().map(|p| length(self.model.n(), p)).collect();
-        let total: f64 = lengths.iter().sum();
-        let begin = builder.now();
-        let mut gone = 0.0;
-        for (k, piece) in attempt.approach.iter().enumerate() {
-            gone += lengths[k];
-            // Pieces share the time by their length.
-            let end =
-                due(0).map(|d| if k + 1 == pieces || total == 0.0 { d } else { begin + (d - begin) * gone / total });
-            builder.push(piece, end).map_err(|needed| late(0, &builder, needed))?;
-        }
-        times[0] = Some(builder.now());
-        for (i, waypoints) in attempt.paths.iter().enumerate() {
-            if waypoints.len() < 2 {
-                break;
-            }
-            let whole = i < attempt.motions.actuation + attempt.after.0;
-            // A part of a path takes its part of the time.
-            let end = due(i + 1).map(|d| if whole { d } else { builder.now() + (d - builder.now()) * attempt.after.1 });
-            builder.push(waypoints, end).map_err(|needed| late(i + 1, &builder, needed))?;
-            if whole {
-                times[i + 1] = Some(builder.now());
-            }
-        }
-        Ok((builder.build(&self.model.indices, &self.model.rest), times))
-    }
-
-    pub(super) fn too_fast(&self, attempt: &Attempt) -> Option<Failure> {
-        self.clock.as_ref()?;
-        self.timed(attempt).err()
-    }
+/// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
+fn curve_is_free(world: &mut World<'_>, model: &Model, path: &Spline, leg: Leg, margins: &Margins) -> bool {
+    let all = 0..path.intervals();
+    path.keeps_within(all.clone(), &model.lower, &model.upper)
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), leg, margins).is_none()
 }

@@ -2,9 +2,10 @@
 
 use gensim2_geometry::{Pose, pose_to_matrix};
 
-use super::attempt::{Attempt, Failure};
+use super::attempt::Attempt;
+use super::failure::Failure;
 use super::planner::Planner;
-use super::{Collision, KeyframeReport, Plan, Residual, Status, refused};
+use super::{Collision, KeyframeReport, Plan, Residual, Status, TriedPose, refused};
 use crate::model::Row;
 use crate::motion::{Motions, motions};
 
@@ -32,7 +33,7 @@ impl Planner<'_> {
 
     pub(super) fn infeasible(&mut self, best_effort: Option<Row>) -> Plan {
         let mut out = refused("no joint values meet the constraints".to_owned());
-        out.start_overlap = self.judge.start_overlap;
+        out.start_overlap = self.world.start_overlap;
         if let Some(x) = best_effort {
             out.q_best_effort = Some(self.full(&x));
             out.residuals = self.residuals(&x);
@@ -76,7 +77,11 @@ impl Planner<'_> {
         out.reached_fraction = if after == 0 { 1.0 } else { (attempt.after.0 as f64 + attempt.after.1) / after as f64 };
         let paths = &attempt.paths;
         out.keyframes = keyframe_reports(&attempt.motions, |k| {
-            let reached = if k <= act { k == act || !paths[k].is_empty() } else { k - act <= attempt.after.0 };
+            let reached = if k <= act {
+                k == act || k < attempt.first || !paths[k].is_empty()
+            } else {
+                k - act <= attempt.after.0
+            };
             (times[k], reached)
         });
         for (k, hit) in &attempt.hits {
@@ -88,35 +93,25 @@ impl Planner<'_> {
                 point: [hit.at.x, hit.at.y, hit.at.z],
             });
         }
-        let (status, reason) = match &attempt.failure {
-            None => (Status::Solved, "the whole motion is reachable and free".to_owned()),
-            Some(Failure::Unreachable { keyframe, fraction }) => (
-                Status::Unreachable,
-                format!("{} is out of reach: the hand gets {:.0} % of the way", label(*keyframe), 100.0 * fraction),
-            ),
-            Some(Failure::Blocked { keyframe, hit }) => (
-                Status::Collision,
-                format!(
-                    "{} and {} come within {:.4} m on the way to {}, at ({:.3}, {:.3}, {:.3})",
-                    hit.first,
-                    hit.second,
-                    hit.distance,
-                    label(*keyframe),
-                    hit.at.x,
-                    hit.at.y,
-                    hit.at.z
-                ),
-            ),
-            Some(Failure::TooFast { keyframe, allowed, needed }) => (
-                Status::TooFast,
-                format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe)),
-            ),
-        };
+        let (status, reason) = outcome(&attempt);
         let partial = attempt.failure.is_some() && trajectory.is_some();
         out.status = if partial { Status::Partial } else { status };
         out.reason = reason;
         out.trajectory = trajectory;
         out
+    }
+
+    /// What became of one pose.
+    pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
+        let (status, reason) = outcome(attempt);
+        TriedPose { q: self.full(&attempt.x), rank: attempt.rank, status, reason }
+    }
+}
+
+fn outcome(attempt: &Attempt) -> (Status, String) {
+    match &attempt.failure {
+        None => (Status::Solved, "the whole motion is reachable and free".to_owned()),
+        Some(failure) => (failure.status(), failure.reason(|k| attempt.motions.keyframes[k].label.clone())),
     }
 }
 

@@ -1,0 +1,104 @@
+"""Which bodies may touch during which part of a motion, by their roles: docs/solver.md, "What may touch"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from judge import Pair
+from mechanism import Mechanism, MovingJoint, motion
+from parts import Moved, Part
+
+Array = np.ndarray
+
+
+@dataclass
+class Obstacle:
+    """A rigid body of a scene: ``role`` is table, object_body, moving_link, rigid, target or attached.
+
+    ``pose`` (4, 4) is in the base frame; of an attached body, in the hand frame.
+    """
+
+    name: str
+    role: str
+    parts: list[Part]
+    pose: Array
+
+
+@dataclass
+class Hinge:
+    """The object's joint in the base frame: it turns about, or slides along, ``axis`` (3,) through ``origin`` (3,)."""
+
+    turns: bool
+    origin: Array
+    axis: Array
+
+    def moved(self, pose: Array, travel: Array) -> Array:
+        """Poses (M, 4, 4) of a body that is at ``pose`` where the joint has not moved, after ``travel`` (M,)."""
+        joint = MovingJoint("", self.turns, self.axis, -np.inf, np.inf, np.inf)
+        there = np.eye(4)
+        there[:3, 3] = self.origin
+        return there @ motion(joint, travel) @ np.linalg.inv(there) @ pose
+
+
+@dataclass
+class Clock:
+    """When the contact rules change, and how far the object's joint has moved.
+
+    Attributes:
+        touching_from: from then on hand and fingers may touch the moving link, seconds.
+        moving_from: from then on that link moves, seconds.
+        hinge: its joint.
+        travel: (M,) rad or m at the times that are looked at, NaN where nobody can tell; None throughout.
+    """
+
+    touching_from: float
+    moving_from: float
+    hinge: Hinge | None = None
+    travel: Array | None = None
+
+
+def judged_pairs(
+    arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array
+) -> list[tuple[str, Pair]]:
+    """Every pair that is judged somewhere along a motion, with its group: self, table or object.
+
+    Args:
+        arm: the robot.
+        obstacles: the scene.
+        clock: of the contact rules.
+        times: (M,) seconds.
+        q: (M, n) joint vectors at those times.
+    """
+    placed = arm.place(q)
+    links = {name: Moved(name, arm.parts[name], placed[name]) for name in arm.parts}
+    held = [
+        Moved(each.name, each.parts, placed[arm.hand_link] @ each.pose) for each in obstacles if each.role == "attached"
+    ]
+    always = np.ones(len(times), dtype=bool)
+    pairs = [("self", Pair(links[one], links[two], always)) for one, two in arm.self_pairs]
+    carried = arm.movers(arm.hand_link)
+    free_links = [name for name in arm.parts if name not in arm.gripper_links]
+    for body in held:
+        pairs += [("self", Pair(body, links[name], always)) for name in free_links if arm.movers(name) != carried]
+    movers = [links[name] for name in arm.moving_links] + held
+    for obstacle in obstacles:
+        if obstacle.role == "attached":
+            continue
+        still = Moved(obstacle.name, obstacle.parts, obstacle.pose[None])
+        group = "table" if obstacle.role == "table" else "object"
+        for body in movers:
+            grips = body.name in arm.gripper_links
+            if obstacle.role == "target" and (grips or body in held):
+                continue
+            judged = always
+            if obstacle.role == "moving_link":
+                judged = times < (clock.touching_from if grips else clock.moving_from)
+            pairs.append((group, Pair(body, still, judged)))
+        if obstacle.role == "moving_link" and clock.hinge is not None and clock.travel is not None:
+            known = (times >= clock.moving_from) & ~np.isnan(clock.travel)
+            poses = clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel))
+            gone = Moved(obstacle.name, obstacle.parts, poses)
+            pairs += [(group, Pair(body, gone, known)) for body in [links[name] for name in free_links] + held]
+    return pairs

@@ -1,0 +1,332 @@
+"""Any URDF arm for the checks: tree by NumPy for whole motions at once, collision parts for coal, Pinocchio beside it.
+
+Nothing here knows gensim2's solver. Joint vectors follow the order of the URDF's joints; fixed joints are left out.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import trimesh
+from parts import Part, hull, part, shape_distance, transform
+
+Array = np.ndarray
+
+#: Links nearer than this at the middle of all joint ranges count as touching there (m), as far as rounding may tell.
+TOUCHING = 1e-3
+
+
+@dataclass(frozen=True)
+class MovingJoint:
+    """A joint that moves: revolute (rad, continuous ones without limits) or prismatic (m)."""
+
+    name: str
+    turns: bool
+    axis: Array
+    lower: float
+    upper: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """``value = factor * value of source + offset``; the source is no mimic itself."""
+
+    source: int
+    factor: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class TreeLink:
+    """A link with its joint frame in the parent; parents come first."""
+
+    name: str
+    parent: int
+    origin: Array
+    joint: int
+
+
+def numbers(text: str | None, default: str) -> Array:
+    """The numbers of an attribute."""
+    return np.array([float(value) for value in (text or default).split()])
+
+
+def pose_of(element: ElementTree.Element | None) -> Array:
+    """(4, 4) of an ``origin`` element."""
+    pose = np.eye(4)
+    if element is not None:
+        pose[:3, :3] = pin.rpy.rpyToMatrix(*numbers(element.get("rpy"), "0 0 0"))
+        pose[:3, 3] = numbers(element.get("xyz"), "0 0 0")
+    return pose
+
+
+def collision_part(element: ElementTree.Element, folder: Path) -> Part:
+    """The coal shape of a ``collision`` element; meshes become their convex hulls."""
+    geometry = element.find("geometry")
+    assert geometry is not None
+    kind = geometry[0]
+    pose = pose_of(element.find("origin"))
+    if kind.tag == "box":
+        return part(coal.Box(*numbers(kind.get("size"), "")), pose)
+    if kind.tag == "sphere":
+        return part(coal.Sphere(float(kind.get("radius", ""))), pose)
+    if kind.tag in ("cylinder", "capsule"):
+        shape = coal.Cylinder if kind.tag == "cylinder" else coal.Capsule
+        return part(shape(float(kind.get("radius", "")), float(kind.get("length", ""))), pose)
+    points = np.asarray(trimesh.load(mesh_file(kind.get("filename", ""), folder), force="mesh").vertices)
+    shape = hull(points * numbers(kind.get("scale"), "1 1 1"))
+    assert shape is not None
+    return part(shape, pose)
+
+
+def mesh_file(name: str, folder: Path) -> Path:
+    """Where a mesh lies: beside the URDF or, for ``package://``, in a folder above it."""
+    plain = name.removeprefix("file://")
+    if not plain.startswith("package://"):
+        return folder / plain
+    inside = plain.removeprefix("package://")
+    for above in (folder, *folder.parents):
+        for candidate in (above / inside, above / inside.partition("/")[2]):
+            if candidate.is_file():
+                return candidate
+    raise FileNotFoundError(name)
+
+
+class Mechanism:
+    """A robot from URDF text.
+
+    Args:
+        text: the URDF.
+        folder: where relative mesh paths begin.
+        hand: name of the hand link.
+        srdf: SRDF text; without one, neighbours and links that touch at the middle of all ranges are not judged.
+        base: name of the base link; what is not below it is left out. By default the root.
+    """
+
+    def __init__(self, text: str, folder: Path, hand: str, srdf: str | None = None, base: str | None = None) -> None:
+        root = ElementTree.fromstring(text)
+        if base is not None:
+            keep_below(root, base)
+            text = ElementTree.tostring(root, encoding="unicode")
+        self.text, self.hand_link = text, hand
+        moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
+        self.joints = [_moving_joint(joint) for joint in moving]
+        self.joint_names = [joint.name for joint in self.joints]
+        self.lower = np.array([joint.lower for joint in self.joints])
+        self.upper = np.array([joint.upper for joint in self.joints])
+        self.velocity = np.array([joint.velocity for joint in self.joints])
+        self.links = _tree(root, self.joint_names)
+        self.index = {link.name: index for index, link in enumerate(self.links)}
+        self.couplings = _couplings(moving, self.joint_names)
+        self.parts: dict[str, list[Part]] = {}
+        for link in root.findall("link"):
+            parts = [collision_part(element, folder) for element in link.findall("collision")]
+            if parts:
+                self.parts[link.get("name", "")] = parts
+        #: links with shapes that some joint moves
+        self.moving_links = [name for name in self.parts if self.movers(name)]
+        #: the hand and what is below it; where that is a bare frame, with the link that carries it
+        self.gripper_links = {link.name for link in self.links if self._holder() in self.above(link.name)}
+        self.self_pairs = self._judged_pairs(srdf)
+
+    def above(self, name: str) -> list[str]:
+        """A link and those between it and the base, the base last."""
+        found, index = [], self.index[name]
+        while index >= 0:
+            found.append(self.links[index].name)
+            index = self.links[index].parent
+        return found
+
+    def _holder(self) -> str:
+        """The hand or, where that has no shapes, the link with shapes that carries it rigidly, if there is one."""
+        for name in self.above(self.hand_link):
+            if name in self.parts:
+                return name
+            if self.links[self.index[name]].joint >= 0:
+                break
+        return self.hand_link
+
+    def movers(self, name: str) -> frozenset[int]:
+        """Independent joints that move a link."""
+        joints = {self.links[self.index[each]].joint for each in self.above(name)} - {-1}
+        return frozenset(self.couplings[j].source if j in self.couplings else j for j in joints)
+
+    def coupled(self, q: Array) -> Array:
+        """Joint vectors (..., n) with every mimic joint where its source puts it."""
+        q = np.array(q, dtype=float)
+        for joint, coupling in self.couplings.items():
+            q[..., joint] = coupling.factor * q[..., coupling.source] + coupling.offset
+        return q
+
+    def place(self, q: Array) -> dict[str, Array]:
+        """Poses (M, 4, 4) of every link in the base frame at joint vectors (M, n)."""
+        placed: list[Array] = []
+        for link in self.links:
+            if link.parent < 0:
+                placed.append(np.broadcast_to(np.eye(4), (len(q), 4, 4)))
+                continue
+            frame = placed[link.parent] @ link.origin
+            placed.append(frame if link.joint < 0 else frame @ motion(self.joints[link.joint], q[:, link.joint]))
+        return {link.name: pose for link, pose in zip(self.links, placed, strict=True)}
+
+    def hand_poses(self, q: Array) -> Array:
+        """Poses (M, 4, 4) of the hand at joint vectors (M, n)."""
+        return self.place(np.atleast_2d(q))[self.hand_link]
+
+    def pinocchio(self) -> pin.Model:
+        """Pinocchio's model, every joint independent; its joint order is its own."""
+        root = ElementTree.fromstring(re.sub(r"<mimic[^>]*/>", "", self.text))
+        for link in root.findall("link"):
+            for element in list(link):
+                link.remove(element)
+        for joint in root.findall("joint"):
+            limit = joint.find("limit")
+            if joint.get("type") == "continuous":
+                joint.set("type", "revolute")
+                limit = None
+            if limit is None and joint.get("type") != "fixed":
+                for old in joint.findall("limit"):
+                    joint.remove(old)
+                ElementTree.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1", velocity="1")
+        return pin.buildModelFromXML(ElementTree.tostring(root, encoding="unicode"))
+
+    def disagreement(self, q: Array) -> float:
+        """Largest difference (m, or entry of a rotation) from Pinocchio's link poses at joint vectors (M, n)."""
+        model = self.pinocchio()
+        data, worst = model.createData(), 0.0
+        order = [self.joint_names.index(name) for name in list(model.names)[1:]]
+        placed = self.place(q)
+        for row, values in enumerate(q):
+            pin.framesForwardKinematics(model, data, values[order])
+            for name, poses in placed.items():
+                worst = max(worst, float(np.abs(data.oMf[model.getFrameId(name)].homogeneous - poses[row]).max()))
+        return worst
+
+    def _judged_pairs(self, srdf: str | None) -> list[tuple[str, str]]:
+        """Pairs of links that may not touch: they move against each other and nothing says that they may."""
+        disabled: set[frozenset[str | None]] = set()
+        if srdf is not None:
+            entries = ElementTree.fromstring(srdf).findall("disable_collisions")
+            disabled |= {frozenset((entry.get("link1"), entry.get("link2"))) for entry in entries}
+        for link in self.links:
+            for name in self.above(link.name)[1:]:
+                disabled.add(frozenset((link.name, name)))
+                if name in self.parts:
+                    break
+        limited = np.isfinite(self.lower) & np.isfinite(self.upper)
+        middle = np.where(limited, 0.5 * (np.where(limited, self.lower, 0.0) + np.where(limited, self.upper, 0.0)), 0.0)
+        placed = self.place(middle[None])
+        names, found = list(self.parts), []
+        for index, one in enumerate(names):
+            for two in names[index + 1 :]:
+                if frozenset((one, two)) in disabled or self.movers(one) == self.movers(two):
+                    continue
+                if srdf is None and touches(self.parts[one], placed[one][0], self.parts[two], placed[two][0]):
+                    continue
+                found.append((one, two))
+        return found
+
+
+def keep_below(root: ElementTree.Element, base: str) -> None:
+    """Remove the links and joints of a URDF that are not below a link."""
+    kept, joints = {base}, root.findall("joint")
+    for _ in joints:
+        kept |= {link_of(joint, "child") for joint in joints if link_of(joint, "parent") in kept}
+    for joint in joints:
+        if link_of(joint, "parent") not in kept:
+            root.remove(joint)
+    for link in root.findall("link"):
+        if link.get("name") not in kept:
+            root.remove(link)
+
+
+def link_of(joint: ElementTree.Element, which: str) -> str:
+    """Name of a joint's parent or child link."""
+    element = joint.find(which)
+    assert element is not None
+    return element.get("link", "")
+
+
+def touches(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:
+    """Whether two bodies come within ``TOUCHING``."""
+    return any(
+        shape_distance(a.shape, transform(at_one @ a.pose), b.shape, transform(at_two @ b.pose)) < TOUCHING
+        for a in ones
+        for b in twos
+    )
+
+
+def _moving_joint(element: ElementTree.Element) -> MovingJoint:
+    kind, limit = element.get("type"), element.find("limit")
+    axis = element.find("axis")
+    direction = numbers(None if axis is None else axis.get("xyz"), "1 0 0")
+    get = (lambda name: float(limit.get(name, "0"))) if limit is not None else (lambda name: 0.0)
+    bounded = kind != "continuous"
+    return MovingJoint(
+        element.get("name", ""),
+        kind != "prismatic",
+        direction / np.linalg.norm(direction),
+        get("lower") if bounded else -np.inf,
+        get("upper") if bounded else np.inf,
+        get("velocity") or np.inf,
+    )
+
+
+def _tree(root: ElementTree.Element, moving: list[str]) -> list[TreeLink]:
+    joints = {link_of(joint, "child"): joint for joint in root.findall("joint")}
+    waiting = [link.get("name", "") for link in root.findall("link")]
+    links: list[TreeLink] = []
+    index: dict[str, int] = {}
+    while waiting:
+        name = waiting.pop(0)
+        joint = joints.get(name)
+        if joint is None:
+            index[name] = len(links)
+            links.append(TreeLink(name, -1, np.eye(4), -1))
+            continue
+        parent = link_of(joint, "parent")
+        if parent not in index:
+            waiting.append(name)
+            continue
+        index[name] = len(links)
+        at = moving.index(joint.get("name", "")) if joint.get("name") in moving else -1
+        links.append(TreeLink(name, index[parent], pose_of(joint.find("origin")), at))
+    return links
+
+
+def _couplings(moving: list[ElementTree.Element], names: list[str]) -> dict[int, Coupling]:
+    """Mimic joints by their place, each referred to the independent joint that it follows in the end."""
+    raw: dict[int, Coupling] = {}
+    for index, joint in enumerate(moving):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            factor, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+            raw[index] = Coupling(names.index(mimic.get("joint", "")), factor, offset)
+    found = {}
+    for index, coupling in raw.items():
+        source, factor, offset = coupling.source, coupling.factor, coupling.offset
+        while source in raw:
+            step = raw[source]
+            source, factor, offset = step.source, factor * step.factor, factor * step.offset + offset
+        found[index] = Coupling(source, factor, offset)
+    return found
+
+
+def motion(joint: MovingJoint, values: Array) -> Array:
+    """(M, 4, 4) of the child in the joint frame."""
+    out = np.broadcast_to(np.eye(4), (len(values), 4, 4)).copy()
+    if not joint.turns:
+        out[:, :3, 3] = values[:, None] * joint.axis
+        return out
+    x, y, z = joint.axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, versine = np.sin(values)[:, None, None], (1.0 - np.cos(values))[:, None, None]
+    out[:, :3, :3] += sine * cross + versine * (cross @ cross)
+    return out

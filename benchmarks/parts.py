@@ -1,0 +1,184 @@
+"""Convex parts for coal, and the least distance of two bodies along a motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import trimesh
+
+Array = np.ndarray
+
+#: Flat point sets are thickened to this, metres.
+FLAT = 5e-4
+#: Least distances along a motion are found up to this, metres.
+RESOLUTION = 2e-4
+#: Samples that are looked at together while nothing is near.
+CHUNK = 128
+
+
+def transform(pose: Array) -> coal.Transform3s:
+    """(4, 4) as coal's transform."""
+    return coal.Transform3s(np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3]))
+
+
+def hull(points: Array) -> coal.ConvexBase | None:
+    """Convex hull of (N, 3) points; a flat set is thickened to 0.5 mm; None where there is no area."""
+    if len(points) < 3:
+        return None
+    center = points.mean(axis=0)
+    axes = np.linalg.svd(points - center, full_matrices=False)[2]
+    if len(axes) < 3:
+        axes = np.vstack([axes, np.cross(axes[0], axes[1])])
+    spread = np.ptp((points - center) @ axes.T, axis=0)
+    if spread[1] < 1e-6:
+        return None
+    if spread[2] < FLAT:
+        shift = 0.5 * (FLAT - spread[2]) * axes[2]
+        points = np.concatenate([points + shift, points - shift])
+    solid = trimesh.convex.convex_hull(points)
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend([np.asarray(vertex, dtype=float) for vertex in solid.vertices])
+    triangles = coal.StdVec_Triangle()
+    triangles.extend([coal.Triangle(*(int(corner) for corner in face)) for face in solid.faces])
+    return coal.Convex(vertices, triangles)
+
+
+@dataclass
+class Part:
+    """A convex shape at a pose in its body.
+
+    ``center`` and ``radius`` bound it by a sphere, ``corners`` (8, 3) by a box, both in the body frame; ``points`` are
+    points whose hull holds it.
+    """
+
+    shape: Any
+    pose: Array
+    center: Array
+    radius: float
+    points: Array
+    corners: Array
+
+
+def part(shape: Any, pose: Array) -> Part:
+    """Wrap a coal shape."""
+    signs = np.array(np.meshgrid(*([[-1.0, 1.0]] * 3))).reshape(3, -1).T
+    if isinstance(shape, coal.Convex):
+        points = np.array([np.asarray(shape.point(index)).reshape(3) for index in range(shape.num_points)])
+    else:
+        if isinstance(shape, coal.Box):
+            half = np.asarray(shape.halfSide).reshape(3)
+        elif isinstance(shape, coal.Sphere):
+            half = np.full(3, shape.radius)
+        else:
+            cap = shape.radius if isinstance(shape, coal.Capsule) else 0.0
+            half = np.array([shape.radius, shape.radius, shape.halfLength + cap])
+        points = signs * half
+    points = points @ pose[:3, :3].T + pose[:3, 3]
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = 0.5 * (low + high)
+    radius = float(np.linalg.norm(points - center, axis=1).max())
+    if isinstance(shape, coal.Sphere):
+        radius = float(shape.radius)
+    return Part(shape, pose, center, radius, points, center + 0.5 * signs * (high - low))
+
+
+REQUEST = coal.DistanceRequest()
+REQUEST.enable_signed_distance = True
+REQUEST.enable_nearest_points = True
+
+
+def shape_distance(one: Any, at_one: Any, two: Any, at_two: Any) -> float:
+    """Signed distance in metres of two convex shapes; minus the penetration depth where they overlap."""
+    return float(coal.distance(one, at_one, two, at_two, REQUEST, coal.DistanceResult()))
+
+
+@dataclass
+class Moved:
+    """A body along a motion: its poses are (M, 4, 4), or (1, 4, 4) where it stands still."""
+
+    name: str
+    parts: list[Part]
+    poses: Array
+
+
+def inverted(poses: Array) -> Array:
+    """Inverses of rigid poses (M, 4, 4)."""
+    out = np.zeros_like(poses)
+    out[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
+    out[:, :3, 3] = -(out[:, :3, :3] @ poses[:, :3, 3, None])[..., 0]
+    out[:, 3, 3] = 1.0
+    return out
+
+
+def least_distance(one: Moved, two: Moved, samples: Array, cutoff: float) -> tuple[float, int] | None:
+    """The least signed distance of two bodies over some samples of a motion, where it is below ``cutoff``.
+
+    Args:
+        one, two: the bodies; the first one moves.
+        samples: (K,) increasing sample numbers.
+        cutoff: what is not nearer than this does not count, metres.
+
+    Returns:
+        Distance in metres, up to ``RESOLUTION``, and the sample where it occurs.
+    """
+    if len(samples) == 0 or not one.parts or not two.parts:
+        return None
+    still = len(two.poses) == 1
+    poses = one.poses[samples]
+    others = two.poses if still else two.poses[samples]
+    centers = np.array([each.center for each in two.parts])
+    radii = np.array([each.radius for each in two.parts])
+    best, at = cutoff, -1
+    relative: Array | None = None
+    for each in one.parts:
+        middle = poses[:, :3, :3] @ each.center + poses[:, :3, 3]
+        # The middle in the frame of the other body, where that stands still: (K, 3).
+        turns = others[:, :3, :3].transpose(0, 2, 1)
+        local = (turns @ (middle - others[:, :3, 3])[..., None])[..., 0]
+        for index, other in enumerate(two.parts):
+            low, high = other.corners[0], other.corners[-1]
+            low, high = np.minimum(low, high), np.maximum(low, high)
+            gap = np.maximum(np.maximum(low - local, local - high), 0.0)
+            bound = np.maximum(
+                np.sqrt((gap * gap).sum(axis=1)),
+                np.sqrt(((local - centers[index]) ** 2).sum(axis=1)) - radii[index],
+            )
+            near = np.flatnonzero(bound - each.radius < best)
+            if len(near) == 0:
+                continue
+            if relative is None:
+                relative = np.broadcast_to(inverted(others), (len(samples), 4, 4)) @ poses
+            best, found = _least_of_parts(each, other, relative[near], best)
+            if found >= 0:
+                at = int(samples[near[found]])
+    return None if at < 0 else (best, at)
+
+
+def _least_of_parts(one: Part, two: Part, relative: Array, best: float) -> tuple[float, int]:
+    """As :func:`least_distance` for two parts; poses (K, 4, 4) of the first one's body in the second one's.
+
+    No point of a part moves further than some corner of a box around it, so a distance bounds those at other samples.
+    """
+    placed = relative[:, None, :3, :3] @ one.corners[None, :, :, None]
+    corners = placed[..., 0] + relative[:, None, :3, 3]
+    shapes = relative @ one.pose
+    fixed = transform(two.pose)
+    at, sample, count = -1, 0, len(relative)
+    while sample < count:
+        distance = shape_distance(one.shape, transform(shapes[sample]), two.shape, fixed)
+        if distance < best:
+            best, at = distance, sample
+        # Until something has moved so far that it may be nearer than the nearest so far.
+        room = distance - best + RESOLUTION
+        begin, sample = sample, sample + 1
+        while sample < count:
+            moved = corners[sample : sample + CHUNK] - corners[begin]
+            far = np.flatnonzero((moved * moved).sum(axis=2).max(axis=1) > room * room)
+            if len(far):
+                sample += int(far[0])
+                break
+            sample += CHUNK
+    return best, at

@@ -1,0 +1,269 @@
+"""Any emitted trajectory against its problem, by other code than the planner's: limits, mimics, ends, collisions.
+
+The problem comes as plain values (:class:`Question`), so that nothing of the planner's own reading is trusted. Rates
+are finite differences of positions alone. Collisions are looked for at steps of 1 mm of any corner of any link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from contacts import Clock, Hinge, Obstacle, judged_pairs
+from judge import judge, refine, thin
+from mechanism import Mechanism
+
+Array = np.ndarray
+
+#: Rounding of positions, rad or m.
+ROUNDING = 1e-9
+#: Rates may exceed their limits by this share.
+RATE_SLACK = 1e-6
+#: Keyframes may be missed by this, metres and entries of a rotation.
+KEYFRAME_SLACK = 1e-3
+#: Seconds between the samples that rates are taken from, and the least and largest number of those.
+SAMPLE_STEP, FEWEST, MOST = 2e-3, 400, 6000
+
+
+class Motion(Protocol):
+    """What the planner emits."""
+
+    @property
+    def times(self) -> Array: ...
+    @property
+    def duration(self) -> float: ...
+    def sample_every(self, dt: float) -> Array: ...
+    def sample(self, t: float) -> tuple[Array, Array, Array]: ...
+
+
+@dataclass
+class Question:
+    """A planning problem as plain values; joint vectors (n,) in the order of the URDF's joints.
+
+    ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. ``hinge`` is
+    the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the config's
+    post-actuation motions.
+    """
+
+    arm: Mechanism
+    q_start: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    start_velocity: Array
+    start_acceleration: Array
+    obstacles: Sequence[Obstacle] = ()
+    grasps: bool = False
+    hinge: Hinge | None = None
+    contact: Array = field(default_factory=lambda: np.zeros(3))
+    after: Sequence[Any] = ()
+
+
+@dataclass
+class Answer:
+    """What a plan says: its keyframes in time as (label, seconds or None, hand pose, reached), and its motion."""
+
+    keyframes: list[tuple[str, float | None, Array, bool]]
+    motion: Motion
+    whole: bool
+
+
+@dataclass
+class Verdict:
+    """What was found: nothing wrong where ``errors`` is empty."""
+
+    errors: list[str] = field(default_factory=list)
+    looks: int = 0
+    least_mm: float = np.inf
+
+
+def answer_of(plan: Any) -> Answer:
+    """The emitted plan as plain values."""
+    frames = [
+        (each["label"], each["time"], np.asarray(each["T_base_hand"]), each["reached"]) for each in plan.keyframes
+    ]
+    return Answer(frames, plan.trajectory, plan.status == "solved")
+
+
+def fine_samples(motion: Motion) -> tuple[Array, Array]:
+    """Times (M,) and positions (M, n) at even steps of time."""
+    count = int(np.clip(motion.duration / SAMPLE_STEP, FEWEST, MOST))
+    step = motion.duration / count
+    positions = motion.sample_every(step * (1.0 + 1e-12))[: count + 1]
+    return motion.times[0] + step * np.arange(len(positions)), positions
+
+
+def recheck(question: Question, answer: Answer) -> Verdict:
+    """Find all that is wrong with an emitted motion."""
+    verdict = Verdict()
+    times, q = fine_samples(answer.motion)
+    if q.shape[1:] != question.q_start.shape or not np.isfinite(q).all():
+        verdict.errors.append("positions are not finite numbers, one a joint")
+        return verdict
+    verdict.errors += start_errors(question, q[0])
+    verdict.errors += limit_errors(question, q)
+    if answer.motion.duration > 0.0:
+        verdict.errors += rate_errors(question, answer, times, q)
+    verdict.errors += keyframe_errors(question, answer)
+    verdict.errors += overlaps(question, answer, times, q, verdict)
+    return verdict
+
+
+def start_errors(question: Question, first: Array) -> list[str]:
+    """A start that is not the present one."""
+    off = np.abs(first - question.q_start)
+    return [f"starts {off[j]:.2e} from q_start at {name}" for j, name in named(question, off > ROUNDING)]
+
+
+def limit_errors(question: Question, q: Array) -> list[str]:
+    """Joints that leave their limits, mimic joints by their own, and mimic joints that leave their sources.
+
+    What lies outside its limits at the start may come back in.
+    """
+    arm = question.arm
+    over = np.maximum(np.minimum(arm.lower, question.q_start) - q, q - np.maximum(arm.upper, question.q_start)).max(
+        axis=0
+    )
+    errors = [f"{name} leaves its limits by {over[j]:.5f}" for j, name in named(question, over > ROUNDING)]
+    stray = np.abs(arm.coupled(q) - q).max(axis=0)
+    return errors + [f"{name} strays {stray[j]:.5f} from its source" for j, name in named(question, stray > ROUNDING)]
+
+
+def rate_errors(question: Question, answer: Answer, times: Array, q: Array) -> list[str]:
+    """Velocity, acceleration and jerk by differences, and those at both ends.
+
+    Divided differences are means of the derivative over their interval, so a motion that keeps a limit keeps it there.
+    """
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    errors = []
+    rates = q
+    names = ("velocity", "acceleration", "jerk")
+    limits = (question.velocity, question.acceleration, question.jerk)
+    scale = 1.0 + np.abs(q).max(axis=0)
+    differences = []
+    for order, (name, limit) in enumerate(zip(names, limits, strict=True), start=1):
+        rates = np.diff(rates, axis=0) / step
+        differences.append(rates)
+        noise = 4e-16 * 2.0**order * scale / step**order
+        reached = np.abs(rates).max(axis=0)
+        errors += [
+            f"{joint}: {name} {reached[j]:.5g} over {limit[j]:.5g}"
+            for j, joint in named(question, reached > limit * (1.0 + RATE_SLACK) + noise + ROUNDING)
+        ]
+    # The first difference is the velocity half a step on, the second the acceleration one step on.
+    velocity, acceleration = differences[0], differences[1]
+    near = 0.5 * question.acceleration * step + 1e-6
+    off = np.abs(velocity[0] - question.start_velocity)
+    errors += [
+        f"{joint} starts at {velocity[0][j]:.5g}, not {question.start_velocity[j]:.5g} per s"
+        for j, joint in named(question, off > near)
+    ]
+    noise = 4e-15 * scale / step**2
+    off = np.abs(acceleration[0] - question.start_acceleration)
+    errors += [
+        f"{joint} starts at acceleration {acceleration[0][j]:.5g}, not {question.start_acceleration[j]:.5g}"
+        for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)
+    ]
+    errors += [f"{joint} ends at {velocity[-1][j]:.5g} per s" for j, joint in named(question, abs(velocity[-1]) > near)]
+    off = np.abs(acceleration[-1])
+    errors += [
+        f"{joint} ends at acceleration {acceleration[-1][j]:.5g}"
+        for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)
+    ]
+    acts = [time for label, time, _, reached in answer.keyframes if label == "actuation" and reached]
+    if question.grasps and acts and acts[0] is not None:
+        speed = np.abs(answer.motion.sample(acts[0])[1])
+        errors += [
+            f"{joint} moves at {speed[j]:.5g} per s where the gripper acts"
+            for j, joint in named(question, speed > 1e-6)
+        ]
+    return errors
+
+
+def keyframe_errors(question: Question, answer: Answer) -> list[str]:
+    """Keyframes that are missed, out of order, or claimed and not reached."""
+    errors, last = [], -np.inf
+    for label, time, pose, reached in answer.keyframes:
+        if not reached:
+            if answer.whole:
+                errors.append(f"solved, but {label} is not reached")
+            continue
+        if time is None or time < last:
+            errors.append(f"{label} at {time} s comes before {last} s")
+            continue
+        last = time
+        hand = question.arm.hand_poses(answer.motion.sample(time)[0])[0]
+        miss = np.abs(hand - pose).max()
+        if miss > KEYFRAME_SLACK:
+            errors.append(f"{label} is missed by {miss:.5f}")
+    return errors
+
+
+def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict: Verdict) -> list[str]:
+    """Every pair that is inside each other where it may not be."""
+    arm = question.arm
+    kept = thin(arm, q)
+    times, q = refine(arm, times[kept], q[kept]) if len(kept) > 1 else (times, q)
+    verdict.looks = len(q)
+    errors = []
+    for _, pair in judged_pairs(arm, question.obstacles, clock_of(question, answer, times, q), times, q):
+        overlap, least, _ = judge(pair, cutoff=0.0)
+        verdict.least_mm = min(verdict.least_mm, 1e3 * least)
+        if overlap is not None:
+            errors.append(overlap.describe(times))
+    return errors
+
+
+def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Clock:
+    """From pre_0 on (from the start, where there is none) the hand may touch the moving link."""
+    at = {label: np.inf if time is None else time for label, time, _, _ in answer.keyframes}
+    clock = Clock(at.get("pre_0", -np.inf), at["actuation"], question.hinge)
+    if question.hinge is not None:
+        clock.travel = joint_travel(question, question.hinge, at, times, question.arm.hand_poses(q))
+    return clock
+
+
+def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: Array, hands: Array) -> Array:
+    """How far the object's joint has moved at each time (M,), by what the hand does; NaN from where nobody can tell.
+
+    A motion that follows the joint turns the hand as far, one that traces it takes the contact point along.
+    """
+    travel = np.zeros(len(times))
+    begin = at["actuation"]
+    for index, motion in enumerate(question.after):
+        end = min(at.get(f"post_{index}", np.inf), np.inf)
+        now = np.flatnonzero((times >= begin) & (times <= end))
+        later = times > end
+        if len(now) == 0:
+            break
+        kind = motion if isinstance(motion, str) else motion[0]
+        if not kind.startswith(("follow_joint", "trace_joint")):
+            travel[now] = np.nan
+            travel[later] = np.nan
+            break
+        hand = hands[now]
+        contact = hand[:, :3, :3] @ question.contact + hand[:, :3, 3]
+        if not hinge.turns:
+            moved = (contact - contact[0]) @ hinge.axis
+        elif kind.startswith("follow_joint"):
+            side = np.linalg.svd(hinge.axis[None])[2][1]
+            moved = angles(hand[:, :3, :3] @ (hand[0, :3, :3].T @ side), hinge.axis)
+        else:
+            moved = angles(contact - hinge.origin, hinge.axis)
+        travel[now] += moved
+        travel[later] += moved[-1]
+        begin = end
+    return travel
+
+
+def angles(arms: Array, axis: Array) -> Array:
+    """Angles (M,) from the first of some vectors (M, 3) to each of them, about a unit axis."""
+    across = arms - np.outer(arms @ axis, axis)
+    return np.unwrap(np.arctan2(np.cross(across[0], across) @ axis, across @ across[0]))
+
+
+def named(question: Question, which: Array) -> list[tuple[int, str]]:
+    """Joints by place and name."""
+    return [(int(j), question.arm.joint_names[j]) for j in np.flatnonzero(which)]

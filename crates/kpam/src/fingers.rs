@@ -1,0 +1,51 @@
+//! Finger joints: the moving joints below the hand. Planning holds them still, at `finger_width` where that is given.
+
+use gensim2_geometry::Robot;
+
+use crate::{KeypointProblem, ProblemError};
+
+/// Rounding that a limit of a finger forgives (rad or m).
+const ROUNDING: f64 = 1e-6;
+
+/// Moving joints whose links hang below the hand.
+fn finger_joints(robot: &Robot) -> Vec<usize> {
+    let links = robot.links();
+    let mut below = vec![false; links.len()];
+    let mut out = Vec::new();
+    for (l, link) in links.iter().enumerate() {
+        below[l] = link.parent.is_some_and(|p| p == robot.hand() || below[p]);
+        out.extend(link.joint.filter(|_| below[l]));
+    }
+    out
+}
+
+/// Full joint vector while planning: the start, with every finger joint that follows none at `finger_width`, and those
+/// that follow one of them where it takes them.
+///
+/// # Errors
+/// A robot without finger joints, or a width that takes one beyond its limits.
+pub(crate) fn resting_joints(problem: &KeypointProblem) -> Result<Vec<f64>, ProblemError> {
+    let mut rest = problem.q_start.clone();
+    let Some(width) = problem.options.finger_width else { return Ok(rest) };
+    let fail = |message: String| ProblemError::new("options.finger_width", message);
+    let robot = &problem.robot;
+    let fingers = finger_joints(robot);
+    if fingers.is_empty() {
+        let hand = &robot.links()[robot.hand()].name;
+        return Err(fail(format!("is {width}, but no joint below {hand:?} moves; leave it out")));
+    }
+    for &finger in &fingers {
+        let drive = robot.drive(finger);
+        if !fingers.contains(&drive.source) {
+            continue;
+        }
+        let value = drive.multiplier * width + drive.offset;
+        let joint = &robot.joints()[finger];
+        if value.is_nan() || value < joint.lower - ROUNDING || value > joint.upper + ROUNDING {
+            let (lower, upper) = (joint.lower, joint.upper);
+            return Err(fail(format!("of {width} takes {} to {value}, outside [{lower}, {upper}]", joint.name)));
+        }
+        rest[finger] = value.clamp(joint.lower, joint.upper);
+    }
+    Ok(rest)
+}

@@ -1,0 +1,116 @@
+//! Full joint vectors as an affine function of the joints that planning moves: `q = A x + b`. Every joint is driven by
+//! one variable at most, itself or through a mimic, so `A` is a list of factors.
+
+use gensim2_geometry::Robot;
+use serde::{Deserialize, Serialize};
+
+use crate::model::{MOST_JOINTS, Row};
+
+/// A joint of the robot that a variable drives: `q[joint] = factor * x[variable] + offset`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DrivenJoint {
+    /// Place in the full joint vector.
+    pub joint: usize,
+    /// The variable that drives it.
+    pub variable: usize,
+    /// 1 for the variable's own joint, the composed multiplier for a mimic; never 0.
+    pub factor: f64,
+    /// 0 for the variable's own joint, the composed offset for a mimic (rad or m).
+    pub offset: f64,
+    /// The link that the joint carries; links below it move with it.
+    pub link: usize,
+}
+
+/// How full joint vectors follow from variables; joints that no variable drives stay where they are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointMap {
+    rest: Vec<f64>,
+    /// Place in the full joint vector of each variable.
+    indices: Vec<usize>,
+    driven: Vec<DrivenJoint>,
+}
+
+impl JointMap {
+    /// Map of the independent joints `indices` of a robot; the others stay as in the full vector `rest`.
+    pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
+        let mut driven = Vec::new();
+        for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint?))) {
+            let drive = robot.drive(joint);
+            let variable = indices.iter().position(|i| *i == drive.source);
+            if let (Some(variable), true) = (variable, drive.multiplier != 0.0) {
+                let (factor, offset) = (drive.multiplier, drive.offset);
+                driven.push(DrivenJoint { joint, variable, factor, offset, link });
+            }
+        }
+        Self { rest: rest.to_vec(), indices, driven }
+    }
+
+    /// Map of joint vectors in which every joint is a variable of its own.
+    pub(crate) fn each(joints: usize, rest: &[f64]) -> Self {
+        let own = |joint| DrivenJoint { joint, variable: joint, factor: 1.0, offset: 0.0, link: joint };
+        Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
+    }
+
+    /// Number of entries of a full joint vector.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Place in the full joint vector of each variable.
+    #[must_use]
+    pub fn indices(&self) -> &[usize] {
+        &self.indices
+    }
+
+    /// Full joint vector of what no variable drives.
+    #[must_use]
+    pub fn rest(&self) -> &[f64] {
+        &self.rest
+    }
+
+    /// Every joint that a variable drives, in the order of the links that they carry (parents first).
+    #[must_use]
+    pub fn driven(&self) -> &[DrivenJoint] {
+        &self.driven
+    }
+
+    /// Variables of a full joint vector, of positions or of rates.
+    #[must_use]
+    pub fn pick(&self, full: &[f64]) -> Row {
+        let mut x = [0.0; MOST_JOINTS];
+        for (value, j) in x.iter_mut().zip(&self.indices) {
+            *value = full[*j];
+        }
+        x
+    }
+
+    /// Full joint positions (rad or m) of variables `x`.
+    pub fn positions(&self, x: &Row, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend_from_slice(&self.rest);
+        for d in &self.driven {
+            out[d.joint] = d.factor * x[d.variable] + d.offset;
+        }
+    }
+
+    /// Full joint rates (velocity, acceleration or jerk) of rates of the variables; joints that none drives have 0.
+    pub fn rates(&self, rates: &Row, out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(self.rest.len(), 0.0);
+        for d in &self.driven {
+            out[d.joint] = d.factor * rates[d.variable];
+        }
+    }
+
+    /// Greatest rate of each variable at which no joint that it drives exceeds its own: `limit(joint)` is that of a
+    /// joint of the full vector.
+    #[must_use]
+    pub fn least(&self, limit: impl Fn(usize) -> f64) -> Row {
+        let mut out = [f64::INFINITY; MOST_JOINTS];
+        for d in &self.driven {
+            out[d.variable] = out[d.variable].min(limit(d.joint) / d.factor.abs());
+        }
+        out
+    }
+}

@@ -1,0 +1,68 @@
+//! Why a motion ends before its end.
+
+use super::Status;
+use crate::world::Hit;
+
+/// Why a candidate's motion ends before its end. Keyframes are numbered in time.
+#[derive(Debug, Clone)]
+pub(super) enum Failure {
+    /// The hand cannot follow the path to this keyframe beyond this fraction.
+    Unreachable { keyframe: usize, fraction: f64 },
+    /// Something is in the way on the path to this keyframe.
+    Blocked { keyframe: usize, hit: Hit },
+    /// No free motion to this keyframe was found; this is in the straight way.
+    NotFound { keyframe: usize, hit: Hit },
+    /// The clock allows this much less than needed.
+    TooFast { keyframe: usize, allowed: f64, needed: f64 },
+}
+
+impl Failure {
+    /// The keyframe that is not reached.
+    pub fn keyframe(&self) -> usize {
+        match self {
+            Self::Unreachable { keyframe, .. }
+            | Self::Blocked { keyframe, .. }
+            | Self::NotFound { keyframe, .. }
+            | Self::TooFast { keyframe, .. } => *keyframe,
+        }
+    }
+
+    /// How planning ends with it.
+    pub fn status(&self) -> Status {
+        match self {
+            Self::Unreachable { .. } => Status::Unreachable,
+            Self::Blocked { .. } => Status::Collision,
+            Self::NotFound { .. } => Status::NotFound,
+            Self::TooFast { .. } => Status::TooFast,
+        }
+    }
+
+    /// One sentence for a person; `label` names keyframes.
+    pub fn reason(&self, label: impl Fn(usize) -> String) -> String {
+        match self {
+            Self::Unreachable { keyframe, fraction } => {
+                format!("{} is out of reach: the hand gets {:.0} % of the way", label(*keyframe), 100.0 * fraction)
+            }
+            Self::Blocked { keyframe, hit } => {
+                format!("{} on the way to {}, {}", meeting(hit), label(*keyframe), place(hit))
+            }
+            Self::NotFound { keyframe, hit } => format!(
+                "no free motion to {} was found; straight to it {}, {}",
+                label(*keyframe),
+                meeting(hit),
+                place(hit)
+            ),
+            Self::TooFast { keyframe, allowed, needed } => {
+                format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe))
+            }
+        }
+    }
+}
+
+fn meeting(hit: &Hit) -> String {
+    format!("{} and {} come within {:.4} m", hit.first, hit.second, hit.distance)
+}
+
+fn place(hit: &Hit) -> String {
+    format!("at ({:.3}, {:.3}, {:.3})", hit.at.x, hit.at.y, hit.at.z)
+}

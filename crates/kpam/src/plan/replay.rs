@@ -1,0 +1,107 @@
+//! A plan's motion looked at again: where things are at a time, and how near they come.
+
+use super::Plan;
+use super::resume::Rest;
+use crate::fingers::resting_joints;
+use crate::model::Model;
+use crate::motion::{Motions, motions};
+use crate::world::{Clearances, State, World, travel_over};
+use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
+
+/// Most places of a motion that [`min_clearance`] measures.
+pub const MOST_CHECKS: usize = 100_000;
+
+/// The motion of a plan.
+struct Replay<'p> {
+    problem: &'p KeypointProblem,
+    plan: &'p Plan,
+    trajectory: &'p Trajectory,
+    motions: Motions,
+    /// Travel of the object's joint where each path begins.
+    before: Vec<f64>,
+}
+
+impl<'p> Replay<'p> {
+    /// `None` where the plan has no motion, or one of another robot.
+    fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
+        let (trajectory, q) = (plan.trajectory.as_ref()?, plan.q_plan.as_ref()?);
+        if q.len() != problem.robot.joints().len() {
+            return None;
+        }
+        let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand()));
+        let act = motions.actuation;
+        let mut before = vec![0.0; motions.paths.len() + 1];
+        for i in act..motions.paths.len() {
+            before[i + 1] = travel_over(problem, i - act, &motions.paths[i], before[i], 0.0..1.0);
+        }
+        Some(Self { problem, plan, trajectory, motions, before })
+    }
+
+    /// Number in time of the keyframe that the motion leads to; at a keyframe it still leads there.
+    fn toward(&self, t: f64) -> usize {
+        let keyframes = &self.plan.keyframes;
+        let due = keyframes.iter().position(|k| k.time.is_some_and(|due| due >= t - 1e-9));
+        let after_last = || keyframes.iter().rposition(|k| k.time.is_some()).map_or(0, |k| k + 1);
+        due.unwrap_or_else(after_last).min(keyframes.len().saturating_sub(1))
+    }
+
+    /// Travel of the object's joint (rad or m).
+    fn travel(&self, t: f64) -> f64 {
+        let act = self.motions.actuation;
+        if self.problem.joint.is_none() {
+            return 0.0;
+        }
+        let Some(i) = self.toward(t).checked_sub(1).filter(|i| *i >= act) else { return 0.0 };
+        let robot = &self.problem.robot;
+        let hand = robot.link_pose(&self.trajectory.sample(t).position, robot.hand());
+        let (path, before) = (&self.motions.paths[i], self.before[i]);
+        let done = Rest::new(path, &hand).begin;
+        travel_over(self.problem, i - act, path, before, 0.0..done)
+    }
+}
+
+/// Travel of the object's joint (rad or m, from where it stands) at times (s) of a plan's motion: what the planner takes
+/// it for. Zeros where the plan has no motion or the problem no joint.
+#[must_use]
+pub fn joint_travel(problem: &KeypointProblem, plan: &Plan, times: &[f64]) -> Vec<f64> {
+    match Replay::new(problem, plan) {
+        Some(replay) => times.iter().map(|t| replay.travel(*t)).collect(),
+        None => vec![0.0; times.len()],
+    }
+}
+
+/// Smallest signed distances (m) of judged pairs along a plan's motion, sampled every `step` seconds. `None` where a
+/// plan has no motion or `cancel` is set; infinite where nothing is judged within a metre.
+///
+/// # Errors
+/// A step that is not positive, or that would make more than [`MOST_CHECKS`] of the motion.
+pub fn min_clearance(
+    problem: &KeypointProblem,
+    plan: &Plan,
+    step: f64,
+    cancel: &Cancel,
+) -> Result<Option<[f64; 3]>, ProblemError> {
+    let Some(replay) = Replay::new(problem, plan) else { return Ok(None) };
+    let trajectory = replay.trajectory;
+    let (start, end) = (trajectory.start(), trajectory.end());
+    let steps = ((end - start) / step).ceil().max(1.0);
+    if !(step > 0.0 && steps <= MOST_CHECKS as f64) {
+        let least = (end - start) / MOST_CHECKS as f64;
+        return Err(ProblemError::new("step", format!("must be at least {least:.3e} s for this motion, not {step}")));
+    }
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let mut world = World::new(problem, &model);
+    if let Some(q) = plan.q_plan.as_ref().filter(|q| q.len() == problem.q_start.len()) {
+        world.act_at(&model.pick(q));
+    }
+    let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
+    for k in 0..=steps as usize {
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
+        let t = (start + step * k as f64).min(end);
+        let leg = world.course.toward(replay.toward(t));
+        world.measure(State { x: &trajectory.moving(t), travel: replay.travel(t) }, leg, &mut out);
+    }
+    Ok(Some([out.itself, out.table, out.object]))
+}

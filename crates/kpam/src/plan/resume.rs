@@ -1,0 +1,130 @@
+//! Going on with a motion from its middle, and what an earlier plan is good for.
+
+use gensim2_geometry::{Pose, rotation_log};
+use nalgebra::{Rotation3, Vector3};
+
+use super::Plan;
+use super::planner::Planner;
+use crate::hand_path::{Followed, Guide};
+use crate::model::Row;
+use crate::motion::HandPath;
+use crate::world::{Leg, Margins, Way};
+
+/// Places at which a path is compared with where the hand is.
+const PLACES: usize = 32;
+/// A radian counts as this many metres there.
+const LEVER: f64 = 0.1;
+/// Time between waypoints that are taken from an earlier plan (s).
+const STEP: f64 = 0.05;
+/// The earlier way serves where its ends are within this of the present state and of the goal (rad or m).
+const NEAR_START: f64 = 0.05;
+const AT_GOAL: f64 = 1e-3;
+
+/// The rest of a hand path, from where the hand is. What it is off the path fades out on the way.
+pub(super) struct Rest<'p> {
+    path: &'p HandPath,
+    /// Part of the path that is done.
+    pub begin: f64,
+    off: Vector3<f64>,
+    turned: Vector3<f64>,
+}
+
+impl<'p> Rest<'p> {
+    /// The rest of a path for a hand that is near it.
+    pub fn new(path: &'p HandPath, hand: &Pose) -> Self {
+        let apart = |s: f64| {
+            let at = path.at(s);
+            let way = (hand.translation.vector - at.translation.vector).norm();
+            way + LEVER * rotation_log(&(hand.rotation * at.rotation.inverse())).norm()
+        };
+        let place = |k: usize| k as f64 / PLACES as f64;
+        let nearest = (0..=PLACES).min_by(|a, b| apart(place(*a)).total_cmp(&apart(place(*b)))).unwrap_or(0);
+        let (mut low, mut high) = (place(nearest.saturating_sub(1)), place((nearest + 1).min(PLACES)));
+        for _ in 0..24 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if apart(a) < apart(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        let begin = 0.5 * (low + high);
+        let at = path.at(begin);
+        let off = hand.translation.vector - at.translation.vector;
+        Self { path, begin, off, turned: rotation_log(&(hand.rotation * at.rotation.inverse())) }
+    }
+}
+
+impl Guide for Rest<'_> {
+    fn at(&self, s: f64) -> Pose {
+        let pose = self.path.at(self.begin + (1.0 - self.begin) * s);
+        let left = 1.0 - s;
+        let off = pose.translation.vector + self.off * left;
+        Pose::from_parts(off.into(), Rotation3::new(self.turned * left) * pose.rotation)
+    }
+
+    fn length(&self) -> (f64, f64) {
+        let (way, turn) = self.path.length();
+        let left = 1.0 - self.begin;
+        (way * left + self.off.norm(), turn * left + self.turned.norm())
+    }
+}
+
+impl Planner<'_> {
+    /// The rest of the hand path that the motion goes on along: joint waypoints, the fraction of the whole path that is
+    /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
+    pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
+        let start = self.leads[self.lead].rest();
+        if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1)) {
+            let done = way.iter().map(|x| Rest::new(path, &self.follower.hand(x)).begin).collect();
+            return (way, done, 1.0);
+        }
+        let rest = Rest::new(path, &self.follower.hand(&start));
+        let Followed { waypoints, fraction } = self.follower.follow(&rest, &start, false);
+        let reached = (1.0 - rest.begin) * fraction;
+        let steps = waypoints.len().saturating_sub(1).max(1) as f64;
+        let done = (0..waypoints.len()).map(|k| rest.begin + reached * k as f64 / steps).collect();
+        (waypoints, done, fraction)
+    }
+
+    /// The way of the earlier plan from `start` to `goal`, where it leads there and is free.
+    pub(super) fn former_way(&mut self, start: &Row, goal: &Row, leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+        let mut way = self.former_waypoints(start, None)?;
+        let last = way.last_mut()?;
+        if self.apart(last, goal) > AT_GOAL {
+            return None;
+        }
+        *last = *goal;
+        self.world.sweep_along(Way::still(&way), leg, margins).is_none().then_some(way)
+    }
+
+    /// Waypoints of the earlier plan from `start`, which is on its way to the first keyframe, to that. `after` is the
+    /// keyframe that it has passed, if any.
+    fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
+        let former = self.former?;
+        let (trajectory, end) = (former.trajectory.as_ref()?, former.keyframes.get(self.entry)?.time?);
+        let begin = after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start());
+        let steps = ((end - begin) / STEP).ceil().max(1.0);
+        let at = |k: usize| trajectory.moving(begin + (end - begin) * k as f64 / steps);
+        let mut way: Vec<Row> = (0..=steps as usize).map(at).collect();
+        let nearest =
+            (0..way.len()).min_by(|a, b| self.apart(&way[*a], start).total_cmp(&self.apart(&way[*b], start)))?;
+        if self.apart(&way[nearest], start) > NEAR_START {
+            return None;
+        }
+        // On from the waypoint after the nearest: that one may lie behind.
+        way.drain(..(nearest + 1).min(way.len() - 1));
+        way.insert(0, *start);
+        Some(way)
+    }
+
+    /// Largest difference of a joint (rad or m).
+    fn apart(&self, a: &Row, b: &Row) -> f64 {
+        (0..self.model.n()).map(|v| (a[v] - b[v]).abs()).fold(0.0, f64::max)
+    }
+}
+
+/// The actuation pose of an earlier plan as variables.
+pub(super) fn former_pose(former: &Plan, pick: impl Fn(&[f64]) -> Row, joints: usize) -> Option<Row> {
+    former.q_plan.as_ref().filter(|q| q.len() == joints).map(|q| pick(q))
+}

@@ -1,0 +1,279 @@
+//! The timed motion of an attempt: legs joined to one smooth path wherever nothing has to stop.
+
+use std::borrow::Cow;
+
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::planner::{NEAR, Planner, WIDE};
+use crate::Gripper;
+use crate::hand_path::OFF_PATH;
+use crate::model::{MOST_JOINTS, Row};
+use crate::motion::HandPath;
+use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounded, unit};
+use crate::world::{Leg as WorldLeg, Margins, Way};
+
+/// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
+const BEND: usize = 6;
+/// Parts of an interval in which the speed of the point that touches is looked at.
+const LOOKS: u32 = 4;
+/// Points at which each interval of a bend is swept, where they are not nearer to each other than this (rad or m).
+const PARTS: f64 = 6.0;
+const FINE: f64 = 0.01;
+
+/// Joint waypoints that lead from one keyframe, or stop, to the next.
+struct Stretch<'a> {
+    waypoints: Cow<'a, [Row]>,
+    /// Travel of the object's joint at the waypoints.
+    travel: Cow<'a, [f64]>,
+    /// What is judged along it.
+    leg: WorldLeg,
+    /// Keyframe at its end; none for part of the approach or of a path.
+    keyframe: Option<usize>,
+    /// Keyframe that it leads to.
+    toward: usize,
+    /// Whether it comes after the actuation.
+    contact: bool,
+    /// Path of the hand that it keeps to, and how much of that it goes.
+    hand: Option<(&'a HandPath, f64)>,
+    /// Whether the motion rests at its end.
+    stops: bool,
+    due: Option<f64>,
+}
+
+impl Planner<'_> {
+    /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
+    pub(super) fn timed(&mut self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
+        let mut times = vec![None; attempt.motions.keyframes.len()];
+        let clock = self.clock.clone();
+        let legs = self.legs(attempt, clock.as_deref());
+        let lead = self.leads[self.lead].clone();
+        let mut builder = self.builder.clone();
+        append(&mut builder, &lead, &self.start);
+        let mut velocity = lead.velocity();
+        let mut rest = &legs[..];
+        let mut outcome = Ok(());
+        while !rest.is_empty() && outcome.is_ok() {
+            let whole = rest.iter().position(|leg| leg.stops).map_or(rest.len(), |k| k + 1);
+            let mut joined = self.joined(&rest[..whole], &velocity);
+            outcome = loop {
+                match self.drive(&mut builder, &rest[..joined], &velocity, &mut times) {
+                    // Only a start under way can be too fast for a bend.
+                    Err(_) if joined > 1 => joined -= 1,
+                    other => break other,
+                }
+            };
+            velocity = [0.0; MOST_JOINTS];
+            rest = &rest[joined..];
+        }
+        outcome.map(|()| (builder.build(self.model.map()), times))
+    }
+
+    fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
+        let n = self.model.n();
+        let act = attempt.motions.actuation;
+        let options = &self.problem.options;
+        // The gripper acts at the actuation pose.
+        let acts =
+            self.problem.config.gripper == Gripper::Grasp || !options.pick.is_empty() || !options.release.is_empty();
+        let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts);
+        let mut legs = Vec::new();
+        let total: f64 = attempt.approach.iter().map(|piece| length(n, piece)).sum();
+        let mut gone = 0.0;
+        for (k, waypoints) in attempt.approach.iter().enumerate() {
+            gone += length(n, waypoints);
+            let last = k + 1 == attempt.approach.len();
+            // Pieces share the time by their length.
+            let due = clock.map(|c| {
+                let (begin, end) = (self.builder.now(), c[self.entry]);
+                if last || total == 0.0 { end } else { begin + (end - begin) * gone / total }
+            });
+            legs.push(Stretch {
+                waypoints: Cow::Borrowed(waypoints),
+                travel: Cow::Borrowed(&[]),
+                leg: self.world.course.toward(self.entry),
+                keyframe: last.then_some(self.entry),
+                toward: self.entry,
+                contact: self.entry > act,
+                hand: None,
+                stops: !last || rests(self.entry),
+                due,
+            });
+        }
+        let first = attempt.first;
+        if self.entry > act
+            && let (Some(line), Some(travel)) = (self.leads[self.lead].line(), attempt.travel[first].first())
+        {
+            // Under way past the actuation: on along the line, and back to the path of the hand without a stop.
+            legs.push(Stretch {
+                waypoints: Cow::Owned(rounded(n, &line, WIDE, NEAR)),
+                travel: Cow::Owned(vec![*travel]),
+                leg: self.world.course.along(first),
+                keyframe: None,
+                toward: self.entry,
+                contact: self.entry > act,
+                hand: None,
+                stops: clock.is_some(),
+                due: None,
+            });
+        }
+        for (i, waypoints) in attempt.paths.iter().enumerate().skip(first) {
+            if waypoints.len() < 2 {
+                break;
+            }
+            let whole = i < act + attempt.after.0;
+            let share = if whole { 1.0 } else { attempt.after.1 };
+            // A part of a path takes its part of the time.
+            let due = clock.map(|c| c[i] + (c[i + 1] - c[i]) * share);
+            // Taken up on the way, the hand comes back to its path by and by.
+            let kept = i >= act && i + 1 != self.entry;
+            legs.push(Stretch {
+                waypoints: Cow::Borrowed(waypoints),
+                travel: Cow::Borrowed(&attempt.travel[i]),
+                leg: self.world.course.along(i),
+                keyframe: whole.then_some(i + 1),
+                toward: i + 1,
+                contact: i >= act,
+                hand: kept.then_some((&attempt.motions.paths[i], share)),
+                stops: rests(i + 1),
+                due,
+            });
+        }
+        legs
+    }
+
+    /// How many of the legs can be driven in one go.
+    fn joined(&mut self, legs: &[Stretch<'_>], velocity: &Row) -> usize {
+        let mut count = legs.len();
+        // A leg fewer may bend otherwise at the end, never more.
+        while count > 1 {
+            let (path, ends) = self.path(&legs[..count], velocity);
+            let bad = (0..count - 1).find(|k| !self.bend_stands(&legs[*k], &legs[k + 1], &path, &ends, *k));
+            match bad {
+                Some(k) => count = k + 1,
+                None => break,
+            }
+        }
+        count
+    }
+
+    /// The path through legs, and the waypoint at the start of each and at the end.
+    fn path(&self, legs: &[Stretch<'_>], velocity: &Row) -> (Spline, Vec<usize>) {
+        let mut waypoints: Vec<Row> = Vec::new();
+        let mut ends = vec![0];
+        for leg in legs {
+            // The first of a leg is the last of the one before.
+            waypoints.extend_from_slice(&leg.waypoints[usize::from(!waypoints.is_empty())..]);
+            ends.push(waypoints.len() - 1);
+        }
+        let n = self.model.n();
+        let moving = velocity[..n].iter().any(|v| *v != 0.0);
+        let tangent = unit(n, velocity);
+        (Spline::through(n, &waypoints, moving.then_some(&tangent)), ends)
+    }
+
+    /// Whether the path keeps to joint limits, to the hand's path and off everything where leg `k` meets the next.
+    fn bend_stands(&mut self, leg: &Stretch<'_>, next: &Stretch<'_>, path: &Spline, ends: &[usize], k: usize) -> bool {
+        let [start, corner, end] = [k, k + 1, k + 2].map(|i| path.knot_of(ends[i]));
+        let before = start.max(corner.saturating_sub(BEND))..corner;
+        let after = corner..end.min(corner + BEND);
+        self.side_stands(leg, path, before, start) && self.side_stands(next, path, after, corner)
+    }
+
+    fn side_stands(&mut self, leg: &Stretch<'_>, path: &Spline, knots: std::ops::Range<usize>, first: usize) -> bool {
+        if !path.keeps_within(knots.clone(), &self.model.lower, &self.model.upper) {
+            return false;
+        }
+        if let Some((hand, share)) = leg.hand {
+            let steps = (leg.waypoints.len() - 1) as f64;
+            for i in knots.clone() {
+                let wanted = hand.at(share * ((i - first) as f64 + 0.5) / steps).translation.vector;
+                let there = self.follower.hand(&path.at(i, 0.5)).translation.vector;
+                if (there - wanted).norm() > OFF_PATH {
+                    return false;
+                }
+            }
+        }
+        if !self.problem.options.avoid_collisions || knots.is_empty() {
+            return true;
+        }
+        // What overlaps where the motion begins may persist; on the approach it has come apart.
+        let begins = leg.toward == self.entry;
+        let margins = if begins { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
+        let (mut waypoints, mut travel) = (vec![path.at(knots.start, 0.0)], Vec::new());
+        for i in knots {
+            let apart = path.knots[i + 1] - path.knots[i];
+            let inside = path.along(i..i + 1, (apart / PARTS).max(FINE));
+            if let (Some(from), Some(to)) = (leg.travel.get(i - first), leg.travel.get(i - first + 1)) {
+                if travel.is_empty() {
+                    travel.push(*from);
+                }
+                let steps = (inside.len() - 1) as f64;
+                travel.extend((1..inside.len()).map(|k| from + (to - from) * k as f64 / steps));
+            }
+            waypoints.extend_from_slice(&inside[1..]);
+        }
+        if travel.is_empty() {
+            travel.extend(leg.travel.first());
+        }
+        self.world.sweep_along(Way { waypoints: &waypoints, travel: &travel }, leg.leg, &margins).is_none()
+    }
+
+    /// Least time (s) of each interval between waypoints at the speed allowed in contact, were each driven evenly as
+    /// fast as where the point that touches moves fastest.
+    fn slowest(&mut self, legs: &[Stretch<'_>], path: &Spline, ends: &[usize]) -> Vec<f64> {
+        let Some(speed) = self.problem.options.contact_speed else { return Vec::new() };
+        let tip = nalgebra::Point3::from(self.problem.contact_point());
+        let mut out = vec![0.0; path.waypoints() - 1];
+        for (_, pair) in legs.iter().zip(ends.windows(2)).filter(|(leg, _)| leg.contact) {
+            for w in pair[0]..pair[1] {
+                let i = path.knot_of(w);
+                if path.knot_of(w + 1) == i {
+                    continue;
+                }
+                let mut last = self.follower.hand(&path.at(i, 0.0)) * tip;
+                let mut furthest: f64 = 0.0;
+                for k in 1..=LOOKS {
+                    let now = self.follower.hand(&path.at(i, f64::from(k) / f64::from(LOOKS))) * tip;
+                    furthest = furthest.max((now - last).norm());
+                    last = now;
+                }
+                out[w] = f64::from(LOOKS) * furthest / speed;
+            }
+        }
+        out
+    }
+
+    /// Appends the motion along legs that are driven in one go.
+    fn drive(
+        &mut self,
+        builder: &mut Builder,
+        legs: &[Stretch<'_>],
+        velocity: &Row,
+        times: &mut [Option<f64>],
+    ) -> Result<(), Failure> {
+        let (path, ends) = self.path(legs, velocity);
+        let slowest = self.slowest(legs, &path, &ends);
+        let last = &legs[legs.len() - 1];
+        let marks = &ends[1..];
+        let begin = builder.now();
+        let passed = builder.push(&path, &slowest, velocity, last.due, marks).map_err(|refusal| match refusal {
+            Refusal::TooLong(needed) => {
+                let allowed = last.due.map_or(0.0, |d| d - begin);
+                Failure::TooFast { keyframe: last.toward, allowed, needed }
+            }
+            Refusal::TooSharp => Failure::Unreachable { keyframe: last.toward, fraction: 0.0 },
+        })?;
+        for (leg, time) in legs.iter().zip(passed) {
+            if let Some(keyframe) = leg.keyframe {
+                times[keyframe] = Some(time);
+            }
+        }
+        Ok(())
+    }
+
+    /// What the clock does not allow.
+    pub(super) fn too_fast(&mut self, attempt: &Attempt) -> Option<Failure> {
+        self.clock.as_ref()?;
+        self.timed(attempt).err()
+    }
+}

@@ -1,0 +1,321 @@
+//! Trajectory optimization: a plan's whole waypoint path made shorter by sequential quadratic programming.
+//!
+//! The cost is the original's: weighted squared joint steps between waypoints, 10 for the first joint and 1 for the rest.
+//! Hand poses of keyframes stay (position exactly, orientation within 0.03 rad), and so does, where asked for, the hand's
+//! path from the actuation on; joint limits and clearances are linearized at each waypoint, clearances halfway between
+//! two as well. Each round is one banded program; its step counts only where the motion is cheaper, and free wherever it
+//! was free before.
+
+mod program;
+
+use gensim2_geometry::{Pose, rotation_log};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::fingers::resting_joints;
+use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::motion::motions;
+use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_over};
+use crate::{KeypointProblem, Plan, ProblemError};
+use program::{Bound, Program};
+
+/// Largest turn (rad) of a keyframe's hand.
+const TURN: f64 = 0.03;
+/// Hand positions are met within this (m).
+const EXACT: f64 = 1e-6;
+/// Pairs nearer than this (m) are kept apart by the program.
+const REACH: f64 = 0.06;
+/// First bound (rad or m) on the step of a joint in a round.
+const TRUST: f64 = 0.3;
+/// Bounds smaller than this end the search.
+const FINEST: f64 = 0.01;
+/// Rounds.
+const ROUNDS: usize = 5;
+/// A round that saves less than this share is the last.
+const SMALL: f64 = 5e-3;
+/// Kept from joint limits (rad or m).
+const LIMIT_MARGIN: f64 = 1e-3;
+/// Waypoints where none are asked for.
+const WAYPOINTS: f64 = 40.0;
+
+/// What a refinement may set.
+#[derive(Debug, Clone, Default)]
+#[non_exhaustive]
+pub struct RefineOptions {
+    /// Times (s) of the plan's motion at which waypoints lie, beside its start, its end and its keyframes; about 40 in
+    /// all where `None`.
+    pub times: Option<Vec<f64>>,
+    /// Keep the hand on its lines and arcs from the actuation on, not only at keyframes.
+    pub keep_paths: bool,
+}
+
+/// A waypoint path with its cost before and after.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Refined {
+    /// Joint vectors, the start first.
+    pub waypoints: Vec<Vec<f64>>,
+    /// The times of the plan's motion at which they lay.
+    pub times: Vec<f64>,
+    /// Number of the waypoint of each keyframe that the plan reaches.
+    pub keyframes: Vec<usize>,
+    /// Weighted squared joint steps of the plan's own waypoints.
+    pub cost_before: f64,
+    /// The same now; never more.
+    pub cost_after: f64,
+    /// Programs solved.
+    pub rounds: usize,
+}
+
+/// A waypoint's place in the motion.
+struct Place {
+    leg: Leg,
+    travel: f64,
+    hand: Option<Pose>,
+}
+
+struct Refinement<'p> {
+    problem: &'p KeypointProblem,
+    model: &'p Model,
+    world: World<'p>,
+    placed: Placed,
+    weights: Row,
+    places: Vec<Place>,
+    /// Whether each step between waypoints has to stay free.
+    free: Vec<bool>,
+    margins: Margins,
+}
+
+/// Makes a plan's waypoint path shorter.
+///
+/// # Errors
+/// A plan without a motion, or times that are not those of its motion, by field.
+pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -> Result<Refined, ProblemError> {
+    let (Some(trajectory), Some(q_plan)) = (&plan.trajectory, &plan.q_plan) else {
+        return Err(ProblemError::new("plan", "has no motion"));
+    };
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    if q_plan.len() != problem.robot.joints().len() || trajectory.joints() != q_plan.len() {
+        return Err(ProblemError::new("plan", "is one for another robot"));
+    }
+    let (begin, end) = (trajectory.start(), trajectory.end());
+    let met: Vec<f64> = plan.keyframes.iter().filter_map(|k| k.time).collect();
+    let mut times: Vec<f64> = match &options.times {
+        Some(times) => times.clone(),
+        None => (1..WAYPOINTS as usize).map(|k| begin + (end - begin) * k as f64 / WAYPOINTS).collect(),
+    };
+    if let Some(time) = times.iter().find(|t| !(begin..=end).contains(*t)) {
+        return Err(ProblemError::new("times", format!("{time} is not within the motion, {begin} to {end}")));
+    }
+    // Keyframes take the place of what lies close to them.
+    let close = 0.2 * (end - begin) / (times.len() + 1) as f64;
+    times.retain(|t| met.iter().all(|m| (m - t).abs() > close));
+    times.extend_from_slice(&met);
+    times.extend([begin, end]);
+    times.sort_by(f64::total_cmp);
+    times.dedup_by(|b, a| *b - *a < 1e-9);
+    let waypoints: Vec<Row> = times.iter().map(|t| trajectory.moving(*t)).collect();
+
+    let mut placed = Placed::default();
+    placed.place(&problem.robot, &model, &model.pick(q_plan));
+    let motions = motions(problem, &placed.hand);
+    let mut world = World::new(problem, &model);
+    let entry = plan.keyframes.iter().position(|k| k.time.is_some()).unwrap_or(0);
+    world.measure_start(State::still(&waypoints[0]), world.course.toward(entry));
+    world.act_at(&model.pick(q_plan));
+    let mut places = Vec::with_capacity(times.len());
+    let mut former = 0.0;
+    for (k, time) in times.iter().enumerate() {
+        // The keyframe that it leads to, or that it is.
+        let next = plan.keyframes.iter().position(|f| f.time.is_some_and(|t| *time <= t + 1e-9));
+        let next = next.unwrap_or(plan.keyframes.len().saturating_sub(1)).max(entry);
+        let is_keyframe = met.iter().any(|m| (m - time).abs() < 1e-9) || k + 1 == times.len();
+        let past = next.checked_sub(motions.actuation + 1);
+        let mut travel = former;
+        if let (Some(post), Some(path)) = (past, next.checked_sub(1).and_then(|p| motions.paths.get(p))) {
+            let from = plan.keyframes[next - 1].time.unwrap_or(begin);
+            let to = plan.keyframes[next].time.unwrap_or(end);
+            let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 1.0 };
+            travel = travel_over(problem, post, path, former, 0.0..share);
+            if share >= 1.0 {
+                former = travel;
+            }
+        }
+        placed.place(&problem.robot, &model, &waypoints[k]);
+        let kept = is_keyframe || (options.keep_paths && past.is_some());
+        places.push(Place { leg: world.course.toward(next), travel, hand: (k > 0 && kept).then_some(placed.hand) });
+    }
+    let mut weights = [1.0; MOST_JOINTS];
+    weights[0] = 10.0;
+    let margins = Margins::plain(0.0);
+    let mut work = Refinement { problem, model: &model, world, placed, weights, places, free: Vec::new(), margins };
+    work.free = (1..waypoints.len()).map(|k| work.is_free(&waypoints, k)).collect();
+    let cost_before = work.cost(&waypoints);
+    let (waypoints, rounds) = work.run(waypoints);
+    let cost_after = work.cost(&waypoints);
+    let keyframes = met.iter().map(|m| times.partition_point(|t| *t < m - 1e-9)).collect();
+    let full = |x: &Row| {
+        let mut q = Vec::new();
+        model.map().positions(x, &mut q);
+        q
+    };
+    Ok(Refined { waypoints: waypoints.iter().map(full).collect(), times, keyframes, cost_before, cost_after, rounds })
+}
+
+impl Refinement<'_> {
+    fn cost(&self, waypoints: &[Row]) -> f64 {
+        let steps = waypoints.windows(2);
+        steps.map(|w| (0..self.model.n()).map(|v| self.weights[v] * (w[1][v] - w[0][v]).powi(2)).sum::<f64>()).sum()
+    }
+
+    /// Whether the straight step to waypoint `k` is free.
+    fn is_free(&mut self, waypoints: &[Row], k: usize) -> bool {
+        let travel = [self.places[k - 1].travel, self.places[k].travel];
+        let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel };
+        self.world.sweep_along(way, self.places[k].leg, &self.margins).is_none()
+    }
+
+    fn run(&mut self, mut waypoints: Vec<Row>) -> (Vec<Row>, usize) {
+        let mut cost = self.cost(&waypoints);
+        let mut trust = TRUST;
+        let mut rounds = 0;
+        let mut bounds = self.bounds(&waypoints);
+        while rounds < ROUNDS && trust > FINEST {
+            rounds += 1;
+            let boxes = self.boxes(&waypoints, trust);
+            let program = Program {
+                joints: self.model.n(),
+                weights: &self.weights,
+                waypoints: &waypoints,
+                bounds: &bounds,
+                boxes: &boxes,
+            };
+            let next = program.solve().and_then(|steps| self.stepped(&waypoints, &steps));
+            match next {
+                Some(next) if self.cost(&next) < cost => {
+                    let saved = 1.0 - self.cost(&next) / cost;
+                    cost = self.cost(&next);
+                    waypoints = next;
+                    if saved < SMALL {
+                        break;
+                    }
+                    bounds = self.bounds(&waypoints);
+                }
+                _ => trust *= 0.4,
+            }
+        }
+        (waypoints, rounds)
+    }
+
+    /// The waypoints after a step, brought back to the hand poses that they keep; `None` where they do not keep the
+    /// rules.
+    fn stepped(&mut self, waypoints: &[Row], steps: &[Row]) -> Option<Vec<Row>> {
+        let n = self.model.n();
+        let mut out = waypoints.to_vec();
+        for (k, x) in out.iter_mut().enumerate().skip(1) {
+            for v in 0..n {
+                x[v] += steps[k][v];
+            }
+            if let Some(hand) = self.places[k].hand {
+                *x = self.brought_to(&hand, x)?;
+            }
+            let (low, high) = self.limits(&waypoints[k]);
+            if (0..n).any(|v| x[v] < low[v] - 1e-9 || x[v] > high[v] + 1e-9) {
+                return None;
+            }
+        }
+        (1..out.len()).all(|k| !self.free[k - 1] || self.is_free(&out, k)).then_some(out)
+    }
+
+    /// Joints near `x` with the hand's origin at that of `hand`, turned by no more than is allowed.
+    fn brought_to(&mut self, hand: &Pose, x: &Row) -> Option<Row> {
+        let n = self.model.n();
+        let mut x = *x;
+        for _ in 0..6 {
+            self.placed.place(&self.problem.robot, self.model, &x);
+            let here = self.placed.hand;
+            let way = hand.translation.vector - here.translation.vector;
+            if way.amax() < EXACT {
+                let turn = rotation_log(&(here.rotation * hand.rotation.inverse()));
+                return (turn.norm() <= TURN).then_some(x);
+            }
+            let rows = self.placed.point_rows(&here.translation.vector);
+            let gram = Matrix3::from_fn(|r, c| (0..n).map(|v| rows[r][v] * rows[c][v]).sum());
+            let pull = gram.cholesky()?.solve(&way);
+            for v in 0..n {
+                x[v] += (0..3).map(|r| rows[r][v] * pull[r]).sum::<f64>();
+            }
+        }
+        None
+    }
+
+    /// Joint limits, or where a waypoint is where it lies outside them.
+    fn limits(&self, x: &Row) -> (Row, Row) {
+        let (mut low, mut high) = (*x, *x);
+        for v in 0..self.model.n() {
+            low[v] = low[v].min(self.model.lower[v] + LIMIT_MARGIN);
+            high[v] = high[v].max(self.model.upper[v] - LIMIT_MARGIN);
+        }
+        (low, high)
+    }
+
+    fn boxes(&self, waypoints: &[Row], trust: f64) -> Vec<(Row, Row)> {
+        let boxed = |x: &Row| {
+            let (mut low, mut high) = self.limits(x);
+            for v in 0..self.model.n() {
+                low[v] = (low[v] - x[v]).max(-trust);
+                high[v] = (high[v] - x[v]).min(trust);
+            }
+            (low, high)
+        };
+        waypoints.iter().map(boxed).collect()
+    }
+
+    /// Hand poses and clearances to first order about the waypoints.
+    fn bounds(&mut self, waypoints: &[Row]) -> Vec<Bound> {
+        let n = self.model.n();
+        // Within a cube in the ball of turns.
+        let turn_bound = 0.99 * TURN / 3.0_f64.sqrt();
+        let mut out = Vec::new();
+        for k in 1..waypoints.len() {
+            if let Some(hand) = self.places[k].hand {
+                self.placed.place(&self.problem.robot, self.model, &waypoints[k]);
+                let here = self.placed.hand;
+                let way = hand.translation.vector - here.translation.vector;
+                let turn = rotation_log(&(here.rotation * hand.rotation.inverse()));
+                let rows = self.placed.point_rows(&here.translation.vector);
+                for r in 0..3 {
+                    out.push(Bound { parts: vec![(k, rows[r])], low: way[r], high: way[r] });
+                    let row = self.placed.angular_row(&Vector3::ith(r, 1.0));
+                    let (low, high) = (-turn_bound - turn[r], turn_bound - turn[r]);
+                    out.push(Bound { parts: vec![(k, row)], low: low.min(0.0), high: high.max(0.0) });
+                }
+            }
+            if !self.free[k - 1] {
+                continue;
+            }
+            let mut near: Vec<Clearance> = Vec::new();
+            let mut middle = waypoints[k];
+            for v in 0..n {
+                middle[v] = 0.5 * (waypoints[k - 1][v] + waypoints[k][v]);
+            }
+            let (place, before) = (&self.places[k], &self.places[k - 1]);
+            let half = 0.5 * (place.travel + before.travel);
+            for (state, share) in
+                [(State { x: &waypoints[k], travel: place.travel }, 1.0), (State { x: &middle, travel: half }, 0.5)]
+            {
+                near.clear();
+                self.world.clearances(state, place.leg, &self.margins, REACH, &mut near);
+                for c in &near {
+                    let low = -c.gap.max(0.0);
+                    let row = c.gradient.map(|g| share * g);
+                    let mut parts = vec![(k, row)];
+                    if share < 1.0 {
+                        parts.push((k - 1, row));
+                    }
+                    out.push(Bound { parts, low, high: f64::INFINITY });
+                }
+            }
+        }
+        out
+    }
+}

@@ -1,0 +1,114 @@
+//! A path cut into cells, with what the limits say of the speed on each.
+//!
+//! On a path q(s), velocity is q' ds/dt and acceleration q' u + q'' x, with x = (ds/dt)^2 and u = d²s/dt², which stays
+//! the same within a cell: x changes by 2 u Δs along it. All limits are then linear in x and u.
+
+use super::limits::Limits;
+use super::spline::Spline;
+use crate::model::Row;
+
+/// Cells of a path that has few waypoints; more where there are more of those.
+const CELLS: f64 = 96.0;
+
+/// A place on the path.
+#[derive(Debug, Clone)]
+pub(crate) struct Station {
+    pub s: f64,
+    pub position: Row,
+    pub first: Row,
+    pub second: Row,
+}
+
+/// A path as stations and cells between them.
+#[derive(Debug, Clone)]
+pub(crate) struct Grid {
+    pub joints: usize,
+    pub stations: Vec<Station>,
+    /// Greatest ds/dt on each cell, beside what the limits say.
+    pace: Vec<f64>,
+    /// Shares of the limits on velocity and acceleration to be used on each cell.
+    pub shares: Vec<[f64; 2]>,
+    /// The station of each knot.
+    pub station_of: Vec<usize>,
+}
+
+impl Grid {
+    /// Cells of a path; `slowest` is the least time (s) that each interval between waypoints may take.
+    pub fn new(joints: usize, path: &Spline, slowest: &[f64]) -> Self {
+        let intervals = path.intervals();
+        let total = path.length();
+        // Least time of each interval between knots.
+        let mut least = vec![0.0_f64; intervals];
+        for (w, time) in slowest.iter().enumerate().take(path.waypoints().saturating_sub(1)) {
+            if path.knot_of(w + 1) > path.knot_of(w) {
+                least[path.knot_of(w)] += time;
+            }
+        }
+        let mut out =
+            Self { joints, stations: Vec::new(), pace: Vec::new(), shares: Vec::new(), station_of: Vec::new() };
+        for i in 0..intervals {
+            let (from, to) = (path.knots[i], path.knots[i + 1]);
+            let parts = ((to - from) / total * CELLS).ceil().max(2.0) as usize;
+            let mut fractions: Vec<f64> = (0..parts).map(|k| k as f64 / parts as f64).collect();
+            // From rest and to rest most of the time passes near the ends.
+            let cell = 1.0 / parts as f64;
+            if i == 0 {
+                fractions.extend([cell / 16.0, cell / 4.0]);
+            }
+            if i + 1 == intervals {
+                fractions.extend([1.0 - cell / 4.0, 1.0 - cell / 16.0]);
+            }
+            fractions.sort_by(f64::total_cmp);
+            out.station_of.push(out.stations.len());
+            for f in fractions {
+                out.stations.push(station(path, i, from + f * (to - from)));
+                out.pace.push(if least[i] > 0.0 { (to - from) / least[i] } else { f64::INFINITY });
+            }
+        }
+        out.station_of.push(out.stations.len());
+        out.stations.push(station(path, intervals.saturating_sub(1), total));
+        out.shares = vec![[1.0; 2]; out.pace.len()];
+        out
+    }
+
+    pub fn cells(&self) -> usize {
+        self.pace.len()
+    }
+
+    /// Length of a cell.
+    pub fn step(&self, cell: usize) -> f64 {
+        self.stations[cell + 1].s - self.stations[cell].s
+    }
+
+    /// Greatest x at each station by the limits on velocity.
+    pub fn ceilings(&self, limits: &Limits) -> Vec<f64> {
+        let mut out = vec![f64::INFINITY; self.stations.len()];
+        for cell in 0..self.cells() {
+            for k in [cell, cell + 1] {
+                let mut speed = self.pace[cell];
+                for v in 0..self.joints {
+                    speed = speed.min(self.shares[cell][0] * limits.velocity[v] / self.stations[k].first[v].abs());
+                }
+                out[k] = out[k].min(speed * speed);
+            }
+        }
+        out
+    }
+
+    /// Rows (a, b, c) of a cell: |a u + b x| <= c, with x that at its start. They bound the acceleration at both ends.
+    pub fn rows(&self, limits: &Limits, cell: usize, out: &mut Vec<[f64; 3]>) {
+        out.clear();
+        let (from, to) = (&self.stations[cell], &self.stations[cell + 1]);
+        let twice = 2.0 * self.step(cell);
+        for v in 0..self.joints {
+            let most = self.shares[cell][1] * limits.acceleration[v];
+            out.push([from.first[v], from.second[v], most]);
+            out.push([to.first[v] + twice * to.second[v], to.second[v], most]);
+        }
+    }
+}
+
+fn station(path: &Spline, interval: usize, s: f64) -> Station {
+    let [position, first, second] = path.derivatives(interval, s);
+    Station { s, position, first, second }
+}

@@ -1,0 +1,128 @@
+//! From a path to a motion in time that keeps the limits everywhere.
+
+use super::conic;
+use super::grid::Grid;
+use super::limits::Limits;
+use super::motion::{Node, shares};
+use super::reachability;
+use super::spline::Spline;
+use crate::model::{MOST_JOINTS, Row};
+
+/// How the speed along a path is found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Reachability analysis.
+    #[default]
+    Reachability,
+    /// A second-order cone program on Clarabel (Verscheure et al. 2009).
+    Conic,
+}
+
+/// Rounds in which cells whose motion exceeds a limit get less of it.
+const ROUNDS: usize = 6;
+/// Share of the acceleration limit aimed at, so that most cells need no second round.
+const AIM: f64 = 0.998;
+/// Where the whole would take this much longer at most, it does, and no further round is made.
+const NEGLIGIBLE: f64 = 1.003;
+/// A motion that starts under way may exceed limits by this share, the rounding of its start.
+const ROUNDING: f64 = 5e-7;
+/// Cells that take less time than this (s) are not told apart.
+const SHORTEST: f64 = 1e-7;
+
+/// The fastest motion along a path, from `velocity` along its tangent to rest; at most `slowest` (s) is gained on each
+/// interval between waypoints. Nodes lie at the stations of the grid. `None` where the path cannot be followed from
+/// that velocity.
+pub(crate) fn drive(
+    method: Method,
+    limits: &Limits,
+    path: &Spline,
+    slowest: &[f64],
+    velocity: &Row,
+) -> Option<(Vec<Node>, Grid)> {
+    let joints = limits.joints();
+    let mut grid = Grid::new(joints, path, slowest);
+    if grid.cells() == 0 || path.length() == 0.0 {
+        return (velocity[..joints].iter().all(|v| *v == 0.0)).then(|| (vec![resting(&grid)], grid));
+    }
+    let tangent = &grid.stations[0].first;
+    let square: f64 = tangent[..joints].iter().map(|t| t * t).sum();
+    let speed = velocity[..joints].iter().zip(tangent).map(|(v, t)| v * t).sum::<f64>() / square;
+    let under_way = speed > 0.0;
+    let mut nodes = Vec::new();
+    let mut worst = [1.0_f64; 2];
+    for cell in &mut grid.shares {
+        cell[1] = AIM;
+    }
+    for _ in 0..ROUNDS {
+        let squares = match method {
+            Method::Reachability => reachability::fastest(&grid, limits, speed * speed)?,
+            Method::Conic => conic::fastest(&grid, limits, speed * speed)?,
+        };
+        nodes = in_time(&grid, &squares, velocity)?;
+        worst = [1.0; 2];
+        let mut kept = true;
+        for cell in 0..grid.cells() {
+            let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
+            worst = [worst[0].max(fast), worst[1].max(hard)];
+            if fast > 1.0 {
+                grid.shares[cell][0] *= 0.9999 / fast;
+            }
+            if hard > 1.0 {
+                grid.shares[cell][1] *= AIM / hard;
+            }
+            kept &= fast <= 1.0 && hard <= 1.0;
+        }
+        if kept {
+            return Some((nodes, grid));
+        }
+        if !under_way && worst[0].max(worst[1].sqrt()) < NEGLIGIBLE {
+            break;
+        }
+    }
+    if under_way {
+        // The start cannot be slowed.
+        let close = worst.iter().all(|w| *w <= 1.0 + ROUNDING);
+        return close.then_some((nodes, grid));
+    }
+    let factor = worst[0].max(worst[1].sqrt());
+    stretch(&mut nodes, factor);
+    Some((nodes, grid))
+}
+
+/// Makes a motion from rest to rest take `factor` times as long.
+pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
+    for node in nodes {
+        node.time *= factor;
+        node.velocity.iter_mut().for_each(|v| *v /= factor);
+    }
+}
+
+fn resting(grid: &Grid) -> Node {
+    Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MOST_JOINTS] }
+}
+
+/// Nodes in time of a course of x over the stations; `None` where it stands still on the way.
+fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
+    let mut out: Vec<Node> = Vec::with_capacity(squares.len());
+    let mut time = 0.0;
+    for (k, station) in grid.stations.iter().enumerate() {
+        let speed = squares[k].max(0.0).sqrt();
+        if k > 0 {
+            let sum = speed + squares[k - 1].max(0.0).sqrt();
+            if sum <= 0.0 {
+                return None;
+            }
+            time += (2.0 * grid.step(k - 1) / sum).max(SHORTEST);
+        }
+        let mut velocity = [0.0; MOST_JOINTS];
+        for v in 0..grid.joints {
+            velocity[v] = station.first[v] * speed;
+        }
+        out.push(Node { time, position: station.position, velocity });
+    }
+    out[0].velocity = *begin;
+    if let Some(last) = out.last_mut() {
+        last.velocity = [0.0; MOST_JOINTS];
+    }
+    Some(out)
+}

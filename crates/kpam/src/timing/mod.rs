@@ -1,0 +1,27 @@
+//! Timing: from joint waypoints to a motion in time that keeps velocity, acceleration and jerk limits everywhere.
+//!
+//! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or [`conic`]
+//! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`law`], [`motion`]); a moving
+//! average over a short window bounds the jerk ([`limits`]). A start under way leaves along its own line ([`lead`],
+//! [`stop`]).
+
+mod conic;
+mod grid;
+mod law;
+mod lead;
+mod limits;
+mod motion;
+mod reachability;
+mod retime;
+mod spline;
+mod stop;
+mod trajectory;
+
+pub use law::Method;
+pub(crate) use lead::{Lead, Start, append, leads, turn, unit};
+pub use limits::Limits;
+pub use retime::{RetimeOptions, Retimed, retime};
+pub(crate) use spline::{Spline, length, rounded};
+pub use stop::CannotStop;
+pub(crate) use trajectory::{Builder, Refusal};
+pub use trajectory::{Sample, Trajectory};

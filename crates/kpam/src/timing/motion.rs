@@ -1,0 +1,205 @@
+//! Joint motion in time as a piece of a trajectory: cubics between nodes, averaged over a short window.
+
+use serde::{Deserialize, Serialize};
+
+use super::limits::Limits;
+use crate::model::{MOST_JOINTS, Row};
+
+/// Position and velocity of every joint at one time.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    /// s.
+    pub time: f64,
+    pub position: Row,
+    pub velocity: Row,
+}
+
+/// The cubic between two nodes: position, velocity and halves and sixths of the derivatives that follow, at its start.
+struct Cubic([Row; 4]);
+
+impl Cubic {
+    fn between(joints: usize, a: &Node, b: &Node) -> Self {
+        let h = b.time - a.time;
+        let mut out = [a.position, a.velocity, [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
+        for v in 0..joints {
+            let slope = (b.position[v] - a.position[v]) / h;
+            out[2][v] = (3.0 * slope - 2.0 * a.velocity[v] - b.velocity[v]) / h;
+            out[3][v] = (a.velocity[v] + b.velocity[v] - 2.0 * slope) / (h * h);
+        }
+        Self(out)
+    }
+
+    /// Position, velocity and acceleration of a joint `t` after the start, averaged over a window of `width` about `t`.
+    fn average(&self, v: usize, t: f64, width: f64) -> [f64; 3] {
+        let [p, d, c, e] = [self.0[0][v], self.0[1][v], self.0[2][v], self.0[3][v]];
+        let spread = width * width / 12.0;
+        let velocity = d + t * (2.0 * c + 3.0 * e * t);
+        let acceleration = 2.0 * c + 6.0 * e * t;
+        [p + t * (d + t * (c + t * e)) + 0.5 * acceleration * spread, velocity + 3.0 * e * spread, acceleration]
+    }
+}
+
+/// Greatest shares of the limits on velocity and acceleration that a motion takes between two nodes. Velocity is a
+/// parabola there and acceleration a line, so both peaks have a closed form.
+pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
+    let joints = limits.joints();
+    let cubic = Cubic::between(joints, a, b);
+    let h = b.time - a.time;
+    let mut out = [0.0_f64; 2];
+    for v in 0..joints {
+        let [_, d, c, e] = [0, 1, 2, 3].map(|k| cubic.0[k][v]);
+        let mut speed = a.velocity[v].abs().max(b.velocity[v].abs());
+        let flat = -c / (3.0 * e);
+        if flat > 0.0 && flat < h {
+            speed = speed.max((d + c * flat).abs());
+        }
+        let gain = (2.0 * c).abs().max((2.0 * c + 6.0 * e * h).abs());
+        out[0] = out[0].max(speed / limits.velocity[v]);
+        out[1] = out[1].max(gain / limits.acceleration[v]);
+    }
+    out
+}
+
+/// Least and greatest value of a joint between two nodes.
+pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
+    let cubic = Cubic::between(joints, a, b);
+    let [_, slope, bend, change] = [0, 1, 2, 3].map(|k| cubic.0[k][v]);
+    let (mut low, mut high) = (a.position[v].min(b.position[v]), a.position[v].max(b.position[v]));
+    // Where slope + 2 bend t + 3 change t^2 vanishes inside.
+    let root = (bend * bend - 3.0 * change * slope).max(0.0).sqrt();
+    let q = -(bend + root.copysign(bend));
+    for t in [q / (3.0 * change), slope / q] {
+        if t > 0.0 && t < b.time - a.time {
+            let value = cubic.average(v, t, 0.0)[0];
+            (low, high) = (low.min(value), high.max(value));
+        }
+    }
+    (low, high)
+}
+
+/// A stretch of a trajectory: at its local time `t` it is the average of the cubics between nodes over `[t - w, t]`.
+///
+/// Averaging keeps every bound on position, velocity and acceleration that the nodes' motion keeps, and bounds the jerk
+/// by twice the greatest acceleration over `w`. With `w = 0` it is the nodes' motion itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Piece {
+    /// Time of the trajectory at which it begins (s).
+    pub start: f64,
+    width: f64,
+    joints: usize,
+    /// Local times of the nodes (s), the first at `-width`.
+    times: Vec<f64>,
+    /// Positions and velocities of the nodes, joint by joint.
+    states: Vec<f64>,
+    /// Places among the nodes that a reader should not miss.
+    marks: Vec<usize>,
+}
+
+impl Piece {
+    /// The motion through `nodes` as it is. The first node is at time 0.
+    pub fn plain(start: f64, joints: usize, nodes: &[Node]) -> Self {
+        Self::new(start, 0.0, joints, nodes, &[])
+    }
+
+    /// The motion through `nodes`, which ends at rest, averaged over `width`: the first node, at time 0, is where the
+    /// average gets `width / 2` after its start, so a start under way lies that far back on the line that it moves on.
+    pub fn averaged(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
+        let (Some(first), Some(last)) = (nodes.first(), nodes.last()) else {
+            return Self::new(start, 0.0, joints, nodes, &[]);
+        };
+        if width == 0.0 {
+            return Self::new(start, width, joints, nodes, marks);
+        }
+        let mut before = *first;
+        before.time = -width;
+        for v in 0..joints {
+            before.position[v] -= width * first.velocity[v];
+        }
+        let mut after = *last;
+        after.time += width;
+        let mut all = Vec::with_capacity(nodes.len() + 2);
+        all.push(before);
+        all.extend_from_slice(nodes);
+        all.push(after);
+        let marks: Vec<usize> = marks.iter().map(|m| m + 1).collect();
+        Self::new(start, width, joints, &all, &marks)
+    }
+
+    fn new(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
+        let mut states = Vec::with_capacity(2 * joints * nodes.len());
+        for node in nodes {
+            states.extend_from_slice(&node.position[..joints]);
+            states.extend_from_slice(&node.velocity[..joints]);
+        }
+        Self { start, width, joints, times: nodes.iter().map(|n| n.time).collect(), states, marks: marks.to_vec() }
+    }
+
+    /// s.
+    pub fn duration(&self) -> f64 {
+        self.times[self.times.len() - 1]
+    }
+
+    pub fn end(&self) -> f64 {
+        self.start + self.duration()
+    }
+
+    /// Time of the trajectory (s) at which it is nearest to a node.
+    fn time_of(&self, node: usize) -> f64 {
+        self.start + (self.times[node] + 0.5 * self.width).clamp(0.0, self.duration())
+    }
+
+    /// Times of the trajectory (s) that show its course: at nodes, at most about `spacing` apart unless nodes are, with
+    /// every mark, the start and the end.
+    pub fn landmarks(&self, spacing: f64) -> Vec<f64> {
+        let mut out = vec![self.start];
+        for node in 0..self.times.len() {
+            let time = self.time_of(node);
+            let marked = self.marks.contains(&node);
+            let last = out[out.len() - 1];
+            if time > last && (marked || (time - last >= spacing && self.end() - time >= 0.5 * spacing)) {
+                out.push(time);
+            }
+        }
+        out.push(self.end());
+        out
+    }
+
+    fn node(&self, i: usize) -> Node {
+        let n = self.joints;
+        let state = &self.states[2 * n * i..2 * n * (i + 1)];
+        let mut out = Node { time: self.times[i], position: [0.0; MOST_JOINTS], velocity: [0.0; MOST_JOINTS] };
+        out.position[..n].copy_from_slice(&state[..n]);
+        out.velocity[..n].copy_from_slice(&state[n..]);
+        out
+    }
+
+    /// Position, velocity and acceleration at a time of the trajectory (s), as at the start before it and as at the end
+    /// after it.
+    pub fn at(&self, time: f64) -> [Row; 3] {
+        let to = (time - self.start).clamp(0.0, self.duration());
+        let from = to - self.width;
+        let last = self.times.len().saturating_sub(2);
+        let mut out = [[0.0; MOST_JOINTS]; 3];
+        if self.times.len() < 2 {
+            out[0] = self.node(0).position;
+            return out;
+        }
+        let mut cell = self.times.partition_point(|t| *t <= from).saturating_sub(1).min(last);
+        loop {
+            let (a, b) = (self.node(cell), self.node(cell + 1));
+            let cubic = Cubic::between(self.joints, &a, &b);
+            let (begin, end) = (a.time.max(from), if cell == last { to } else { b.time.min(to) });
+            let share = if self.width > 0.0 { (end - begin) / self.width } else { 1.0 };
+            for v in 0..self.joints {
+                let values = cubic.average(v, 0.5 * (begin + end) - a.time, end - begin);
+                for (row, value) in out.iter_mut().zip(values) {
+                    row[v] += share * value;
+                }
+            }
+            if cell == last || b.time >= to {
+                return out;
+            }
+            cell += 1;
+        }
+    }
+}

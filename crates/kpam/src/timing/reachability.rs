@@ -1,0 +1,115 @@
+//! Time-optimal speed along a path by reachability analysis (Pham and Pham, "A New Approach to Time-Optimal Path
+//! Parameterization Based on Reachability Analysis", 2018). From the end backwards: the greatest x at each station from
+//! which the rest can be driven; then forwards, as fast as that admits. Each step is a linear program in (u, x), solved
+//! in closed form.
+
+use super::grid::Grid;
+use super::limits::Limits;
+
+/// Coefficients of u smaller than this times that of x say nothing of u.
+const FLAT: f64 = 1e-9;
+
+/// Band of u: slope * x - half <= u <= slope * x + half.
+#[derive(Debug, Clone, Copy)]
+struct Band {
+    slope: f64,
+    half: f64,
+}
+
+/// The bands of all cells in one list, and the greatest x by rows that say nothing of u.
+struct Bands {
+    bands: Vec<Band>,
+    ends: Vec<usize>,
+    caps: Vec<f64>,
+}
+
+impl Bands {
+    fn new(grid: &Grid, limits: &Limits) -> Self {
+        let mut out = Self { bands: Vec::new(), ends: vec![0], caps: Vec::new() };
+        let mut rows = Vec::new();
+        for cell in 0..grid.cells() {
+            grid.rows(limits, cell, &mut rows);
+            let mut cap = f64::INFINITY;
+            for &[a, b, c] in &rows {
+                if a.abs() > FLAT * b.abs() {
+                    out.bands.push(Band { slope: -b / a, half: c / a.abs() });
+                } else if b != 0.0 {
+                    cap = cap.min(c / b.abs());
+                }
+            }
+            out.ends.push(out.bands.len());
+            out.caps.push(cap);
+        }
+        out
+    }
+
+    fn of(&self, cell: usize) -> &[Band] {
+        &self.bands[self.ends[cell]..self.ends[cell + 1]]
+    }
+
+    /// Least and greatest u at the start of a cell of length `step` with x there and at most `next` at its end.
+    fn range(&self, cell: usize, x: f64, step: f64, next: f64) -> (f64, f64) {
+        let turn = 0.5 / step;
+        let (mut low, mut high) = (-turn * x, turn * (next - x));
+        for band in self.of(cell) {
+            let middle = band.slope * x;
+            let (least, most) = (middle - band.half, middle + band.half);
+            low = if least > low { least } else { low };
+            high = if most < high { most } else { high };
+        }
+        (low, high)
+    }
+
+    /// How the room between the bounds of u that `range` gave changes with x.
+    fn room_slope(&self, cell: usize, x: f64, step: f64, (low, high): (f64, f64)) -> f64 {
+        let (mut below, mut above) = (-0.5 / step, -0.5 / step);
+        for band in self.of(cell) {
+            let middle = band.slope * x;
+            below = if middle - band.half >= low { band.slope } else { below };
+            above = if middle + band.half <= high { band.slope } else { above };
+        }
+        above - below
+    }
+
+    /// Greatest x up to `most` at the start of a cell from which some u leads to at most `next`.
+    fn greatest(&self, cell: usize, most: f64, step: f64, next: f64) -> f64 {
+        let mut x = most.min(self.caps[cell]).min(1e30);
+        // The room between the bounds of u is concave in x and positive at zero: Newton's method comes down to its root
+        // and meets it after as many steps as there are different bounds, at most.
+        for _ in 0..32 {
+            let (low, high) = self.range(cell, x, step, next);
+            let room = high - low;
+            if room >= -1e-12 * (high.abs() + low.abs()) {
+                break;
+            }
+            let slope = self.room_slope(cell, x, step, (low, high));
+            if slope >= 0.0 {
+                break;
+            }
+            x = (x - room / slope).max(0.0);
+        }
+        x
+    }
+}
+
+/// The greatest x at each station, from `begin` at the first to 0 at the last; `None` where `begin` is too much.
+pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
+    const SLACK: f64 = 1e-9;
+    let cells = grid.cells();
+    let bands = Bands::new(grid, limits);
+    let mut x = grid.ceilings(limits);
+    x[cells] = 0.0;
+    for cell in (0..cells).rev() {
+        x[cell] = bands.greatest(cell, x[cell], grid.step(cell), x[cell + 1]);
+    }
+    if begin > x[0] * (1.0 + SLACK) {
+        return None;
+    }
+    x[0] = begin;
+    for cell in 0..cells {
+        let step = grid.step(cell);
+        let (low, high) = bands.range(cell, x[cell], step, x[cell + 1]);
+        x[cell + 1] = (x[cell] + 2.0 * step * high.max(low)).clamp(0.0, x[cell + 1]);
+    }
+    Some(x)
+}

@@ -1,0 +1,289 @@
+//! Retiming of given waypoints.
+
+use super::law::Method;
+use super::lead::{Lead, Start, append, leads, turn, unit};
+use super::limits::Limits;
+use super::spline::Spline;
+use super::trajectory::{Builder, Refusal, Trajectory};
+use crate::ProblemError;
+use crate::model::{JointMap, MOST_JOINTS};
+
+/// What a retiming may set beside waypoints and limits.
+#[derive(Debug, Clone, Default)]
+#[non_exhaustive]
+pub struct RetimeOptions {
+    /// Waypoints at which the motion comes to rest, beside the last.
+    pub stops: Vec<usize>,
+    /// Least time (s) of each interval between waypoints; none where empty.
+    pub slowest: Vec<f64>,
+    /// Velocity at the first waypoint (rad/s or m/s); at rest where `None`.
+    pub start_velocity: Option<Vec<f64>>,
+    /// Acceleration there (rad/s^2 or m/s^2); none where `None`.
+    pub start_acceleration: Option<Vec<f64>>,
+    /// Position limits (rad or m) that a start under way has to stop within.
+    pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
+    /// How the speed along the path is found.
+    pub method: Method,
+}
+
+/// A motion through waypoints.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Retimed {
+    /// The motion; it begins at time 0.
+    pub trajectory: Trajectory,
+    /// When it passes each waypoint (s). A start under way that does not move towards the second waypoint leaves the
+    /// path at first, and joins it there.
+    pub times: Vec<f64>,
+}
+
+/// The fastest motion found along the cubic spline through joint waypoints, within velocity, acceleration and jerk
+/// limits, at rest at the stops and at the end.
+///
+/// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
+/// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m).
+///
+/// # Errors
+/// Waypoints, stops or a start that do not fit, by field; `start_velocity` where no motion from there keeps the limits.
+pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) -> Result<Retimed, ProblemError> {
+    let joints = limits.joints();
+    let row = |field: &str, list: &[f64]| {
+        if list.len() != joints {
+            return Err(ProblemError::new(field, format!("has {} entries, not {joints}", list.len())));
+        }
+        let mut out = [0.0; MOST_JOINTS];
+        out[..joints].copy_from_slice(list);
+        Ok(out)
+    };
+    let finite = |field: &str, list: &[f64]| match list.iter().find(|v| !(-1e6..=1e6).contains(*v)) {
+        Some(v) => Err(ProblemError::new(field, format!("{v} is not a finite number within 1e6"))),
+        None => row(field, list),
+    };
+    let mut points = Vec::with_capacity(waypoints.len());
+    for (k, w) in waypoints.iter().enumerate() {
+        points.push(finite(&format!("waypoints[{k}]"), w)?);
+    }
+    let Some(first) = points.first().copied() else {
+        return Err(ProblemError::new("waypoints", "must hold at least one"));
+    };
+    let last = points.len() - 1;
+    if let Some(stop) = options.stops.iter().find(|s| **s > last) {
+        return Err(ProblemError::new("stops", format!("{stop} is not the number of a waypoint; the last is {last}")));
+    }
+    if !options.slowest.is_empty() && options.slowest.len() != last {
+        let message = format!("has {} entries; there are {last} intervals between waypoints", options.slowest.len());
+        return Err(ProblemError::new("slowest", message));
+    }
+    if let Some(time) = options.slowest.iter().find(|t| !(0.0..=1e6).contains(*t)) {
+        return Err(ProblemError::new("slowest", format!("{time} is not a time from 0 to 1e6 s")));
+    }
+    let optional =
+        |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MOST_JOINTS]), |l| finite(field, l));
+    let start = Start {
+        position: first,
+        velocity: optional("start_velocity", &options.start_velocity)?,
+        acceleration: optional("start_acceleration", &options.start_acceleration)?,
+    };
+    let (lower, upper) = match &options.position_limits {
+        Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
+        None => ([f64::NEG_INFINITY; MOST_JOINTS], [f64::INFINITY; MOST_JOINTS]),
+    };
+    let mut builder = Builder::new(*limits, options.method, 0.0);
+    let mut found = leads(&builder, &start, &lower, &upper)
+        .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
+    let lead = found.swap_remove(0);
+    append(&mut builder, &lead, &start);
+    let mut stops = options.stops.clone();
+    stops.push(last);
+    stops.sort_unstable();
+    stops.dedup();
+    stops.retain(|s| *s > 0);
+    let slowest = |from: usize, to: usize| options.slowest.get(from..to).unwrap_or_default();
+    let mut times = vec![0.0];
+    let mut from = 0;
+    let refused = |_: Refusal| ProblemError::new("waypoints", "cannot be driven from the velocity at the start");
+    for stop in stops {
+        let tail = &points[from + 1..=stop];
+        let mut way = vec![if from == 0 { lead.rest() } else { points[from] }];
+        let mut velocity = [0.0; MOST_JOINTS];
+        let mut least = vec![0.0; 0];
+        if from == 0
+            && let Lead::Line { begin, brake, .. } = &lead
+        {
+            let inside = |path: &Spline| path.keeps_within(0..path.intervals(), &lower, &upper);
+            match turn(&builder, &lead, &tail[0], |_| tail.to_vec(), inside) {
+                Some(turned) => {
+                    velocity = lead.velocity();
+                    way = turned.waypoints;
+                    way.truncate(turned.turn);
+                    least.resize(way.len() - 1, 0.0);
+                }
+                None => {
+                    let line = Spline::through(joints, &[*begin, *brake], None);
+                    let _ = builder.push(&line, &[], &lead.velocity(), None, &[]).map_err(refused)?;
+                }
+            }
+        }
+        least.extend_from_slice(slowest(from, stop));
+        let marks: Vec<usize> = (0..tail.len()).map(|k| way.len() + k).collect();
+        way.extend_from_slice(tail);
+        let tangent = unit(joints, &velocity);
+        let path = Spline::through(joints, &way, velocity.iter().any(|v| *v != 0.0).then_some(&tangent));
+        times.extend(builder.push(&path, &least, &velocity, None, &marks).map_err(refused)?);
+        from = stop;
+    }
+    Ok(Retimed { trajectory: builder.build(&JointMap::each(joints, &start.position[..joints])), times })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Checks a motion on a fine grid: limits, and that velocities and accelerations are those of the positions.
+    fn check(trajectory: &Trajectory, limits: &Limits) -> Result<(), TestCaseError> {
+        const STEPS: usize = 4000;
+        let h = trajectory.end() / STEPS as f64;
+        let joints = limits.joints();
+        let mut previous = trajectory.sample(0.0);
+        for k in 1..=STEPS {
+            let now = trajectory.sample(h * k as f64);
+            for j in 0..joints {
+                let (most_v, most_a, most_j) = (limits.velocity[j], limits.acceleration[j], limits.jerk[j]);
+                prop_assert!(now.velocity[j].abs() <= most_v * (1.0 + 1e-5), "velocity {} {most_v}", now.velocity[j]);
+                prop_assert!(now.acceleration[j].abs() <= most_a * (1.0 + 1e-5), "{} {most_a}", now.acceleration[j]);
+                let jerk = (now.acceleration[j] - previous.acceleration[j]).abs() / h;
+                prop_assert!(jerk <= most_j * (1.0 + 1e-5) + 1e-5 / h, "jerk {jerk} {most_j} at {}", h * k as f64);
+                let slope = (now.position[j] - previous.position[j]) / h;
+                let between = 0.5 * (now.velocity[j] + previous.velocity[j]);
+                prop_assert!((slope - between).abs() <= most_j * h * h + 1e-7, "{slope} {between}");
+                let gain = (now.velocity[j] - previous.velocity[j]) / h;
+                let between = 0.5 * (now.acceleration[j] + previous.acceleration[j]);
+                prop_assert!((gain - between).abs() <= most_j * h + 1e-6, "{gain} {between}");
+            }
+            previous = now;
+        }
+        prop_assert!(previous.velocity.iter().chain(&previous.acceleration).all(|v| v.abs() < 1e-9));
+        Ok(())
+    }
+
+    fn joint_lists(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Vec<f64>>> {
+        prop::collection::vec(prop::collection::vec(-2.0..2.0f64, 3), count)
+    }
+
+    fn limit_lists() -> impl Strategy<Value = (Vec<f64>, Vec<f64>, Vec<f64>)> {
+        let exponent = |range: std::ops::Range<f64>| prop::collection::vec(range.prop_map(|e| 10f64.powf(e)), 3);
+        (exponent(-1.0..0.7), exponent(0.0..1.3), exponent(1.0..4.0))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+        #[test]
+        fn limits_hold_everywhere(
+            waypoints in joint_lists(2..8),
+            (velocity, acceleration, jerk) in limit_lists(),
+            stop in 0..6usize,
+        ) {
+            let limits = Limits::new(&velocity, &acceleration, &jerk).unwrap();
+            let options = RetimeOptions { stops: vec![stop.min(waypoints.len() - 1)], ..RetimeOptions::default() };
+            let out = retime(&waypoints, &limits, &options).unwrap();
+            check(&out.trajectory, &limits)?;
+            for (k, time) in out.times.iter().enumerate() {
+                let sample = out.trajectory.sample(*time);
+                let rests = k == 0 || k == waypoints.len() - 1 || options.stops.contains(&k);
+                for j in 0..3 {
+                    let off = (sample.position[j] - waypoints[k][j]).abs();
+                    prop_assert!(off <= if rests { 1e-9 } else { 1.1e-4 }, "waypoint {k} missed by {off}");
+                    prop_assert!(!rests || sample.velocity[j].abs() < 1e-9);
+                }
+            }
+        }
+
+        #[test]
+        fn starts_under_way_are_taken_up(
+            waypoints in joint_lists(2..6),
+            (velocity, acceleration, jerk) in limit_lists(),
+            speed in prop::collection::vec(-1.0..1.0f64, 3),
+            gain in prop::collection::vec(-1.0..1.0f64, 3),
+        ) {
+            let limits = Limits::new(&velocity, &acceleration, &jerk).unwrap();
+            let times = |share: &[f64], most: &[f64]| share.iter().zip(most).map(|(s, m)| s * m).collect::<Vec<f64>>();
+            let (lower, upper) = (vec![-2.5; 3], vec![2.5; 3]);
+            let options = RetimeOptions {
+                start_velocity: Some(times(&speed, &velocity)),
+                start_acceleration: Some(times(&gain, &acceleration)),
+                position_limits: Some((lower.clone(), upper.clone())),
+                ..RetimeOptions::default()
+            };
+            match retime(&waypoints, &limits, &options) {
+                Ok(out) => {
+                    check(&out.trajectory, &limits)?;
+                    let first = out.trajectory.sample(0.0);
+                    for j in 0..3 {
+                        prop_assert!((first.position[j] - waypoints[0][j]).abs() < 1e-9);
+                        prop_assert!((first.velocity[j] - speed[j] * velocity[j]).abs() < 1e-9);
+                        prop_assert!((first.acceleration[j] - gain[j] * acceleration[j]).abs() < 1e-6);
+                    }
+                    let end = out.trajectory.sample(out.trajectory.end());
+                    let last = &waypoints[waypoints.len() - 1];
+                    prop_assert!(end.position.iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-9));
+                }
+                Err(e) => {
+                    // Only where some joint cannot stop: by its own constant jerk and acceleration.
+                    prop_assert!(e.to_string().contains("start_velocity"), "{e}");
+                    let stuck = (0..3).any(|j| {
+                        let (v, a) = (speed[j] * velocity[j], gain[j] * acceleration[j]);
+                        let next = v + 0.5 * a * a.abs() / jerk[j];
+                        let peak = next.abs().max(v.abs());
+                        let far = peak * peak / (2.0 * acceleration[j]) + peak * acceleration[j] / jerk[j];
+                        peak > velocity[j] || waypoints[0][j].abs() + far > 2.5
+                    });
+                    prop_assert!(stuck, "{e}");
+                }
+            }
+        }
+
+        #[test]
+        fn the_cone_program_agrees(waypoints in joint_lists(2..6)) {
+            let limits = Limits::new(&[1.0, 2.0, 1.5], &[4.0, 3.0, 5.0], &[1e5, 1e5, 1e5]).unwrap();
+            let direct = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory.end();
+            let options = RetimeOptions { method: Method::Conic, ..RetimeOptions::default() };
+            let conic = retime(&waypoints, &limits, &options).unwrap();
+            check(&conic.trajectory, &limits)?;
+            prop_assert!((conic.trajectory.end() / direct - 1.0).abs() < 0.02, "{} {direct}", conic.trajectory.end());
+        }
+    }
+
+    #[test]
+    fn a_straight_line_takes_its_known_time() {
+        // 2 m at 1 m/s with 4 m/s^2 and no limit on jerk that matters: 2 + 1 / 4 s.
+        let limits = Limits::new(&[1.0], &[4.0], &[1e6]).unwrap();
+        let out = retime(&[vec![0.0], vec![2.0]], &limits, &RetimeOptions::default()).unwrap();
+        assert!((out.trajectory.end() - 2.25).abs() < 0.01, "{}", out.trajectory.end());
+    }
+
+    #[test]
+    fn slow_intervals_are_slow_and_tiny_limits_make_few_waypoints() {
+        let limits = Limits::new(&[1.0], &[4.0], &[1e4]).unwrap();
+        let waypoints: Vec<Vec<f64>> = (0..5).map(|k| vec![0.1 * f64::from(k)]).collect();
+        let options = RetimeOptions { slowest: vec![0.0, 1.0, 1.0, 0.0], ..RetimeOptions::default() };
+        let out = retime(&waypoints, &limits, &options).unwrap();
+        assert!(out.times[2] - out.times[1] > 0.999 && out.times[3] - out.times[2] > 0.999, "{:?}", out.times);
+        let slow = Limits::new(&[1e-5], &[4.0], &[1e4]).unwrap();
+        let out = retime(&waypoints, &slow, &RetimeOptions::default()).unwrap();
+        assert!(out.trajectory.end() > 4e4 && out.trajectory.times().len() < 500);
+    }
+
+    #[test]
+    fn a_start_on_its_way_is_not_braked() {
+        let limits = Limits::new(&[1.0, 1.0], &[4.0, 4.0], &[1e4, 1e4]).unwrap();
+        let time = |velocity: Vec<f64>| {
+            let options = RetimeOptions { start_velocity: Some(velocity), ..RetimeOptions::default() };
+            retime(&[vec![0.0, 0.0], vec![1.0, 0.2]], &limits, &options).unwrap().trajectory.end()
+        };
+        let rest = time(vec![0.0, 0.0]);
+        assert!(time(vec![0.9, 0.18]) < rest - 0.08);
+        assert!(time(vec![0.8, -0.3]) < rest);
+        assert!(time(vec![-0.8, 0.0]) > rest);
+    }
+}

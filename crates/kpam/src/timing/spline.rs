@@ -1,0 +1,269 @@
+//! The geometric path: a twice differentiable curve through joint waypoints.
+
+use crate::model::{MOST_JOINTS, Row};
+
+/// Waypoints nearer to each other than this are one (rad or m).
+const SAME: f64 = 1e-9;
+
+/// A cubic spline through waypoints over its chord length, with continuous second derivatives.
+#[derive(Debug, Clone)]
+pub(crate) struct Spline {
+    joints: usize,
+    pub knots: Vec<f64>,
+    values: Vec<Row>,
+    second: Vec<Row>,
+    /// The knot of each waypoint.
+    knot_of: Vec<usize>,
+}
+
+impl Spline {
+    /// The spline of `joints` joints through waypoints. It leaves the first along `tangent`, where that is given; its
+    /// second derivative vanishes at the ends otherwise.
+    pub fn through(joints: usize, waypoints: &[Row], tangent: Option<&Row>) -> Self {
+        let mut values: Vec<Row> = Vec::with_capacity(waypoints.len());
+        let mut knots: Vec<f64> = Vec::with_capacity(waypoints.len());
+        let mut knot_of = Vec::with_capacity(waypoints.len());
+        for w in waypoints {
+            match (values.last(), knots.last()) {
+                (Some(last), Some(at)) => {
+                    let way = distance(joints, last, w);
+                    if way > SAME {
+                        knots.push(at + way);
+                        values.push(*w);
+                    }
+                }
+                _ => {
+                    knots.push(0.0);
+                    values.push(*w);
+                }
+            }
+            knot_of.push(knots.len() - 1);
+        }
+        let second = second_derivatives(joints, &knots, &values, tangent);
+        Self { joints, knots, values, second, knot_of }
+    }
+
+    /// The knot of a waypoint; waypoints that repeat the one before share its knot.
+    pub fn knot_of(&self, waypoint: usize) -> usize {
+        self.knot_of[waypoint]
+    }
+
+    /// Number of waypoints that it was made through.
+    pub fn waypoints(&self) -> usize {
+        self.knot_of.len()
+    }
+
+    /// Number of intervals between knots.
+    pub fn intervals(&self) -> usize {
+        self.knots.len() - 1
+    }
+
+    pub fn length(&self) -> f64 {
+        self.knots[self.knots.len() - 1]
+    }
+
+    /// Value and first two derivatives at `s` in interval `i`.
+    pub fn derivatives(&self, i: usize, s: f64) -> [Row; 3] {
+        if self.intervals() == 0 {
+            return [self.values[0], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
+        }
+        let h = self.knots[i + 1] - self.knots[i];
+        let (a, b) = ((self.knots[i + 1] - s) / h, (s - self.knots[i]) / h);
+        let mut out = [[0.0; MOST_JOINTS]; 3];
+        let (y0, y1, m0, m1) = (&self.values[i], &self.values[i + 1], &self.second[i], &self.second[i + 1]);
+        for v in 0..self.joints {
+            let bend = (a * a * a - a) * m0[v] + (b * b * b - b) * m1[v];
+            out[0][v] = a * y0[v] + b * y1[v] + bend * h * h / 6.0;
+            let turn = (3.0 * b * b - 1.0) * m1[v] - (3.0 * a * a - 1.0) * m0[v];
+            out[1][v] = (y1[v] - y0[v]) / h + turn * h / 6.0;
+            out[2][v] = a * m0[v] + b * m1[v];
+        }
+        out
+    }
+
+    /// Joints at a fraction of interval `i`.
+    pub fn at(&self, i: usize, fraction: f64) -> Row {
+        let s = match self.knots.get(i + 1) {
+            Some(next) => self.knots[i] + fraction * (next - self.knots[i]),
+            None => 0.0,
+        };
+        self.derivatives(i, s)[0]
+    }
+
+    /// Points on the curve between two knots, about `spacing` apart, both ends included.
+    pub fn along(&self, knots: std::ops::Range<usize>, spacing: f64) -> Vec<Row> {
+        let mut out = vec![self.at(knots.start, 0.0)];
+        for i in knots {
+            let steps = ((self.knots[i + 1] - self.knots[i]) / spacing).ceil().max(1.0) as usize;
+            out.extend((1..=steps).map(|k| self.at(i, k as f64 / steps as f64)));
+        }
+        out
+    }
+
+    /// Least and greatest value of joint `v` in interval `i`.
+    pub fn range(&self, v: usize, i: usize) -> (f64, f64) {
+        let (start, end) = (self.knots[i], self.knots[i + 1]);
+        let [first, slope, bend] = self.derivatives(i, start).map(|row| row[v]);
+        let last = self.values[i + 1][v];
+        let (mut low, mut high) = (first.min(last), first.max(last));
+        // Where slope + bend t + change t^2 / 2 vanishes inside.
+        let change = (self.second[i + 1][v] - self.second[i][v]) / (end - start);
+        let (a, b, c) = (0.5 * change, bend, slope);
+        let root = (b * b - 4.0 * a * c).max(0.0).sqrt();
+        let q = -0.5 * (b + root.copysign(b));
+        for t in [q / a, c / q] {
+            if t > 0.0 && t < end - start {
+                let value = self.derivatives(i, start + t)[0][v];
+                (low, high) = (low.min(value), high.max(value));
+            }
+        }
+        (low, high)
+    }
+
+    /// Whether every joint stays between `lower` and `upper` in these intervals. Waypoints may lie outside, where the
+    /// start does; the curve between them lies no further out than they.
+    pub fn keeps_within(&self, mut intervals: std::ops::Range<usize>, lower: &Row, upper: &Row) -> bool {
+        intervals.all(|i| {
+            (0..self.joints).all(|v| {
+                let (low, high) = self.range(v, i);
+                let (from, to) = (self.values[i][v], self.values[i + 1][v]);
+                low >= lower[v].min(from).min(to) && high <= upper[v].max(from).max(to)
+            })
+        })
+    }
+}
+
+pub(crate) fn distance(joints: usize, a: &Row, b: &Row) -> f64 {
+    (0..joints).map(|v| (b[v] - a[v]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Length of the polygon through waypoints.
+pub(crate) fn length(joints: usize, waypoints: &[Row]) -> f64 {
+    waypoints.windows(2).map(|w| distance(joints, &w[0], &w[1])).sum()
+}
+
+/// Waypoints on a polygon: its corners, and points at most `spacing` apart between them. The curve through them bends
+/// about as far before and after a corner as they are apart. Towards both ends they come closer, down to `near`, so
+/// that a bend where the curve goes on there does not swing far into it.
+pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -> Vec<Row> {
+    let mut out: Vec<Row> = corners.first().copied().into_iter().collect();
+    for (k, pair) in corners.windows(2).enumerate() {
+        let whole = distance(joints, &pair[0], &pair[1]);
+        let (first, last) = (k == 0, k + 2 == corners.len());
+        let mut fractions = Vec::new();
+        if whole > 0.0 {
+            let mut step = near;
+            let mut gone = near;
+            while step < spacing && gone < 0.5 * whole {
+                if first {
+                    fractions.push(gone / whole);
+                }
+                if last {
+                    fractions.push(1.0 - gone / whole);
+                }
+                step *= 2.0;
+                gone += step;
+            }
+        }
+        fractions.push(1.0);
+        fractions.sort_by(f64::total_cmp);
+        let mut from = 0.0;
+        for to in fractions {
+            let steps = ((to - from) * whole / spacing).ceil().max(1.0) as usize;
+            for step in 1..=steps {
+                let at = from + (to - from) * step as f64 / steps as f64;
+                let mut x = pair[1];
+                if at < 1.0 {
+                    for v in 0..joints {
+                        x[v] = pair[0][v] + (pair[1][v] - pair[0][v]) * at;
+                    }
+                }
+                out.push(x);
+            }
+            from = to;
+        }
+    }
+    out
+}
+
+/// Second derivatives at the knots of the cubic spline: one tridiagonal sweep for all joints.
+fn second_derivatives(joints: usize, knots: &[f64], y: &[Row], tangent: Option<&Row>) -> Vec<Row> {
+    let count = knots.len();
+    let mut m = vec![[0.0; MOST_JOINTS]; count];
+    if count < 2 || (count < 3 && tangent.is_none()) {
+        return m;
+    }
+    let mut upper = vec![0.0; count];
+    if let Some(tangent) = tangent {
+        let h = knots[1] - knots[0];
+        upper[0] = 0.5;
+        for v in 0..joints {
+            m[0][v] = 3.0 * ((y[1][v] - y[0][v]) / h - tangent[v]) / h;
+        }
+    }
+    for i in 1..count - 1 {
+        let (h0, h1) = (knots[i] - knots[i - 1], knots[i + 1] - knots[i]);
+        let pivot = 2.0 * (h0 + h1) - h0 * upper[i - 1];
+        upper[i] = h1 / pivot;
+        for v in 0..joints {
+            let rhs = 6.0 * ((y[i + 1][v] - y[i][v]) / h1 - (y[i][v] - y[i - 1][v]) / h0);
+            m[i][v] = (rhs - h0 * m[i - 1][v]) / pivot;
+        }
+    }
+    for i in (0..count - 1).rev() {
+        let next = m[i + 1];
+        for v in 0..joints {
+            m[i][v] -= upper[i] * next[v];
+        }
+    }
+    m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(values: &[f64]) -> Row {
+        let mut out = [0.0; MOST_JOINTS];
+        out[..values.len()].copy_from_slice(values);
+        out
+    }
+
+    #[test]
+    fn it_meets_waypoints_and_tangent_and_is_twice_differentiable() {
+        let waypoints = [row(&[0.0, 0.0]), row(&[0.3, 0.1]), row(&[0.4, 0.4]), row(&[0.4, 0.4]), row(&[0.1, 0.9])];
+        let tangent = row(&[0.6, -0.8]);
+        for start in [None, Some(&tangent)] {
+            let spline = Spline::through(2, &waypoints, start);
+            assert_eq!(spline.intervals(), 3);
+            for (w, point) in waypoints.iter().enumerate() {
+                let k = spline.knot_of(w);
+                let i = k.min(spline.intervals() - 1);
+                let x = spline.at(i, (k - i) as f64);
+                assert!(distance(2, &x, point) < 1e-12);
+            }
+            for k in 1..spline.intervals() {
+                let s = spline.knots[k];
+                let (before, after) = (spline.derivatives(k - 1, s), spline.derivatives(k, s));
+                for d in 0..3 {
+                    assert!(distance(2, &before[d], &after[d]) < 1e-9, "derivative {d} at knot {k}");
+                }
+            }
+            if start.is_some() {
+                assert!(distance(2, &spline.derivatives(0, 0.0)[1], &tangent) < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn rounded_keeps_corners_and_spacing() {
+        let corners = [row(&[0.0, 0.0]), row(&[1.0, 0.0]), row(&[1.0, 1.5])];
+        let points = rounded(2, &corners, 0.4, 0.05);
+        for corner in &corners {
+            assert!(points.iter().any(|p| distance(2, p, corner) == 0.0));
+        }
+        let steps: Vec<f64> = points.windows(2).map(|w| distance(2, &w[0], &w[1])).collect();
+        assert!(steps.iter().all(|s| *s <= 0.4 + 1e-12));
+        assert!((steps[0] - 0.05).abs() < 1e-12 && (steps[steps.len() - 1] - 0.05).abs() < 1e-12, "{steps:?}");
+    }
+}

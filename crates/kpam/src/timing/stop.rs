@@ -1,0 +1,203 @@
+//! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
+//! from at all.
+
+use super::limits::Limits;
+use super::motion::{Node, range};
+use crate::model::{MOST_JOINTS, Row};
+
+/// A joint that leaves its limits however it moves on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CannotStop {
+    /// Number of the joint among those that move.
+    pub joint: usize,
+    /// What it does at the least.
+    pub reason: String,
+}
+
+/// A phase of constant jerk: its duration (s) and the jerk.
+type Phase = (f64, f64);
+
+/// State of a joint: position, velocity, acceleration.
+type State = [f64; 3];
+
+fn go_on([position, velocity, acceleration]: State, jerk: f64, t: f64) -> State {
+    [
+        position + t * (velocity + t * (0.5 * acceleration + t * jerk / 6.0)),
+        velocity + t * (acceleration + 0.5 * t * jerk),
+        acceleration + t * jerk,
+    ]
+}
+
+/// Phases that take a joint's acceleration away.
+fn settling(acceleration: f64, jerk: f64) -> [Phase; 3] {
+    settling_in(acceleration.abs() / jerk, acceleration)
+}
+
+/// Phases that take it away in a given time.
+fn settling_in(time: f64, acceleration: f64) -> [Phase; 3] {
+    let jerk = if time > 0.0 { -acceleration / time } else { 0.0 };
+    [(time, jerk), (0.0, 0.0), (0.0, 0.0)]
+}
+
+/// Phases that bring a joint to rest in the least time.
+fn stopping(velocity: f64, acceleration: f64, most: f64, jerk: f64) -> [Phase; 3] {
+    // Velocity once the acceleration is taken away: what has to be braked.
+    let left = velocity + 0.5 * acceleration * acceleration.abs() / jerk;
+    if left == 0.0 {
+        return settling(acceleration, jerk);
+    }
+    // Seen in the direction of that velocity: acceleration falls to -peak, stays, and comes back to zero.
+    let side = left.signum();
+    let (velocity, acceleration) = (side * velocity, side * acceleration);
+    let peak = (jerk * velocity + 0.5 * acceleration * acceleration).max(0.0).sqrt();
+    let (peak, held) = if peak > most {
+        (most, (velocity + (0.5 * acceleration * acceleration - most * most) / jerk) / most)
+    } else {
+        (peak, 0.0)
+    };
+    [((acceleration + peak).max(0.0) / jerk, -side * jerk), (held.max(0.0), 0.0), (peak / jerk, side * jerk)]
+}
+
+/// Nodes of a motion of constant jerk phases, one list a joint, at every change of any joint's phase.
+fn nodes(limits: &Limits, start: &[State], phases: &[[Phase; 3]]) -> Vec<Node> {
+    let mut times: Vec<f64> = vec![0.0];
+    for joint in phases {
+        let mut t = 0.0;
+        for (duration, _) in joint {
+            t += duration;
+            times.push(t);
+        }
+    }
+    times.sort_by(f64::total_cmp);
+    times.dedup_by(|b, a| *b - *a < 1e-9);
+    times
+        .iter()
+        .map(|time| {
+            let mut node = Node { time: *time, position: [0.0; MOST_JOINTS], velocity: [0.0; MOST_JOINTS] };
+            for v in 0..limits.joints() {
+                let (mut state, mut left) = (start[v], *time);
+                for (duration, jerk) in phases[v] {
+                    let t = duration.min(left);
+                    state = go_on(state, jerk, t);
+                    left -= t;
+                }
+                state = go_on([state[0], state[1], 0.0], 0.0, left);
+                (node.position[v], node.velocity[v]) = (state[0], state[1]);
+            }
+            node
+        })
+        .collect()
+}
+
+fn states(joints: usize, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<State> {
+    (0..joints).map(|v| [position[v], velocity[v], acceleration[v]]).collect()
+}
+
+/// The motion in which every joint comes to rest as soon as it can.
+pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
+    let phases: Vec<_> = (0..limits.joints())
+        .map(|v| stopping(velocity[v], acceleration[v], limits.acceleration[v], limits.jerk[v]))
+        .collect();
+    let mut out = nodes(limits, &states(limits.joints(), position, velocity, acceleration), &phases);
+    if let Some(last) = out.last_mut() {
+        last.velocity = [0.0; MOST_JOINTS];
+    }
+    out
+}
+
+/// The motion in which all joints lose their accelerations together, as soon as they can, and go on evenly. A joint that
+/// would gain too much speed by then loses its own at once.
+pub(crate) fn settle(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
+    let joints = 0..limits.joints();
+    let time = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let phases: Vec<_> = joints
+        .map(|v| {
+            let fits = (velocity[v] + 0.5 * time * acceleration[v]).abs() <= limits.velocity[v];
+            let own = acceleration[v].abs() / limits.jerk[v];
+            settling_in(if fits { time } else { own }, acceleration[v])
+        })
+        .collect();
+    nodes(limits, &states(limits.joints(), position, velocity, acceleration), &phases)
+}
+
+/// Whether some motion from this state keeps every joint within its limits. Braking as hard as a joint can takes it
+/// least far, so where that leaves the limits, every motion does.
+///
+/// # Errors
+/// The first joint that leaves them.
+pub(crate) fn can_stop(
+    limits: &Limits,
+    lower: &Row,
+    upper: &Row,
+    position: &Row,
+    velocity: &Row,
+    acceleration: &Row,
+) -> Result<(), CannotStop> {
+    const SLACK: f64 = 1e-6;
+    let fail = |joint, reason| Err(CannotStop { joint, reason });
+    for v in 0..limits.joints() {
+        let (now, gain) = (velocity[v], acceleration[v]);
+        // What the velocity comes to while the acceleration is taken away.
+        let next = now + 0.5 * gain * gain.abs() / limits.jerk[v];
+        let speed = now.abs().max(next.abs());
+        if speed > limits.velocity[v] * (1.0 + SLACK) {
+            return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
+        }
+        if gain.abs() > limits.acceleration[v] * (1.0 + SLACK) {
+            let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
+            return fail(v, reason);
+        }
+    }
+    let motion = stop(limits, position, velocity, acceleration);
+    for v in 0..limits.joints() {
+        // A start outside may not lead further out.
+        let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
+        for pair in motion.windows(2) {
+            let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);
+            if least < low - SLACK || most > high + SLACK {
+                let past = if least < low - SLACK { least } else { most };
+                let reason = format!("braking as hard as it can takes it to {past:.4}, past [{low:.4}, {high:.4}]");
+                return fail(v, reason);
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn stops_are_at_rest_and_within_limits(v in -1.0..1.0f64, a in -2.0..2.0f64, jerk in 1.0..1e4f64) {
+            let limits = Limits::new(&[1.0], &[2.0], &[jerk]).unwrap();
+            let mut state = [0.3, v, a];
+            for (t, j) in stopping(v, a, 2.0, jerk) {
+                prop_assert!(t >= 0.0 && j.abs() <= jerk + 1e-9);
+                state = go_on(state, j, t);
+                prop_assert!(state[2].abs() <= 2.0 + 1e-9, "{state:?}");
+            }
+            prop_assert!(state[1].abs() < 1e-9 && state[2].abs() < 1e-9, "{state:?}");
+            let row = |x: f64| [x; MOST_JOINTS];
+            let nodes = stop(&limits, &row(0.3), &row(v), &row(a));
+            prop_assert!((nodes[nodes.len() - 1].position[0] - state[0]).abs() < 1e-9);
+            let settled = settle(&limits, &row(0.3), &row(v), &row(a));
+            let last = settled[settled.len() - 1].velocity[0];
+            prop_assert!((last - (v + 0.5 * a * a.abs() / jerk)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn no_room_to_stop_is_seen() {
+        let limits = Limits::new(&[2.0], &[10.0], &[1e6]).unwrap();
+        let row = |x: f64| [x; MOST_JOINTS];
+        // v^2 / 2a = 0.05 m.
+        let judge = |q: f64, v: f64| can_stop(&limits, &row(-1.0), &row(1.0), &row(q), &row(v), &row(0.0));
+        assert!(judge(0.94, 1.0).is_ok());
+        assert!(judge(0.96, 1.0).is_err());
+        assert!(judge(0.96, -1.0).is_ok());
+        assert!(judge(0.0, 50.0).unwrap_err().reason.contains("limit"));
+    }
+}

@@ -1,0 +1,215 @@
+//! Timed joint motion as a value.
+
+use serde::{Deserialize, Serialize};
+
+use super::law::{Method, drive, stretch};
+use super::limits::Limits;
+use super::motion::{Node, Piece};
+use super::spline::Spline;
+use super::stop;
+use crate::model::{JointMap, MOST_JOINTS, Row};
+
+/// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
+/// velocity, acceleration and jerk are known exactly at every time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trajectory {
+    pieces: Vec<Piece>,
+    joints: JointMap,
+    times: Vec<f64>,
+}
+
+/// Position, velocity and acceleration at one time, each one entry a joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// rad or m.
+    pub position: Vec<f64>,
+    /// rad/s or m/s.
+    pub velocity: Vec<f64>,
+    /// rad/s^2 or m/s^2.
+    pub acceleration: Vec<f64>,
+}
+
+/// Waypoint times of a trajectory are about this far apart (s), further where its nodes are.
+const WAYPOINT_STEP: f64 = 0.1;
+
+/// Why a path could not be appended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Refusal {
+    /// It cannot be followed from the velocity at its start.
+    TooSharp,
+    /// It takes at least this long (s).
+    TooLong(f64),
+}
+
+/// What a trajectory is built from.
+#[derive(Debug, Clone)]
+pub(crate) struct Builder {
+    limits: Limits,
+    /// Width of the moving average (s), and the limits that a motion keeps to before it.
+    width: f64,
+    before: Limits,
+    method: Method,
+    pieces: Vec<Piece>,
+    now: f64,
+}
+
+impl Builder {
+    pub fn new(limits: Limits, method: Method, start: f64) -> Self {
+        let (width, before) = limits.averaged();
+        Self { limits, width, before, method, pieces: Vec::new(), now: start }
+    }
+
+    /// Time so far (s).
+    pub fn now(&self) -> f64 {
+        self.now
+    }
+
+    /// Limits of the motion.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    fn append(&mut self, piece: Piece) {
+        self.now = piece.end();
+        self.pieces.push(piece);
+    }
+
+    /// Appends a motion given in time, which starts at time 0.
+    pub fn append_nodes(&mut self, nodes: &[Node]) {
+        if nodes.len() > 1 {
+            self.append(Piece::plain(self.now, self.limits.joints(), nodes));
+        }
+    }
+
+    /// Takes the acceleration away; returns position and velocity then.
+    pub fn settle(&mut self, position: &Row, velocity: &Row, acceleration: &Row) -> (Row, Row) {
+        let nodes = stop::settle(&self.limits, position, velocity, acceleration);
+        self.append_nodes(&nodes);
+        nodes.last().map_or((*position, *velocity), |n| (n.position, n.velocity))
+    }
+
+    /// Where a path has to begin that goes on from a position at a velocity: averaging looks that far ahead.
+    pub fn ahead(&self, position: &Row, velocity: &Row) -> Row {
+        let mut out = *position;
+        for v in 0..self.limits.joints() {
+            out[v] += 0.5 * self.width * velocity[v];
+        }
+        out
+    }
+
+    /// Time (s) in which all joints together come to rest along a line, from a velocity.
+    pub fn braking_time(&self, velocity: &Row) -> f64 {
+        (0..self.limits.joints()).map(|v| velocity[v].abs() / self.before.acceleration[v]).fold(0.0, f64::max)
+    }
+
+    /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
+    /// limits allow otherwise. Returns the times at which it passes the waypoints in `marks`.
+    pub fn push(
+        &mut self,
+        path: &Spline,
+        slowest: &[f64],
+        velocity: &Row,
+        end: Option<f64>,
+        marks: &[usize],
+    ) -> Result<Vec<f64>, Refusal> {
+        let (mut nodes, grid) = drive(self.method, &self.before, path, slowest, velocity).ok_or(Refusal::TooSharp)?;
+        let least = nodes[nodes.len() - 1].time;
+        if let Some(end) = end {
+            let allowed = end - self.now;
+            if allowed < least + self.width {
+                return Err(Refusal::TooLong(least + self.width));
+            }
+            let resting = velocity[..self.limits.joints()].iter().all(|v| *v == 0.0);
+            if resting && least > 0.0 {
+                stretch(&mut nodes, (allowed - self.width) / least);
+            } else if let Some(mut last) = nodes.last().copied() {
+                // A start under way cannot be slowed; the end is waited for.
+                last.time = allowed - self.width;
+                nodes.push(last);
+            }
+        }
+        let places: Vec<usize> = marks.iter().map(|w| grid.station_of[path.knot_of(*w)]).collect();
+        if nodes.len() < 2 {
+            return Ok(vec![self.now; marks.len()]);
+        }
+        let piece = Piece::averaged(self.now, self.width, self.limits.joints(), &nodes, &places);
+        let end = piece.end();
+        let last = grid.stations.len() - 1;
+        // What passes at the end is at rest there.
+        let passed =
+            |station: usize| if station == last { end } else { self.now + nodes[station].time + 0.5 * self.width };
+        let times = places.iter().map(|station| passed(*station)).collect();
+        self.append(piece);
+        Ok(times)
+    }
+
+    /// The trajectory of all joints that the variables drive.
+    pub fn build(self, joints: &JointMap) -> Trajectory {
+        let mut times = Vec::new();
+        for piece in &self.pieces {
+            let mut more = piece.landmarks(WAYPOINT_STEP);
+            more.pop();
+            times.append(&mut more);
+        }
+        times.push(self.now);
+        Trajectory { pieces: self.pieces, joints: joints.clone(), times }
+    }
+}
+
+impl Trajectory {
+    /// Waypoint times (s); every keyframe time is among them.
+    #[must_use]
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Time of the first waypoint (s).
+    #[must_use]
+    pub fn start(&self) -> f64 {
+        self.times[0]
+    }
+
+    /// Time of the last waypoint (s).
+    #[must_use]
+    pub fn end(&self) -> f64 {
+        self.times[self.times.len() - 1]
+    }
+
+    /// Number of joints, those that follow others and those that stand still included.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        self.joints.joints()
+    }
+
+    /// Position, velocity and acceleration of all joints at time `t` (s); as at the start before it, at rest after the
+    /// end.
+    #[must_use]
+    pub fn sample(&self, t: f64) -> Sample {
+        let [position, velocity, acceleration] = self.moving_with_rates(t);
+        let mut out = Sample { position: Vec::new(), velocity: Vec::new(), acceleration: Vec::new() };
+        self.joints.positions(&position, &mut out.position);
+        self.joints.rates(&velocity, &mut out.velocity);
+        self.joints.rates(&acceleration, &mut out.acceleration);
+        out
+    }
+
+    /// The variables at a time, with their velocities and accelerations.
+    fn moving_with_rates(&self, t: f64) -> [Row; 3] {
+        let at = self.pieces.partition_point(|p| p.start <= t).saturating_sub(1);
+        match self.pieces.get(at) {
+            Some(piece) => piece.at(t),
+            None => [self.joints.pick(self.joints.rest()), [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]],
+        }
+    }
+
+    /// Joint positions at the waypoint times.
+    #[must_use]
+    pub fn positions(&self) -> Vec<Vec<f64>> {
+        self.times.iter().map(|t| self.sample(*t).position).collect()
+    }
+
+    /// The moving joints at a time, for checks.
+    pub(crate) fn moving(&self, t: f64) -> Row {
+        self.moving_with_rates(t)[0]
+    }
+}

@@ -1,0 +1,101 @@
+//! What a free state says of its neighbours (Quinlan's bubbles).
+
+use crate::model::{MOST_JOINTS, Row};
+
+/// A pair that leaves a gap.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Near {
+    pub gap: f64,
+    pub group: usize,
+    /// The other group, or `None` for what stands still.
+    pub other: Option<usize>,
+}
+
+/// Whether each joint carries each group: one row a group, the object's joint last.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Carried {
+    pub joints: usize,
+    pub flags: Vec<bool>,
+}
+
+impl Carried {
+    pub fn row(&self, group: usize) -> &[bool] {
+        &self.flags[group * self.joints..(group + 1) * self.joints]
+    }
+
+    /// Whether anything that is planned for moves a group.
+    pub fn moves(&self, group: usize) -> bool {
+        self.row(group).iter().any(|m| *m)
+    }
+}
+
+/// States about a free one that are free as well. A state is the arm's joint values and the travel of the object's
+/// joint; all of them count as joints here, the object's last.
+#[derive(Debug, Clone)]
+pub(crate) struct Bubble {
+    pub center: Row,
+    pub travel: f64,
+    /// Number of joints.
+    pub joints: usize,
+    /// Largest distance of each group's points from each joint's axis, one row a group.
+    pub levers: Vec<f64>,
+    pub pairs: Vec<Near>,
+}
+
+impl Default for Bubble {
+    fn default() -> Self {
+        Self { center: [0.0; MOST_JOINTS], travel: 0.0, joints: 0, levers: Vec::new(), pairs: Vec::new() }
+    }
+}
+
+impl Bubble {
+    /// Whether the state `steps` from the centre is inside.
+    pub fn holds(&self, carried: &Carried, steps: &[f64]) -> bool {
+        self.pairs.iter().all(|p| self.used(carried, p, steps) <= p.gap)
+    }
+
+    /// How many times `steps` one can go from the centre and stay inside.
+    pub fn times(&self, carried: &Carried, steps: &[f64]) -> f64 {
+        self.pairs.iter().map(|p| p.gap / self.used(carried, p, steps)).fold(f64::INFINITY, f64::min)
+    }
+
+    fn lever(&self, group: usize) -> &[f64] {
+        &self.levers[group * self.joints..(group + 1) * self.joints]
+    }
+
+    /// What a step uses of a pair's gap, at most. A point at distance r from a joint's axis moves at most r + d per
+    /// radian while it stays within d of where it is.
+    fn used(&self, carried: &Carried, p: &Near, steps: &[f64]) -> f64 {
+        let mut way = 0.0;
+        let mut turn = 0.0;
+        let mine = self.lever(p.group);
+        match p.other {
+            None => {
+                for (step, lever) in steps.iter().zip(mine) {
+                    way += step * lever;
+                    turn += step;
+                }
+            }
+            Some(other) => {
+                let theirs = self.lever(other);
+                let (carries, too) = (carried.row(p.group), carried.row(other));
+                for (m, step) in steps.iter().enumerate() {
+                    // A joint that carries both does not move one against the other.
+                    if !(carries[m] && too[m]) {
+                        way += step * mine[m].max(theirs[m]);
+                        turn += step;
+                    }
+                }
+            }
+        }
+        way + turn * p.gap
+    }
+
+    /// Most that a point moves over `steps`, to first order.
+    pub fn fastest(&self, steps: &[f64]) -> f64 {
+        self.levers
+            .chunks_exact(self.joints.max(1))
+            .map(|levers| levers.iter().zip(steps).map(|(l, s)| l * s).sum::<f64>())
+            .fold(0.0, f64::max)
+    }
+}

@@ -1,0 +1,272 @@
+//! The world of a motion: what stands, what rides on the hand, what the object's joint moves, and what may touch what,
+//! leg by leg.
+
+mod bubble;
+mod checker;
+mod clearance;
+mod leg;
+mod margins;
+mod movers;
+mod query;
+mod rules;
+mod scene;
+mod sweep;
+mod travel;
+
+use gensim2_geometry::{Contact, MovingShapes, Obstacles, Pose, Proximity, Scratch, Target, screw_about};
+use nalgebra::{Point3, Translation3};
+
+use crate::model::{Model, Row};
+use crate::problem::{ObjectJoint, ObjectJointKind, Role};
+use crate::{Cancel, KeypointProblem};
+
+use bubble::Bubble;
+use movers::Movers;
+use rules::{Carrier, Cast, Compiler, Group, LegWorld};
+
+pub use checker::{Checker, Nearness};
+pub(crate) use clearance::Clearance;
+pub(crate) use leg::{Course, Leg};
+pub(crate) use margins::Margins;
+pub(crate) use query::Clearances;
+pub use scene::{Bodies, Scene, SceneJoint};
+pub(crate) use sweep::Way;
+pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
+
+/// No stand-ins for distances.
+const EXACT: f64 = f64::INFINITY;
+/// Overlaps up to this are rounding (m).
+pub(crate) const TOUCH: f64 = 1e-4;
+
+/// Where it is a guess how far the object's joint moves, overlaps of what it moves up to this (m) prove nothing.
+const GUESSED: f64 = 0.05;
+
+/// An overlap that breaks the rules, or a distance for a report.
+#[derive(Debug, Clone)]
+pub(crate) struct Hit {
+    pub first: String,
+    pub second: String,
+    pub distance: f64,
+    pub at: Point3<f64>,
+}
+
+/// Overlaps that are there before the motion can do anything about them, as signed distances (m, zero where there is
+/// none): those of the start, and those where a body is picked. They may not deepen.
+#[derive(Debug, Default)]
+pub(crate) struct Overlaps {
+    bodies: usize,
+    start_bodies: Vec<f64>,
+    start_pairs: Vec<f64>,
+    picked_bodies: Vec<f64>,
+    picked_pairs: Vec<f64>,
+}
+
+impl Overlaps {
+    fn new(groups: usize, bodies: usize, pairs: usize) -> Self {
+        Self {
+            bodies,
+            start_bodies: vec![0.0; groups * bodies],
+            start_pairs: vec![0.0; pairs],
+            picked_bodies: vec![0.0; groups * bodies],
+            picked_pairs: vec![0.0; pairs],
+        }
+    }
+
+    /// Of a group and a standing body: at the start, and at the pick.
+    fn body(&self, group: usize, body: usize) -> (f64, f64) {
+        let at = group * self.bodies + body;
+        (self.start_bodies[at], self.picked_bodies[at])
+    }
+
+    /// Of a pair of groups: at the start, and at the pick.
+    fn pair(&self, pair: usize) -> (f64, f64) {
+        (self.start_pairs[pair], self.picked_pairs[pair])
+    }
+}
+
+/// Where things are: joint values of the arm, and how far the object's joint has moved from where it stood (rad or m).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct State<'x> {
+    pub x: &'x Row,
+    pub travel: f64,
+}
+
+impl<'x> State<'x> {
+    /// The object's joint as it stood.
+    pub fn still(x: &'x Row) -> Self {
+        Self { x, travel: 0.0 }
+    }
+}
+
+/// The world of one problem: its groups, and a table for each leg. Names are resolved when it is made.
+pub(crate) struct World<'p> {
+    pub problem: &'p KeypointProblem,
+    model: &'p Model,
+    cast: Cast<'p>,
+    movers: Movers,
+    shapes: MovingShapes<'p>,
+    obstacles: &'p Obstacles,
+    pub course: Course,
+    legs: Vec<LegWorld>,
+    /// Largest distance of a group's shapes from their middle (m), and that middle in the group's frame.
+    extents: Vec<f64>,
+    middles: Vec<Point3<f64>>,
+    /// Pose in the hand of each group that rides, and in the base of each that was placed.
+    grasps: Vec<Pose>,
+    placed: Vec<Pose>,
+    known: Overlaps,
+    pub start_overlap: f64,
+    scratch: Scratch,
+    spare: Bubble,
+    q: Vec<f64>,
+    steps: Vec<f64>,
+    /// Number of states looked at, and how many may be.
+    checks: u64,
+    most_checks: u64,
+    cancel: Option<Cancel>,
+}
+
+impl<'p> World<'p> {
+    pub fn new(problem: &'p KeypointProblem, model: &'p Model) -> Self {
+        let robot = &*problem.robot;
+        let movers = Movers::new(model);
+        let carrying: Vec<Vec<bool>> = (0..robot.links().len()).map(|l| movers.carrying(robot, l).collect()).collect();
+        let picks = &problem.options.pick;
+        let cast = Cast::new(
+            robot,
+            &problem.bodies,
+            |b| b.role == Role::Attached || picks.contains(&b.name),
+            |b| b.role == Role::MovingLink && problem.joint.is_some(),
+            // Links that the same joints move keep their distance.
+            |a, b| carrying[a] != carrying[b],
+        );
+        let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
+            Group::Link(l) => robot.links()[*l].shapes.as_slice(),
+            Group::Riding(b) | Group::Moved(b) => &problem.bodies[*b].shapes,
+        }));
+        let course = Course::of(&problem.config);
+        let compiler = Compiler::new(problem, &cast, &movers, course);
+        let legs: Vec<LegWorld> = course.legs().map(|leg| compiler.leg(leg)).collect();
+        let middles: Vec<Point3<f64>> = (0..shapes.len()).map(|g| shapes.middle(g)).collect();
+        let extents = (0..shapes.len()).map(|g| shapes.extent(g, &middles[g])).collect();
+        let grasps = cast
+            .groups
+            .iter()
+            .map(|g| match g {
+                Group::Riding(b) if problem.bodies[*b].role == Role::Attached => problem.bodies[*b].pose,
+                _ => Pose::identity(),
+            })
+            .collect();
+        Self {
+            problem,
+            model,
+            placed: vec![Pose::identity(); cast.groups.len()],
+            known: Overlaps::new(cast.groups.len(), problem.bodies.len(), cast.pairs.len()),
+            cast,
+            movers,
+            shapes,
+            obstacles: problem.bodies.obstacles(),
+            course,
+            legs,
+            extents,
+            middles,
+            grasps,
+            start_overlap: 0.0,
+            scratch: Scratch::remembering(),
+            spare: Bubble::default(),
+            q: Vec::new(),
+            steps: Vec::new(),
+            checks: 0,
+            most_checks: u64::MAX,
+            cancel: None,
+        }
+    }
+
+    /// Ends planning after `most_checks` more states, or when the caller cancels it.
+    pub fn limit(&mut self, most_checks: Option<u64>, cancel: Option<Cancel>) {
+        self.most_checks = most_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
+        self.cancel = cancel;
+    }
+
+    /// Whether planning has to end: the checks are spent, or the caller has cancelled it.
+    pub fn is_over(&self) -> bool {
+        self.is_spent() || self.is_cancelled()
+    }
+
+    /// Whether the checks are spent.
+    pub fn is_spent(&self) -> bool {
+        self.checks >= self.most_checks
+    }
+
+    /// Whether the caller has cancelled planning.
+    pub fn is_cancelled(&self) -> bool {
+        self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
+    }
+
+    fn table(&self, leg: Leg) -> &LegWorld {
+        &self.legs[self.course.number(leg)]
+    }
+
+    /// Poses everything that is there in a leg.
+    fn place(&mut self, state: State<'_>, leg: Leg) {
+        self.checks += 1;
+        let robot = &*self.problem.robot;
+        self.model.map().positions(state.x, &mut self.q);
+        let table = &self.legs[self.course.number(leg)];
+        let moved = self.problem.joint.map_or_else(Pose::identity, |j| joint_motion(&j, state.travel));
+        self.shapes.place(&table.present, &mut self.scratch, |poses| {
+            robot.link_poses(&self.q, poses);
+            for group in poses.len()..self.cast.groups.len() {
+                let pose = match (table.carriers[group], self.cast.groups[group]) {
+                    (Carrier::Hand, _) => poses[robot.hand()] * self.grasps[group],
+                    (Carrier::Placed, _) => self.placed[group],
+                    (Carrier::Joint, Group::Moved(b)) => moved * self.problem.bodies[b].pose,
+                    _ => Pose::identity(),
+                };
+                poses.push(pose);
+            }
+        });
+    }
+
+    /// Takes up an actuation pose: what is picked rides from there on as it lies in the hand there, what is released
+    /// stands where the hand holds it there.
+    pub fn act_at(&mut self, x: &Row) {
+        let riding = self.cast.groups.iter().any(|g| matches!(g, Group::Riding(_)));
+        if !riding {
+            return;
+        }
+        let actuation = self.course.last_before_actuation();
+        self.place(State::still(x), actuation);
+        let hand = self.scratch.poses()[self.problem.robot.hand()];
+        for (group, what) in self.cast.groups.iter().enumerate() {
+            let Group::Riding(b) = what else { continue };
+            let body = &self.problem.bodies[*b];
+            if body.role == Role::Attached {
+                self.placed[group] = hand * self.grasps[group];
+            } else {
+                self.grasps[group] = hand.inverse() * body.pose;
+            }
+        }
+        self.measure_picked(x);
+    }
+
+    fn hit(&self, p: &Proximity) -> Hit {
+        let second = match p.target {
+            Target::Body(b) => &self.problem.bodies[b].name,
+            Target::Group(g) => self.cast.name(g),
+        };
+        let Contact { distance, on_first, on_second, .. } = p.contact;
+        let first = self.cast.name(p.group).to_owned();
+        Hit { first, second: second.to_owned(), distance, at: nalgebra::center(&on_first, &on_second) }
+    }
+}
+
+/// The transform of what a joint moves as it moves by `travel` (rad or m).
+pub(crate) fn joint_motion(joint: &ObjectJoint, travel: f64) -> Pose {
+    match joint.kind {
+        ObjectJointKind::Revolute => screw_about(&joint.origin, &joint.axis, travel),
+        ObjectJointKind::Prismatic => {
+            Pose::from_parts(Translation3::from(joint.axis * travel), nalgebra::Rotation3::identity())
+        }
+    }
+}

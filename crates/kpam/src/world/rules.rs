@@ -1,0 +1,308 @@
+//! What may touch what in each leg: roles, or contact windows, compiled once into a table.
+
+use gensim2_geometry::{Robot, judged_pairs};
+
+use super::bubble::Carried;
+use super::leg::{Course, Leg};
+use super::movers::{Movers, is_below};
+use super::travel::joint_steps;
+use crate::KeypointProblem;
+use crate::problem::{Body, Role};
+
+/// What moves as one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Group {
+    /// A link of the robot.
+    Link(usize),
+    /// A body that rides on the hand in some leg: attached, picked, or placed later.
+    Riding(usize),
+    /// A body that the object's joint moves.
+    Moved(usize),
+}
+
+/// What poses a group in a leg.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Carrier {
+    /// It is a link.
+    Robot,
+    /// The hand.
+    Hand,
+    /// Nothing: it stands where the hand has placed it.
+    Placed,
+    /// The object's joint.
+    Joint,
+    /// It is not there: it stands among the obstacles.
+    Absent,
+}
+
+/// Whether two things are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// They may not overlap.
+    Judged,
+    /// They may.
+    MayTouch,
+    /// Nothing of what is planned moves one against the other, or one of them is not there.
+    Apart,
+}
+
+/// The world in one leg.
+pub(crate) struct LegWorld {
+    /// What poses each group.
+    pub carriers: Vec<Carrier>,
+    /// Groups that are there.
+    pub present: Vec<usize>,
+    /// Verdict on each group and standing body, one row a group.
+    pub bodies: Vec<Verdict>,
+    /// Numbers of the judged pairs of groups.
+    pub pairs: Vec<usize>,
+    /// Which joints carry which groups.
+    pub carried: Carried,
+    /// Whether how far the object's joint moves is a guess.
+    pub guessed: bool,
+}
+
+/// Everything that moves in a problem, and which pairs of it are ever judged.
+pub(crate) struct Cast<'p> {
+    pub robot: &'p Robot,
+    pub bodies: &'p [Body],
+    pub groups: Vec<Group>,
+    hand: Hand,
+    pub pairs: Vec<(usize, usize)>,
+}
+
+impl<'p> Cast<'p> {
+    /// The robot's links, then bodies that ride at some time, then bodies that the object's joint moves. `changes` says
+    /// whether one link can move against another.
+    pub fn new(
+        robot: &'p Robot,
+        bodies: &'p [Body],
+        rides: impl Fn(&Body) -> bool,
+        is_moved: impl Fn(&Body) -> bool,
+        changes: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let links = robot.links().len();
+        let mut groups: Vec<Group> = (0..links).map(Group::Link).collect();
+        groups.extend((0..bodies.len()).filter(|b| rides(&bodies[*b])).map(Group::Riding));
+        groups.extend((0..bodies.len()).filter(|b| is_moved(&bodies[*b])).map(Group::Moved));
+        let mut pairs = judged_pairs(robot, changes);
+        let bare = |g: usize| match groups[g] {
+            Group::Link(l) => robot.links()[l].shapes.is_empty(),
+            Group::Riding(b) | Group::Moved(b) => bodies[b].shapes.is_empty(),
+        };
+        for second in links..groups.len() {
+            for first in 0..second {
+                let meet = !matches!((groups[first], groups[second]), (Group::Moved(_), Group::Moved(_)));
+                if meet && !bare(first) && !bare(second) {
+                    pairs.push((first, second));
+                }
+            }
+        }
+        Self { robot, bodies, groups, hand: Hand::of(robot), pairs }
+    }
+
+    /// Whether a group is hand or finger, which may touch what they reach for.
+    fn touches(&self, group: usize) -> bool {
+        matches!(self.groups[group], Group::Link(l) if self.hand.touches[l])
+    }
+
+    /// Whether a group holds what rides.
+    pub fn holds(&self, group: usize) -> bool {
+        matches!(self.groups[group], Group::Link(l) if self.hand.holds[l])
+    }
+
+    /// Name of a group: that of the link or body.
+    pub fn name(&self, group: usize) -> &'p str {
+        match self.groups[group] {
+            Group::Link(l) => &self.robot.links()[l].name,
+            Group::Riding(b) | Group::Moved(b) => &self.bodies[b].name,
+        }
+    }
+}
+
+/// The hand as a body. A hand link without shapes is a point of the link that carries it.
+struct Hand {
+    /// What holds what is held: that link and all that hangs on it.
+    holds: Vec<bool>,
+    /// What may touch: the same, unless that link is one of the arm's own, which a joint carries.
+    touches: Vec<bool>,
+}
+
+impl Hand {
+    fn of(robot: &Robot) -> Self {
+        let links = robot.links();
+        let mut top = robot.hand();
+        while links[top].shapes.is_empty()
+            && links[top].joint.is_none()
+            && let Some(parent) = links[top].parent
+        {
+            top = parent;
+        }
+        // Where no shape is joined to the hand rigidly, the hand itself is all there is.
+        if links[top].shapes.is_empty() {
+            top = robot.hand();
+        }
+        let tool = if links[top].joint.is_none() { top } else { robot.hand() };
+        let below = |top: usize| (0..links.len()).map(|l| is_below(robot, l, top)).collect();
+        Self { holds: below(top), touches: below(tool) }
+    }
+}
+
+/// Compiles the rules of a problem.
+pub(crate) struct Compiler<'c, 'p> {
+    pub problem: &'p KeypointProblem,
+    pub cast: &'c Cast<'p>,
+    pub movers: &'c Movers,
+    pub course: Course,
+    windows: Option<Vec<Window>>,
+}
+
+/// A contact window with its names resolved: which groups and bodies it names, and its keyframes in time.
+struct Window {
+    groups: Vec<bool>,
+    bodies: Vec<bool>,
+    from: usize,
+    to: usize,
+}
+
+impl<'c, 'p> Compiler<'c, 'p> {
+    pub fn new(problem: &'p KeypointProblem, cast: &'c Cast<'p>, movers: &'c Movers, course: Course) -> Self {
+        let windows = problem.options.contacts.as_ref().map(|windows| {
+            let resolve = |w: &crate::options::ContactWindow| {
+                let named = |group: usize| w.links.iter().any(|l| l == cast.name(group));
+                Some(Window {
+                    groups: (0..cast.groups.len()).map(named).collect(),
+                    bodies: problem.bodies.iter().map(|b| w.bodies.contains(&b.name)).collect(),
+                    from: problem.keyframe_index(&w.from)?,
+                    to: problem.keyframe_index(&w.to)?,
+                })
+            };
+            // The problem's check has refused windows that name no keyframe.
+            windows.iter().filter_map(resolve).collect()
+        });
+        Self { problem, cast, movers, course, windows }
+    }
+
+    /// The world of a leg.
+    pub fn leg(&self, leg: Leg) -> LegWorld {
+        let groups = self.cast.groups.len();
+        let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, leg)).collect();
+        let present = (0..groups).filter(|g| carriers[*g] != Carrier::Absent).collect();
+        let carried = self.carried(&carriers);
+        let bodies = (0..groups)
+            .flat_map(|g| (0..self.cast.bodies.len()).map(move |b| (g, b)))
+            .map(|(g, b)| self.against_body(g, b, leg, &carriers, &carried))
+            .collect();
+        let judged = |pair: &usize| self.between(self.cast.pairs[*pair], leg, &carriers, &carried) == Verdict::Judged;
+        let pairs = (0..self.cast.pairs.len()).filter(judged).collect();
+        let guessed = matches!(leg, Leg::Post(i) if joint_steps(self.problem)[i].is_none());
+        LegWorld { carriers, present, bodies, pairs, carried, guessed }
+    }
+
+    fn is_after(leg: Leg) -> bool {
+        matches!(leg, Leg::Post(_))
+    }
+
+    fn carrier(&self, group: usize, leg: Leg) -> Carrier {
+        let after = Self::is_after(leg);
+        match self.cast.groups[group] {
+            Group::Link(_) => Carrier::Robot,
+            Group::Moved(_) if after => Carrier::Joint,
+            Group::Moved(_) => Carrier::Absent,
+            Group::Riding(b) => match (self.cast.bodies[b].role == Role::Attached, after) {
+                (true, true) if self.is_released(b) => Carrier::Placed,
+                (true, _) | (false, true) => Carrier::Hand,
+                (false, false) => Carrier::Absent,
+            },
+        }
+    }
+
+    fn is_picked(&self, body: usize) -> bool {
+        self.problem.options.pick.contains(&self.cast.bodies[body].name)
+    }
+
+    fn is_released(&self, body: usize) -> bool {
+        self.problem.options.release.contains(&self.cast.bodies[body].name)
+    }
+
+    /// The joints that carry each group; the object's comes last.
+    fn carried(&self, carriers: &[Carrier]) -> Carried {
+        let (robot, hand) = (self.cast.robot, self.cast.robot.hand());
+        let joints = self.movers.len() + 1;
+        let mut flags = Vec::with_capacity(joints * carriers.len());
+        for (group, carrier) in carriers.iter().enumerate() {
+            match (carrier, self.cast.groups[group]) {
+                (Carrier::Robot, Group::Link(l)) => flags.extend(self.movers.carrying(robot, l)),
+                (Carrier::Hand, _) => flags.extend(self.movers.carrying(robot, hand)),
+                _ => flags.extend((0..joints - 1).map(|_| false)),
+            }
+            flags.push(*carrier == Carrier::Joint);
+        }
+        Carried { joints, flags }
+    }
+
+    /// Whether a window lets a group and a body touch in a leg. A window from the start covers the approach.
+    fn is_open(&self, windows: &[Window], group: usize, body: usize, leg: Leg) -> bool {
+        // Among windows the start is 0, and keyframe k of the motion k + 1.
+        let leads_to = self.course.number(leg) + 1;
+        windows.iter().any(|w| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to)
+    }
+
+    fn against_body(&self, group: usize, body: usize, leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
+        let what = &self.cast.bodies[body];
+        let after = Self::is_after(leg);
+        let stands = match what.role {
+            Role::Attached => false,
+            Role::MovingLink => !(after && self.problem.joint.is_some()),
+            _ => !(after && self.is_picked(body)),
+        };
+        if !stands || carriers[group] == Carrier::Absent || !carried.moves(group) || !self.meets(group) {
+            return Verdict::Apart;
+        }
+        if let Some(windows) = &self.windows {
+            return if self.is_open(windows, group, body, leg) { Verdict::MayTouch } else { Verdict::Judged };
+        }
+        let gripper = self.cast.touches(group);
+        let reaching = leg == self.course.last_before_actuation();
+        let may = match what.role {
+            Role::Target => gripper || carriers[group] == Carrier::Hand,
+            // Without a joint nobody knows how it moves.
+            Role::MovingLink => after || (gripper && reaching),
+            Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => {
+                gripper && reaching && self.is_picked(body)
+            }
+        };
+        if may { Verdict::MayTouch } else { Verdict::Judged }
+    }
+
+    /// Whether a group is ever judged: what the object's joint moves is, against the robot alone.
+    fn meets(&self, group: usize) -> bool {
+        !matches!(self.cast.groups[group], Group::Moved(_))
+    }
+
+    fn between(&self, (a, b): (usize, usize), leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
+        if carriers[a] == Carrier::Absent || carriers[b] == Carrier::Absent {
+            return Verdict::Apart;
+        }
+        let verdict = match (self.cast.groups[a], self.cast.groups[b]) {
+            (Group::Link(_), Group::Link(_)) => return Verdict::Judged,
+            // What is held keeps its place against the links about the hand, and may yet be inside one of them.
+            (Group::Link(_), Group::Riding(_)) if carriers[b] == Carrier::Hand => Verdict::Judged,
+            _ if carried.row(a) == carried.row(b) => return Verdict::Apart,
+            _ => Verdict::Judged,
+        };
+        let body_of = |group: usize| match self.cast.groups[group] {
+            Group::Link(_) => None,
+            Group::Riding(body) | Group::Moved(body) => Some(body),
+        };
+        if let Some(windows) = &self.windows {
+            let open = |g: usize, other: usize| body_of(other).is_some_and(|o| self.is_open(windows, g, o, leg));
+            let holds = carriers[b] == Carrier::Hand && self.cast.holds(a);
+            return if holds || open(a, b) || open(b, a) { Verdict::MayTouch } else { verdict };
+        }
+        // Hand and fingers hold what rides, leave what was placed, and push or pull what the joint moves.
+        let may =
+            if matches!(self.cast.groups[b], Group::Riding(_)) { self.cast.holds(a) } else { self.cast.touches(a) };
+        if may { Verdict::MayTouch } else { verdict }
+    }
+}

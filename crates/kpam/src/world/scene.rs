@@ -1,0 +1,311 @@
+//! What stands about a robot: bodies, and the joints of objects that move them. Built once, shared, and cheap to
+//! derive another from.
+
+use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::sync::{Arc, OnceLock};
+
+use gensim2_geometry::{Convex, Obstacles, Pose, Robot};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::{Checker, joint_motion};
+use crate::problem::{Body, ObjectJoint, Role};
+use crate::{KeypointProblem, ProblemError};
+
+#[derive(Default)]
+struct Shared {
+    list: Vec<Body>,
+    obstacles: OnceLock<Obstacles>,
+}
+
+/// Bodies and the tree over those that stand still. Clones share both.
+#[derive(Clone, Default)]
+pub struct Bodies(Arc<Shared>);
+
+impl Bodies {
+    /// Those that stand still, by their place in the list; attached bodies have no shapes there. Built when first asked
+    /// for.
+    pub(crate) fn obstacles(&self) -> &Obstacles {
+        self.0.obstacles.get_or_init(|| {
+            Obstacles::new(self.0.list.iter().map(|body| {
+                let shapes: &[Convex] = if body.role == Role::Attached { &[] } else { &body.shapes };
+                (shapes, &body.pose)
+            }))
+        })
+    }
+}
+
+impl From<Vec<Body>> for Bodies {
+    fn from(list: Vec<Body>) -> Self {
+        Self(Arc::new(Shared { list, obstacles: OnceLock::new() }))
+    }
+}
+
+impl Deref for Bodies {
+    type Target = [Body];
+
+    fn deref(&self) -> &[Body] {
+        &self.0.list
+    }
+}
+
+impl std::fmt::Debug for Bodies {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
+    }
+}
+
+impl Serialize for Bodies {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.0.list.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bodies {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Vec::<Body>::deserialize(deserializer).map(Self::from)
+    }
+}
+
+/// A joint of an object, and the bodies that it moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneJoint {
+    /// Unique name.
+    pub name: String,
+    /// Where it is and how it stands.
+    pub joint: ObjectJoint,
+    /// Names of the bodies that it moves.
+    pub moves: Vec<String>,
+}
+
+/// A robot and what stands about it. Clones share everything; what changes a scene returns another one.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    robot: Arc<Robot>,
+    bodies: Bodies,
+    joints: Arc<[SceneJoint]>,
+}
+
+impl Scene {
+    /// A scene.
+    ///
+    /// # Errors
+    /// Names that are not unique, or a joint that moves a body that is not there, or one that another joint moves.
+    pub fn new(robot: Arc<Robot>, bodies: Vec<Body>, joints: Vec<SceneJoint>) -> Result<Self, ProblemError> {
+        for (i, body) in bodies.iter().enumerate() {
+            if bodies[..i].iter().any(|b| b.name == body.name) {
+                let message = format!("{:?} is taken; names are unique", body.name);
+                return Err(ProblemError::new(format!("bodies[{i}].name"), message));
+            }
+        }
+        for (i, joint) in joints.iter().enumerate() {
+            if joints[..i].iter().any(|j| j.name == joint.name) {
+                let message = format!("{:?} is taken; names are unique", joint.name);
+                return Err(ProblemError::new(format!("joints[{i}].name"), message));
+            }
+            for name in &joint.moves {
+                if !bodies.iter().any(|b| b.name == *name) {
+                    return Err(ProblemError::new(format!("joints[{i}].moves"), format!("{name:?} is not a body")));
+                }
+                if joints[..i].iter().any(|j| j.moves.contains(name)) {
+                    let message = format!("{name:?} is moved by another joint already");
+                    return Err(ProblemError::new(format!("joints[{i}].moves"), message));
+                }
+            }
+        }
+        Ok(Self { robot, bodies: bodies.into(), joints: joints.into() })
+    }
+
+    /// The scene of a problem; its bodies are shared, and its joint is named `joint`.
+    pub(crate) fn of(problem: &KeypointProblem) -> Self {
+        let moves = problem.bodies.iter().filter(|b| b.role == Role::MovingLink).map(|b| b.name.clone());
+        let joint = problem.joint.map(|joint| SceneJoint { name: "joint".to_owned(), joint, moves: moves.collect() });
+        Self { robot: Arc::clone(&problem.robot), bodies: problem.bodies.clone(), joints: joint.into_iter().collect() }
+    }
+
+    /// The robot.
+    #[must_use]
+    pub fn robot(&self) -> &Arc<Robot> {
+        &self.robot
+    }
+
+    /// The bodies.
+    #[must_use]
+    pub fn bodies(&self) -> &Bodies {
+        &self.bodies
+    }
+
+    /// The joints.
+    #[must_use]
+    pub fn joints(&self) -> &[SceneJoint] {
+        &self.joints
+    }
+
+    /// A body by name.
+    ///
+    /// # Errors
+    /// It is not there.
+    pub fn body(&self, name: &str) -> Result<&Body, ProblemError> {
+        self.bodies.iter().find(|b| b.name == name).ok_or_else(|| {
+            let known: Vec<&str> = self.bodies.iter().map(|b| b.name.as_str()).take(30).collect();
+            ProblemError::new("body", format!("{name:?} is not a body; bodies: {}", known.join(", ")))
+        })
+    }
+
+    /// A joint by name.
+    ///
+    /// # Errors
+    /// It is not there.
+    pub fn joint(&self, name: &str) -> Result<&SceneJoint, ProblemError> {
+        self.joints.iter().find(|j| j.name == name).ok_or_else(|| {
+            let known: Vec<&str> = self.joints.iter().map(|j| j.name.as_str()).take(30).collect();
+            ProblemError::new("joint", format!("{name:?} is not a joint; joints: {}", known.join(", ")))
+        })
+    }
+
+    /// The bodies with those that the joint moves as moving links: what a problem about that joint plans with.
+    ///
+    /// # Errors
+    /// The joint is not there.
+    pub fn bodies_about(&self, joint: Option<&str>) -> Result<Bodies, ProblemError> {
+        let Some(joint) = joint else { return Ok(self.bodies.clone()) };
+        let moves = &self.joint(joint)?.moves;
+        let named = |body: &Body| moves.contains(&body.name) && body.role != Role::Attached;
+        if self.bodies.iter().all(|body| named(body) == (body.role == Role::MovingLink)) {
+            return Ok(self.bodies.clone());
+        }
+        let list = self.bodies.iter().map(|body| {
+            let mut body = body.clone();
+            if named(&body) {
+                body.role = Role::MovingLink;
+            }
+            body
+        });
+        Ok(list.collect::<Vec<_>>().into())
+    }
+
+    fn with_bodies(&self, change: impl Fn(&mut Body)) -> Bodies {
+        let mut list = self.bodies.to_vec();
+        list.iter_mut().for_each(change);
+        list.into()
+    }
+
+    /// The scene with a joint at another value (rad or m); the bodies that it moves go with it.
+    ///
+    /// # Errors
+    /// The joint is not there, or the value is outside its range.
+    pub fn with_joint(&self, name: &str, value: f64) -> Result<Self, ProblemError> {
+        let found = self.joint(name)?.clone();
+        let ObjectJoint { lower, upper, value: old, .. } = found.joint;
+        if !(value >= lower.min(old) && value <= upper.max(old)) {
+            let message = format!("{value} is outside the range [{lower}, {upper}] of {name:?}");
+            return Err(ProblemError::new("value", message));
+        }
+        let motion = joint_motion(&found.joint, value - old);
+        let bodies = self.with_bodies(|body| {
+            if found.moves.contains(&body.name) {
+                body.pose = motion * body.pose;
+            }
+        });
+        let joints = self.joints.iter().map(|j| {
+            let mut joint = j.clone();
+            if joint.name == name {
+                joint.joint.value = value;
+            }
+            joint
+        });
+        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: joints.collect() })
+    }
+
+    /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
+    ///
+    /// # Errors
+    /// The body is not there.
+    pub fn with_pose(&self, name: &str, pose: &Pose) -> Result<Self, ProblemError> {
+        self.body(name)?;
+        let bodies = self.with_bodies(|body| {
+            if body.name == name {
+                body.pose = *pose;
+            }
+        });
+        Ok(Self { bodies, ..self.clone() })
+    }
+
+    /// The scene with a body in the hand at `hand` (base frame): it rides from there on, and no joint moves it.
+    ///
+    /// # Errors
+    /// The body is not there, or rides already.
+    pub fn attached(&self, name: &str, hand: &Pose) -> Result<Self, ProblemError> {
+        if self.body(name)?.role == Role::Attached {
+            return Err(ProblemError::new("body", format!("{name:?} is attached already")));
+        }
+        let bodies = self.with_bodies(|body| {
+            if body.name == name {
+                body.role = Role::Attached;
+                body.pose = hand.inverse() * body.pose;
+            }
+        });
+        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, None) })
+    }
+
+    /// The scene with an attached body left where the hand at `hand` (base frame) holds it: a rigid obstacle from there
+    /// on, which goes with the joint `on`, where it lies on something that moves.
+    ///
+    /// # Errors
+    /// The body is not there or not attached, or the joint is not there.
+    pub fn detached(&self, name: &str, hand: &Pose, on: Option<&str>) -> Result<Self, ProblemError> {
+        if self.body(name)?.role != Role::Attached {
+            return Err(ProblemError::new("body", format!("{name:?} is not attached")));
+        }
+        on.map_or(Ok(()), |joint| self.joint(joint).map(|_| ()))?;
+        let bodies = self.with_bodies(|body| {
+            if body.name == name {
+                body.role = Role::Rigid;
+                body.pose = hand * body.pose;
+            }
+        });
+        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, on) })
+    }
+
+    /// The joints, with a body moved by `joint` alone.
+    fn carrying(&self, body: &str, joint: Option<&str>) -> Arc<[SceneJoint]> {
+        let joints = self.joints.iter().map(|j| {
+            let mut out = j.clone();
+            out.moves.retain(|name| name != body);
+            if joint == Some(out.name.as_str()) {
+                out.moves.push(body.to_owned());
+            }
+            out
+        });
+        joints.collect()
+    }
+
+    /// Keypoints of the attached bodies in the hand frame (m), named `body/keypoint`.
+    #[must_use]
+    pub fn tool_keypoints(&self) -> BTreeMap<String, Vector3<f64>> {
+        self.keypoints(true)
+    }
+
+    /// Keypoints of the standing bodies in the base frame (m), named `body/keypoint`.
+    #[must_use]
+    pub fn object_keypoints(&self) -> BTreeMap<String, Vector3<f64>> {
+        self.keypoints(false)
+    }
+
+    fn keypoints(&self, attached: bool) -> BTreeMap<String, Vector3<f64>> {
+        let wanted = self.bodies.iter().filter(|b| (b.role == Role::Attached) == attached);
+        wanted
+            .flat_map(|body| {
+                let place = |p: &Vector3<f64>| (body.pose * Point3::from(*p)).coords;
+                body.keypoints.iter().map(move |(name, p)| (format!("{}/{name}", body.name), place(p)))
+            })
+            .collect()
+    }
+
+    /// A collision check of this scene.
+    #[must_use]
+    pub fn checker(&self) -> Checker<'_> {
+        Checker::new(self)
+    }
+}

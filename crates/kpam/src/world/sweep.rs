@@ -1,0 +1,236 @@
+//! Sweeps: whether the motion between states is free as well.
+
+use gensim2_geometry::Target;
+
+use super::bubble::{Bubble, Near};
+use super::movers::off_axis;
+use super::query::Seen;
+use super::rules::Carrier;
+use super::{Hit, Leg, Margins, State, World};
+use crate::model::Row;
+use crate::problem::ObjectJointKind;
+
+/// Gaps beyond this (m) are not measured: so far at most can one step of a sweep go.
+const REACH: f64 = 0.12;
+/// Next to something a step is short, and what is this many times further away, or this much (m), does not matter.
+const AHEAD: f64 = 3.0;
+const NARROW: f64 = 0.006;
+/// Finest step of a sweep: nothing moves more than this between two checks (m).
+const FINEST: f64 = 0.0015;
+/// Shapes whose boxes are further apart than this (m) count as that far apart.
+const COARSE: f64 = 0.02;
+
+/// Waypoints, straight in joint values from one to the next, and the travel of the object's joint at each; none where
+/// it stands still.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Way<'w> {
+    pub waypoints: &'w [Row],
+    pub travel: &'w [f64],
+}
+
+impl<'w> Way<'w> {
+    /// A way on which the object's joint stands still where it stood.
+    pub fn still(waypoints: &'w [Row]) -> Self {
+        Self { waypoints, travel: &[] }
+    }
+
+    fn travel_at(&self, waypoint: usize) -> f64 {
+        self.travel.get(waypoint).or(self.travel.last()).copied().unwrap_or(0.0)
+    }
+
+    /// State at a waypoint.
+    pub fn state(&self, waypoint: usize) -> State<'w> {
+        State { x: &self.waypoints[waypoint], travel: self.travel_at(waypoint) }
+    }
+
+    /// The first waypoints, up to and with number `last`.
+    pub fn until(&self, last: usize) -> Self {
+        Self { waypoints: &self.waypoints[..=last], travel: self.travel }
+    }
+
+    /// Joint values and travel `t` waypoints along.
+    fn at(&self, t: f64) -> (Row, f64) {
+        let last = self.waypoints.len() - 1;
+        let k = (t as usize).min(last.saturating_sub(1));
+        let next = (k + 1).min(last);
+        let part = t - k as f64;
+        let mut x = self.waypoints[k];
+        for (value, end) in x.iter_mut().zip(&self.waypoints[next]) {
+            *value += part * (end - *value);
+        }
+        let (from, to) = (self.travel_at(k), self.travel_at(next));
+        (x, from + part * (to - from))
+    }
+}
+
+impl World<'_> {
+    /// A judged pair nearer than its margin at any waypoint but the first, where there is one. One about the middle is
+    /// looked at first, then those about the middles of what is left: what blocks a path shows soon.
+    pub fn hit_at_any(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> Option<Hit> {
+        let mut stride = way.waypoints.len().next_power_of_two();
+        while stride > 1 {
+            let half = stride / 2;
+            for k in (half..way.waypoints.len()).step_by(stride) {
+                if let Some(hit) = self.hit_at(way.state(k), leg, margins) {
+                    return Some(hit);
+                }
+            }
+            stride = half;
+        }
+        None
+    }
+
+    /// Largest way of each group's points per unit of each joint.
+    fn measure_levers(&self, leg: Leg, levers: &mut Vec<f64>) {
+        let table = self.table(leg);
+        let joints = table.carried.joints;
+        let poses = self.scratch.poses();
+        levers.clear();
+        levers.resize(joints * self.cast.groups.len(), 0.0);
+        for &group in &table.present {
+            if self.shapes.is_bare(group) {
+                continue;
+            }
+            let middle = poses[group] * self.middles[group];
+            let extent = self.extents[group];
+            let row = &mut levers[group * joints..(group + 1) * joints];
+            for (m, carries) in table.carried.row(group).iter().enumerate().take(joints - 1) {
+                if *carries {
+                    row[m] = self.movers.lever(&self.problem.robot, m, poses, &middle, extent);
+                }
+            }
+            if table.carriers[group] == Carrier::Joint
+                && let Some(joint) = &self.problem.joint
+            {
+                row[joints - 1] = match joint.kind {
+                    ObjectJointKind::Prismatic => 1.0,
+                    ObjectJointKind::Revolute => off_axis(&middle, &joint.origin, &joint.axis) + extent,
+                };
+            }
+        }
+    }
+
+    /// States about one that are surely free, or the pair that is nearer than its margin already. What leaves a gap of
+    /// more than `reach` (m) counts as leaving that.
+    fn bubble(&mut self, state: State<'_>, leg: Leg, margins: &Margins, reach: f64) -> Result<Bubble, Hit> {
+        self.place(state, leg);
+        let mut bubble = std::mem::take(&mut self.spare);
+        (bubble.center, bubble.travel) = (*state.x, state.travel);
+        bubble.joints = self.movers.len() + 1;
+        bubble.pairs.clear();
+        self.measure_levers(leg, &mut bubble.levers);
+        let mut blocked = None;
+        // What stands in for a distance has to be more than any margin asks for.
+        let coarse = COARSE.max(margins.clearance + NARROW);
+        let within = margins.clearance + reach;
+        self.look(
+            leg,
+            coarse,
+            |_, _, _| within,
+            |world, seen, p| {
+                let gap = p.contact.distance - world.asked(leg, margins, p.group, seen);
+                if gap < 0.0 {
+                    blocked = Some(*p);
+                    return false;
+                }
+                let other = match (seen, p.target) {
+                    (Seen::Pair(_), Target::Group(other)) => Some(other),
+                    _ => None,
+                };
+                bubble.pairs.push(Near { gap, group: p.group, other });
+                true
+            },
+        );
+        if let Some(p) = blocked {
+            self.spare = bubble;
+            return Err(self.hit(&p));
+        }
+        // What is not near is at least this far.
+        for &group in &self.table(leg).present {
+            if !self.shapes.is_bare(group) {
+                bubble.pairs.push(Near { gap: reach, group, other: None });
+            }
+        }
+        Ok(bubble)
+    }
+
+    /// How far each joint moves, the object's last.
+    fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
+        let mut steps = std::mem::take(&mut self.steps);
+        self.movers.steps(from.0, to.0, &mut steps);
+        steps.push((to.1 - from.1).abs());
+        steps
+    }
+
+    fn holds(&mut self, bubble: &Bubble, leg: Leg, x: &Row, travel: f64) -> bool {
+        let steps = self.steps((&bubble.center, bubble.travel), (x, travel));
+        let inside = bubble.holds(&self.table(leg).carried, &steps);
+        self.steps = steps;
+        inside
+    }
+
+    /// Sweeps the straight joint segment from `a` to `b`, the object's joint as it stood; the first hit.
+    pub fn sweep(&mut self, a: &Row, b: &Row, leg: Leg, margins: &Margins) -> Option<Hit> {
+        self.sweep_along(Way::still(&[*a, *b]), leg, margins).map(|(_, hit)| hit)
+    }
+
+    /// Sweeps the straight joint segments between waypoints; the last free waypoint before the first hit, and the hit.
+    pub fn sweep_along(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> Option<(usize, Hit)> {
+        let last = way.waypoints.len() - 1;
+        let end = last as f64;
+        let mut t = 0.0;
+        let mut reach = REACH;
+        loop {
+            let (x, travel) = way.at(t);
+            let bubble = match self.bubble(State { x: &x, travel }, leg, margins, reach) {
+                Ok(bubble) => bubble,
+                Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
+            };
+            let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
+            reach = (AHEAD * gap).clamp(NARROW, REACH);
+            if t >= end {
+                self.spare = bubble;
+                return None;
+            }
+            // Whole segments while their far ends are inside, then a part of the next: a bubble is convex, so what
+            // leads to a point inside is inside.
+            let from = t as usize;
+            let mut k = from;
+            while k < last && self.holds(&bubble, leg, &way.waypoints[k + 1], way.travel_at(k + 1)) {
+                k += 1;
+            }
+            let mut next = t.max(k as f64);
+            if k < last && k == from {
+                let steps = self.segment(&way, k);
+                next = (t + bubble.times(&self.table(leg).carried, &steps)).min((k + 1) as f64);
+                self.steps = steps;
+            } else if k < last {
+                let (mut low, mut high) = (next, (k + 1) as f64);
+                for _ in 0..6 {
+                    let middle = 0.5 * (low + high);
+                    let (x, travel) = way.at(middle);
+                    if self.holds(&bubble, leg, &x, travel) {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                next = low;
+            }
+            // Where something is close, go on by the finest step, no further than the next waypoint: nothing moves
+            // further than that unseen.
+            let steps = self.segment(&way, (next as usize).min(last.saturating_sub(1)));
+            let fastest = bubble.fastest(&steps);
+            self.steps = steps;
+            let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
+            t = next.max((t + finest).min((next as usize + 1) as f64)).min(end);
+            self.spare = bubble;
+        }
+    }
+
+    /// How far each joint moves over the segment after waypoint `k`.
+    fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
+        let (a, b) = (way.state(k), way.state(k + 1));
+        self.steps((a.x, a.travel), (b.x, b.travel))
+    }
+}

@@ -1,0 +1,131 @@
+//! How far the object's joint has moved along a motion after the actuation.
+
+use std::ops::Range;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::KeypointProblem;
+use crate::config::Motion;
+use crate::motion::HandPath;
+use crate::problem::{ObjectJoint, ObjectJointKind};
+
+/// A contact point nearer than this (m) to a joint's axis does not turn it.
+const ON_AXIS: f64 = 1e-3;
+
+/// By how much (rad or m) each post-actuation motion moves the object's joint, where that is known: those that follow
+/// or trace the joint say so, `options.joint_travel` says it of all of them, and a hand that picks or releases something
+/// leaves the joint alone.
+pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
+    let mut value = problem.joint.map_or(0.0, |j| j.value);
+    let motions = problem.config.post.iter().enumerate();
+    let busy = !(problem.options.pick.is_empty() && problem.options.release.is_empty());
+    motions
+        .map(|(i, motion)| {
+            let step = match *motion {
+                Motion::FollowJoint(step) | Motion::TraceJoint(step) => Some(step),
+                Motion::FollowJointTo(openness) | Motion::TraceJointTo(openness) => {
+                    problem.joint.map(|j| j.lower + openness * (j.upper - j.lower) - value)
+                }
+                Motion::Translate { .. } | Motion::Move(_) | Motion::Rotate(_) => {
+                    let named = problem.options.joint_travel.as_ref().and_then(|travel| travel.get(i)).copied();
+                    named.or(busy.then_some(0.0))
+                }
+            };
+            value += step.unwrap_or(0.0);
+            step
+        })
+        .collect()
+}
+
+/// Travel of the object's joint at places `done` (within 0..1, increasing, near each other) of post-actuation path number
+/// `post`; `from` is the travel at the first of them.
+///
+/// A motion of which it is not known takes the joint along as far as its contact point goes along the joint's axis, or
+/// around it. No joint goes beyond its range.
+pub(crate) fn travel_along(
+    problem: &KeypointProblem,
+    post: usize,
+    path: &HandPath,
+    from: f64,
+    done: &[f64],
+) -> Vec<f64> {
+    let Some(joint) = &problem.joint else { return vec![0.0; done.len()] };
+    let named = joint_steps(problem).get(post).copied().flatten();
+    let contact = Point3::from(problem.contact_point());
+    let begin = done.first().copied().unwrap_or(0.0);
+    let mut last = path.at(begin) * contact;
+    let mut gone = 0.0;
+    done.iter()
+        .map(|s| {
+            let free = match named {
+                Some(step) => step * (s - begin),
+                None => {
+                    let now = path.at(*s) * contact;
+                    gone += carried(joint, &last.coords, &now.coords);
+                    last = now;
+                    gone
+                }
+            };
+            within_range(joint, from + free)
+        })
+        .collect()
+}
+
+/// Travel at the end of a part of a path, from travel `from` at its begin.
+pub(crate) fn travel_over(problem: &KeypointProblem, post: usize, path: &HandPath, from: f64, part: Range<f64>) -> f64 {
+    travel_along(problem, post, path, from, &even(&part, PLACES)).pop().unwrap_or(from)
+}
+
+/// Places at which a path is looked at to see how far it takes the object's joint.
+const PLACES: usize = 64;
+
+/// `count` even places over a part of a path.
+pub(crate) fn even(part: &Range<f64>, count: usize) -> Vec<f64> {
+    let steps = count.saturating_sub(1).max(1) as f64;
+    (0..count).map(|k| part.start + (part.end - part.start) * k as f64 / steps).collect()
+}
+
+/// How far a small way of the contact point takes the joint.
+fn carried(joint: &ObjectJoint, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
+    match joint.kind {
+        ObjectJointKind::Prismatic => (to - from).dot(&joint.axis),
+        ObjectJointKind::Revolute => {
+            let across = |p: &Vector3<f64>| {
+                let arm = p - joint.origin;
+                arm - joint.axis * arm.dot(&joint.axis)
+            };
+            let (a, b) = (across(from), across(to));
+            if a.norm() < ON_AXIS || b.norm() < ON_AXIS { 0.0 } else { a.cross(&b).dot(&joint.axis).atan2(a.dot(&b)) }
+        }
+    }
+}
+
+fn within_range(joint: &ObjectJoint, travel: f64) -> f64 {
+    let (low, high) = (joint.lower.min(joint.value), joint.upper.max(joint.value));
+    (joint.value + travel).clamp(low, high) - joint.value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hinge(kind: ObjectJointKind) -> ObjectJoint {
+        ObjectJoint { kind, origin: Vector3::zeros(), axis: Vector3::z(), value: 0.2, lower: 0.0, upper: 1.0 }
+    }
+
+    #[test]
+    fn a_contact_point_takes_the_joint_along() {
+        let turn = |angle: f64| Vector3::new(angle.cos(), angle.sin(), 0.3);
+        let along = carried(&hinge(ObjectJointKind::Revolute), &turn(0.1), &turn(0.15));
+        assert!((along - 0.05).abs() < 1e-12, "{along}");
+        let slide = carried(&hinge(ObjectJointKind::Prismatic), &turn(0.1), &(turn(0.4) + Vector3::z() * 0.07));
+        assert!((slide - 0.07).abs() < 1e-12, "{slide}");
+    }
+
+    #[test]
+    fn no_joint_leaves_its_range() {
+        let joint = hinge(ObjectJointKind::Prismatic);
+        assert!((within_range(&joint, 5.0) - 0.8).abs() < 1e-12);
+        assert!((within_range(&joint, -5.0) + 0.2).abs() < 1e-12);
+    }
+}

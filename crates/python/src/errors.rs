@@ -1,0 +1,68 @@
+//! Exceptions: each names the file or field and the remedy, in its text and as attributes.
+
+use gensim2_geometry::{ShapeError, UrdfError as GeometryUrdfError};
+use gensim2_kpam::{ConfigError as KpamConfigError, ProblemError as KpamProblemError};
+use pyo3::exceptions::PyException;
+use pyo3::prelude::*;
+use pyo3::{PyTypeInfo, create_exception};
+
+create_exception!(
+    gensim2_kpam,
+    KpamError,
+    PyException,
+    "Base class. Its subclasses name the file or field and the remedy."
+);
+create_exception!(gensim2_kpam, UrdfError, KpamError, "A robot description that cannot be used: file, field, remedy.");
+create_exception!(gensim2_kpam, ConfigError, KpamError, "A solver config that cannot be used: field, remedy.");
+create_exception!(gensim2_kpam, ProblemError, KpamError, "A problem whose parts do not fit each other: field, remedy.");
+
+/// Adds the exceptions to the module. What an exception does not name is None there.
+pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = m.py();
+    let base = py.get_type::<KpamError>();
+    base.setattr("file", py.None())?;
+    base.setattr("field", py.None())?;
+    m.add("KpamError", base)?;
+    m.add("UrdfError", py.get_type::<UrdfError>())?;
+    m.add("ConfigError", py.get_type::<ConfigError>())?;
+    m.add("ProblemError", py.get_type::<ProblemError>())
+}
+
+fn located<T: PyTypeInfo>(file: Option<&str>, field: &str, message: &str) -> PyErr {
+    Python::attach(|py| {
+        let text = match file {
+            Some(file) => format!("{file}: {field}: {message}"),
+            None => format!("{field}: {message}"),
+        };
+        let error = PyErr::new::<T, _>(text);
+        let value = error.value(py);
+        match value.setattr("file", file).and_then(|()| value.setattr("field", field)) {
+            Ok(()) => error,
+            Err(other) => other,
+        }
+    })
+}
+
+pub(crate) fn problem_error(field: &str, message: impl std::fmt::Display) -> PyErr {
+    located::<ProblemError>(None, field, &message.to_string())
+}
+
+pub(crate) fn config_error(field: &str, message: impl std::fmt::Display) -> PyErr {
+    located::<ConfigError>(None, field, &message.to_string())
+}
+
+pub(crate) fn from_urdf(e: &GeometryUrdfError) -> PyErr {
+    located::<UrdfError>(Some(&e.file), &e.field, &e.message)
+}
+
+pub(crate) fn from_shape(e: &ShapeError) -> PyErr {
+    problem_error(&e.field, &e.message)
+}
+
+pub(crate) fn from_config(e: &KpamConfigError) -> PyErr {
+    config_error(&e.field, &e.message)
+}
+
+pub(crate) fn from_problem(e: &KpamProblemError) -> PyErr {
+    problem_error(&e.field, &e.message)
+}

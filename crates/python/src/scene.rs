@@ -1,0 +1,283 @@
+//! Scenes: what stands about a robot, built once.
+
+use std::sync::Arc;
+
+use gensim2_geometry::{ChainFrames, Pose};
+use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, Scene, SceneJoint};
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList};
+
+use crate::convert::{self, JointRows};
+use crate::errors::{from_problem, problem_error};
+use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::interrupt::interruptible;
+use crate::planning::{PyKeypointProblem, PySolverConfig, Question};
+
+/// A joint of an object and the names of the bodies that it moves. Pickles.
+#[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
+pub(crate) struct PySceneJoint(SceneJoint);
+
+#[pymethods]
+impl PySceneJoint {
+    #[new]
+    fn new(name: String, joint: &Bound<'_, PyJoint>, moves: Vec<String>) -> Self {
+        Self(SceneJoint { name, joint: joint.get().0, moves })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Present value (rad or m).
+    #[getter]
+    fn value(&self) -> f64 {
+        self.0.joint.value
+    }
+
+    #[getter]
+    fn moves(&self) -> Vec<String> {
+        self.0.moves.clone()
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}
+
+/// A robot and what stands about it, built once and shared by every problem on it.
+#[pyclass(name = "Scene", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyScene(pub Scene);
+
+#[pymethods]
+impl PyScene {
+    #[new]
+    #[pyo3(signature = (robot, bodies = Vec::new(), joints = Vec::new()))]
+    fn new(
+        robot: &Bound<'_, PyRobot>,
+        bodies: Vec<PyRef<'_, PyBody>>,
+        joints: Vec<PyRef<'_, PySceneJoint>>,
+    ) -> PyResult<Self> {
+        let bodies = bodies.iter().map(|b| b.0.clone()).collect();
+        let joints = joints.iter().map(|j| j.0.clone()).collect();
+        Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    #[getter]
+    fn bodies(&self) -> Vec<PyBody> {
+        self.0.bodies().iter().cloned().map(PyBody).collect()
+    }
+
+    #[getter]
+    fn joints(&self) -> Vec<PySceneJoint> {
+        self.0.joints().iter().cloned().map(PySceneJoint).collect()
+    }
+
+    /// Keypoints of the attached bodies in the hand frame, named "body/keypoint".
+    #[getter]
+    fn tool_keypoints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        points(py, self.0.tool_keypoints())
+    }
+
+    /// Keypoints of the standing bodies in the base frame, named "body/keypoint".
+    #[getter]
+    fn object_keypoints<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        points(py, self.0.object_keypoints())
+    }
+
+    /// The scene with a joint at another value; the bodies that it moves go with it.
+    fn with_joint(&self, name: &str, value: f64) -> PyResult<Self> {
+        self.0.with_joint(name, value).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
+    fn with_pose(&self, body: &str, pose: &Bound<'_, PyAny>) -> PyResult<Self> {
+        self.0.with_pose(body, &convert::pose(pose, "pose")?).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// The scene with a body held by the hand at joints `q`: it rides from there on, and no joint moves it.
+    fn attached(&self, body: &str, q: &Bound<'_, PyAny>) -> PyResult<Self> {
+        self.0.attached(body, &self.hand(q)?).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// The scene with an attached body left where the hand at joints `q` holds it: a rigid obstacle from there on, which
+    /// moves with the joint `on` where it lies on something that does.
+    #[pyo3(signature = (body, q, on = None))]
+    fn detached(&self, body: &str, q: &Bound<'_, PyAny>, on: Option<&str>) -> PyResult<Self> {
+        self.0.detached(body, &self.hand(q)?, on).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// A problem on this scene; the keypoints of its bodies are added to those given. `joint` names the joint that the
+    /// config is about: what it moves is the moving link.
+    #[pyo3(signature = (
+        config, q_start, *, tool_keypoints = None, object_keypoints = None, T_base_object = None, joint = None,
+        object_axis = "y", object_yaw = 0.0, T_base_world = None, options = None
+    ))]
+    #[allow(non_snake_case, clippy::too_many_arguments)]
+    fn problem(
+        &self,
+        config: &Bound<'_, PySolverConfig>,
+        q_start: &Bound<'_, PyAny>,
+        tool_keypoints: Option<&Bound<'_, PyAny>>,
+        object_keypoints: Option<&Bound<'_, PyAny>>,
+        T_base_object: Option<&Bound<'_, PyAny>>,
+        joint: Option<&str>,
+        object_axis: &str,
+        object_yaw: f64,
+        T_base_world: Option<&Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<PyKeypointProblem> {
+        let question = Question {
+            config,
+            q_start,
+            tool_keypoints,
+            object_keypoints,
+            T_base_object,
+            object_axis,
+            object_yaw,
+            T_base_world,
+            options,
+        };
+        let found = joint.map(|name| self.0.joint(name).map(|j| j.joint)).transpose().map_err(|e| from_problem(&e))?;
+        let bodies = self.0.bodies_about(joint).map_err(|e| from_problem(&e))?;
+        let mut problem: KeypointProblem = question.on(Arc::clone(self.0.robot()), bodies, found)?;
+        problem.tool_keypoints.extend(self.0.tool_keypoints());
+        problem.object_keypoints.extend(self.0.object_keypoints());
+        PyKeypointProblem::checked(problem)
+    }
+
+    /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
+    fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let q = self.rows(q)?;
+        let hits: Vec<bool> = self.each(py, &q, |checker, row| checker.hits(row))?;
+        if q.count.is_none() {
+            return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
+        }
+        Ok(PyArray1::from_vec(py, hits).into_any())
+    }
+
+    /// Smallest signed distance (m) of the robot to a body or itself, `most` where nothing is nearer: (n,) -> float,
+    /// (N, n) -> (N,).
+    #[pyo3(signature = (q, most = 1.0))]
+    fn distance<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, most: f64) -> PyResult<Bound<'py, PyAny>> {
+        is_reach(most, "most")?;
+        let q = self.rows(q)?;
+        let found: Vec<f64> = self.each(py, &q, |checker, row| checker.distance(row, most))?;
+        if q.count.is_none() {
+            return Ok(found[0].into_pyobject(py)?.into_any());
+        }
+        Ok(convert::array1(py, &found).into_any())
+    }
+
+    /// What comes within `reach` (m) of each other, nearest first: for (n,) a list of dicts `bodies`, `distance` (m,
+    /// negative where they overlap), `point` (3,); for (N, n) a list of such lists.
+    #[pyo3(signature = (q, reach = 0.0))]
+    fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {
+        is_reach(reach, "reach")?;
+        let q = self.rows(q)?;
+        let found: Vec<Vec<Nearness>> = self.each(py, &q, |checker, row| checker.near(row, reach))?;
+        if q.count.is_none() {
+            return listed(py, &found[0]);
+        }
+        let out = PyList::empty(py);
+        for near in &found {
+            out.append(listed(py, near)?)?;
+        }
+        Ok(out)
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Scene({:?}, {} bodies, {} joints)",
+            self.0.robot().name(),
+            self.0.bodies().len(),
+            self.0.joints().len()
+        )
+    }
+}
+
+impl PyScene {
+    /// Hand pose at joints `q` (n,).
+    fn hand(&self, q: &Bound<'_, PyAny>) -> PyResult<Pose> {
+        let robot = self.0.robot();
+        let q = convert::vector(q, "q", Some(robot.joints().len()))?;
+        let mut frames = ChainFrames::default();
+        robot.chain().forward(&q, &mut frames);
+        Ok(frames.tip)
+    }
+
+    fn rows(&self, q: &Bound<'_, PyAny>) -> PyResult<JointRows> {
+        JointRows::of(q, self.0.robot().joints().len())
+    }
+
+    /// The answer to a question of each row.
+    fn each<T: Send>(
+        &self,
+        py: Python<'_>,
+        q: &JointRows,
+        ask: impl Fn(&mut Checker<'_>, &[f64]) -> T + Sync,
+    ) -> PyResult<Vec<T>> {
+        interruptible(py, Cancel::new(), |cancel| {
+            let mut checker = self.0.checker();
+            q.rows().take_while(|_| !cancel.is_cancelled()).map(|row| ask(&mut checker, row)).collect()
+        })
+    }
+}
+
+fn listed<'py>(py: Python<'py>, near: &[Nearness]) -> PyResult<Bound<'py, PyList>> {
+    let out = PyList::empty(py);
+    for n in near {
+        let d = PyDict::new(py);
+        d.set_item("bodies", (&n.first, &n.second))?;
+        d.set_item("distance", n.distance)?;
+        d.set_item("point", convert::array1(py, n.point.coords.as_slice()))?;
+        out.append(d)?;
+    }
+    Ok(out)
+}
+
+fn is_reach(value: f64, field: &str) -> PyResult<()> {
+    if (0.0..=10.0).contains(&value) {
+        return Ok(());
+    }
+    Err(problem_error(field, format!("must lie in 0 to 10 m, not {value}")))
+}
+
+fn points(
+    py: Python<'_>,
+    map: std::collections::BTreeMap<String, nalgebra::Vector3<f64>>,
+) -> PyResult<Bound<'_, PyDict>> {
+    let out = PyDict::new(py);
+    for (name, p) in map {
+        out.set_item(name, convert::array1(py, p.as_slice()))?;
+    }
+    Ok(out)
+}
+
+/// Ends planning from another thread: pass it to `plan` and call `cancel`.
+#[pyclass(name = "Cancel", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyCancel(pub Cancel);
+
+#[pymethods]
+impl PyCancel {
+    #[new]
+    fn new() -> Self {
+        Self(Cancel::new())
+    }
+
+    /// Planning ends soon, with status "cancelled".
+    fn cancel(&self) {
+        self.0.cancel();
+    }
+
+    #[getter]
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
+}

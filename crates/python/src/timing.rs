@@ -1,0 +1,181 @@
+//! Trajectories, retiming and refinement.
+
+use gensim2_kpam::{Limits, Method, RefineOptions, RetimeOptions, Trajectory};
+use numpy::{PyArray2, ndarray};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::convert;
+use crate::errors::{from_problem, problem_error};
+use crate::planning::{PyKeypointProblem, PyPlan};
+
+/// Most rows that a motion is sampled into.
+const MOST_ROWS: f64 = 1e6;
+
+/// Timed joint motion. Pickles.
+#[pyclass(name = "Trajectory", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyTrajectory(pub(crate) Trajectory);
+
+#[pymethods]
+impl PyTrajectory {
+    /// (N,) seconds; every keyframe time is among them.
+    #[getter]
+    fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, self.0.times()).into_any()
+    }
+
+    /// (N, n) joint positions at `times`.
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array2(py, &self.0.positions(), self.0.joints()).into_any()
+    }
+
+    /// Seconds from the first waypoint to the last.
+    #[getter]
+    fn duration(&self) -> f64 {
+        self.0.end() - self.0.start()
+    }
+
+    /// Position, velocity, acceleration at t, each (n,), or (N, n) for (N,) times; at rest after the end.
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        t: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let (times, shape) = convert::numbers(t, "t")?;
+        if let Some(time) = times.iter().find(|t| !t.is_finite()) {
+            return Err(problem_error("t", format!("{time} is not finite")));
+        }
+        if shape.is_empty() {
+            let s = self.0.sample(times[0]);
+            let array = |v: &[f64]| convert::array1(py, v).into_any();
+            return Ok((array(&s.position), array(&s.velocity), array(&s.acceleration)));
+        }
+        if shape.len() != 1 {
+            return Err(problem_error("t", format!("must be a number or have shape (N,), not {shape:?}")));
+        }
+        let joints = self.0.joints();
+        let samples: Vec<_> = py.detach(|| times.iter().map(|t| self.0.sample(*t)).collect());
+        let array = |part: fn(&gensim2_kpam::Sample) -> &[f64]| {
+            let shape = (samples.len(), joints);
+            let table = ndarray::Array2::from_shape_fn(shape, |(r, c)| part(&samples[r])[c]);
+            PyArray2::from_owned_array(py, table).into_any()
+        };
+        Ok((array(|s| &s.position), array(|s| &s.velocity), array(|s| &s.acceleration)))
+    }
+
+    /// (ceil(duration / dt) + 1, n) positions, the last one at the end.
+    fn sample_every<'py>(&self, py: Python<'py>, dt: f64) -> PyResult<Bound<'py, PyAny>> {
+        let (start, end) = (self.0.start(), self.0.end());
+        let steps = ((end - start) / dt - 1e-9).ceil();
+        if !(dt > 0.0 && steps < MOST_ROWS) {
+            let least = (end - start) / MOST_ROWS;
+            return Err(problem_error(
+                "dt",
+                format!("must be above {least:.3e} s here, for {MOST_ROWS:e} rows, not {dt}"),
+            ));
+        }
+        let rows: Vec<Vec<f64>> =
+            (0..=steps as usize).map(|k| self.0.sample((start + dt * k as f64).min(end)).position).collect();
+        Ok(convert::array2(py, &rows, self.0.joints()).into_any())
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+}
+
+/// The fastest motion along the cubic spline through (N, n) waypoints within (n,) velocity, acceleration and jerk
+/// limits, at rest at the waypoints in `stops` and at the last; and the (N,) times at which it passes each waypoint.
+#[pyfunction]
+#[pyo3(signature = (
+    waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,
+    start_velocity = None, start_acceleration = None, position_limits = None, method = "reachability"
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn retime<'py>(
+    py: Python<'py>,
+    waypoints: &Bound<'py, PyAny>,
+    velocity_limits: &Bound<'py, PyAny>,
+    acceleration_limits: &Bound<'py, PyAny>,
+    jerk_limits: &Bound<'py, PyAny>,
+    stops: Vec<usize>,
+    slowest: Option<&Bound<'py, PyAny>>,
+    start_velocity: Option<&Bound<'py, PyAny>>,
+    start_acceleration: Option<&Bound<'py, PyAny>>,
+    position_limits: Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>,
+    method: &str,
+) -> PyResult<(PyTrajectory, Bound<'py, PyAny>)> {
+    let limit = |value: &Bound<'_, PyAny>, field: &str| {
+        let (data, shape) = convert::numbers(value, field)?;
+        if shape.len() == 1 {
+            Ok(data)
+        } else {
+            Err(problem_error(field, format!("must have shape (n,), not {shape:?}")))
+        }
+    };
+    let limits = Limits::new(
+        &limit(velocity_limits, "velocity_limits")?,
+        &limit(acceleration_limits, "acceleration_limits")?,
+        &limit(jerk_limits, "jerk_limits")?,
+    )
+    .map_err(|e| from_problem(&e))?;
+    let (data, shape) = convert::numbers(waypoints, "waypoints")?;
+    if shape.len() != 2 || shape[1] != limits.joints() {
+        let message = format!("must have shape (N, {}), not {shape:?}", limits.joints());
+        return Err(problem_error("waypoints", message));
+    }
+    let rows: Vec<Vec<f64>> = data.chunks_exact(limits.joints()).map(<[f64]>::to_vec).collect();
+    let optional = |value: Option<&Bound<'_, PyAny>>, field: &str| {
+        value.map(|v| convert::vector(v, field, Some(limits.joints()))).transpose()
+    };
+    let mut options = RetimeOptions::default();
+    options.stops = stops;
+    options.slowest = slowest.map(|v| convert::vector(v, "slowest", None)).transpose()?.unwrap_or_default();
+    options.start_velocity = optional(start_velocity, "start_velocity")?;
+    options.start_acceleration = optional(start_acceleration, "start_acceleration")?;
+    options.position_limits = position_limits
+        .map(|(lower, upper)| {
+            PyResult::Ok((limit(&lower, "position_limits[0]")?, limit(&upper, "position_limits[1]")?))
+        })
+        .transpose()?;
+    options.method = match method {
+        "reachability" => Method::Reachability,
+        "conic" => Method::Conic,
+        other => return Err(problem_error("method", format!("must be reachability or conic, not {other:?}"))),
+    };
+    let out = py.detach(|| gensim2_kpam::retime(&rows, &limits, &options)).map_err(|e| from_problem(&e))?;
+    Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
+}
+
+/// A plan's whole waypoint path made shorter by sequential quadratic programming: a dict of `waypoints` (N, n), `times`
+/// (N,), `keyframes` (numbers of their waypoints), `cost_before`, `cost_after` and `rounds`.
+#[pyfunction]
+#[pyo3(signature = (problem, plan, *, times = None, keep_paths = false))]
+pub(crate) fn refine<'py>(
+    py: Python<'py>,
+    problem: &Bound<'py, PyKeypointProblem>,
+    plan: &Bound<'py, PyPlan>,
+    times: Option<&Bound<'py, PyAny>>,
+    keep_paths: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut options = RefineOptions::default();
+    options.times = times.map(|v| convert::vector(v, "times", None)).transpose()?;
+    options.keep_paths = keep_paths;
+    let (problem, plan) = (&problem.get().0, &plan.get().0);
+    let found = py.detach(|| gensim2_kpam::refine(problem, plan, &options)).map_err(|e| from_problem(&e))?;
+    let out = PyDict::new(py);
+    let columns = problem.robot.joints().len();
+    out.set_item("waypoints", convert::array2(py, &found.waypoints, columns))?;
+    out.set_item("times", convert::array1(py, &found.times))?;
+    out.set_item("keyframes", found.keyframes)?;
+    out.set_item("cost_before", found.cost_before)?;
+    out.set_item("cost_after", found.cost_after)?;
+    out.set_item("rounds", found.rounds)?;
+    Ok(out)
+}

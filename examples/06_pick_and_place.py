@@ -1,0 +1,58 @@
+"""Pick a cube, carry it over a wall and set it down: a scene built once, and a problem a step. No simulator."""
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+
+
+def at(*xyz: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = xyz
+    return pose
+
+
+def reach(tool: str, target: str, post: list) -> kpam.SolverConfig:
+    """A point of the tool on a target, from 10 cm above, the hand looking down."""
+    axis = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_head", "target_axis_frame": "world"}
+    axis |= {"target_inner_product": 1, "tolerance": 0.02}
+    point = {"type": "point2point_constraint", "keypoint_name": tool, "target_keypoint_name": target}
+    constraints = [
+        {**point, "tolerance": 0.001},
+        {**axis, "axis_to_keypoint_name": "tool_tail", "target_axis": [0, 0, 1]},
+        {**axis, "axis_to_keypoint_name": "tool_side", "target_axis": [0, 1, 0]},
+    ]
+    motions = {"pre_actuation_motions": [["translate_z", -0.1]], "post_actuation_motions": post}
+    return kpam.SolverConfig({"constraint_list": constraints, **motions})
+
+
+block = [kpam.Shape.box([0.02, 0.02, 0.02])]
+scene = kpam.Scene(
+    panda(),
+    [
+        kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], at(0.615, 0, -0.0255)),
+        kpam.Body("wall", "rigid", [kpam.Shape.box([0.1, 0.01, 0.06])], at(0.5, 0, 0.06)),
+        kpam.Body("cube", "rigid", block, at(0.5, -0.15, 0.02), keypoints={"center": [0, 0, 0]}),
+    ],
+)
+q = np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04])
+pick = kpam.plan(
+    scene.problem(
+        reach("tool_head", "cube/center", ["move-up"]),
+        q,
+        tool_keypoints=TOOL_KEYPOINTS,
+        options={"pick": ["cube"]},  # it rides on the hand from the actuation on
+    )
+)
+held = scene.attached("cube", pick.q_plan)
+place = kpam.plan(
+    held.problem(
+        reach("cube/center", "spot", ["move-up"]),  # the cube's own keypoint is a tool keypoint now
+        pick.trajectory.positions[-1],
+        tool_keypoints=TOOL_KEYPOINTS,
+        object_keypoints={"spot": [0.5, 0.15, 0.025]},
+        options={"release": ["cube"]},
+    )
+)
+print("pick:", pick.status, "place:", place.status)
+print("the cube stands at", held.detached("cube", place.q_plan).bodies[2].pose[:3, 3].round(3))

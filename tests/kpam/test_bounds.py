@@ -1,0 +1,207 @@
+"""Nothing a caller can pass panics, hangs or fills the memory: options have ranges, long calls end with Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gensim2_kpam as kpam
+
+from .kpam_scenes import Q_START, config, problem
+
+POINT = {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal", "tolerance": 0.001}
+TO_A_POINT = {"constraint_list": [POINT]}
+
+
+def still_robot(tmp_path: Path) -> kpam.Robot:
+    file = tmp_path / "still.urdf"
+    file.write_text(
+        "<robot name='still'><link name='b'/><link name='h'/><joint name='j' type='fixed'><origin xyz='0 0 1'/>"
+        "<parent link='b'/><child link='h'/></joint></robot>"
+    )
+    return kpam.Robot.from_urdf(file, hand_link="h")
+
+
+def test_a_robot_without_moving_joints(tmp_path: Path) -> None:
+    robot = still_robot(tmp_path)
+    assert robot.jacobian([]).shape == (6, 0)
+    assert robot.jacobian(np.zeros((3, 0))).shape == (3, 6, 0)
+    assert robot.forward_kinematics([])[2, 3] == 1.0
+    assert robot.forward_kinematics(np.zeros((3, 0)))[:, 2, 3].tolist() == [1.0, 1.0, 1.0]
+    with pytest.raises(kpam.ProblemError, match="robot"):
+        problem(robot, q_start=[])
+
+
+def test_a_thin_workspace(panda: kpam.Robot) -> None:
+    tip = np.array([0.5, 0.1, 0.2 + 0.105])
+    for half in (0.9e-3, 1e-4, 1e-17, 0.0):
+        plan = kpam.plan(problem(panda, options={"workspace": [tip - half, tip + half]}))
+        assert plan.status in ("solved", "actuation_infeasible")
+
+
+@pytest.mark.parametrize(("lower", "upper"), [("4", "inf"), ("-inf", "-4"), ("-inf", "3"), ("-inf", "inf")])
+def test_limits_that_are_open_on_one_side(tmp_path: Path, lower: str, upper: str) -> None:
+    links = "".join(f"<link name='l{i}'/>" for i in range(4))
+    limits = [(lower, upper), ("-2", "2"), ("-2", "2")]
+    joints = "".join(
+        f"<joint name='j{i}' type='revolute'><parent link='l{i}'/><child link='l{i + 1}'/><origin xyz='0.3 0 0.1'/>"
+        f"<axis xyz='0 {i % 2} {1 - i % 2}'/><limit lower='{low}' upper='{high}' effort='1' velocity='2'/></joint>"
+        for i, (low, high) in enumerate(limits)
+    )
+    file = tmp_path / "arm.urdf"
+    file.write_text(f"<robot name='arm'>{links}{joints}</robot>")
+    robot = kpam.Robot.from_urdf(file, hand_link="l3")
+    start = [5.0 if lower == "4" else -5.0 if upper == "-4" else 0.0, 0.2, 0.3]
+    away = np.array([start[0] + 0.4, -0.3, 0.8])
+    goal = robot.forward_kinematics(away)[:3, 3]
+    plan = kpam.plan(
+        problem(
+            robot,
+            config=TO_A_POINT,
+            q_start=start,
+            tool_keypoints={"tip": [0, 0, 0]},
+            object_keypoints={"goal": goal},
+            bodies=[],
+            options={"workspace": None},
+        )
+    )
+    assert plan.status == "solved", plan.reason
+    assert plan.q_plan is not None
+    assert (plan.q_plan >= robot.lower).all()
+    assert (plan.q_plan <= robot.upper).all()
+
+
+@pytest.mark.parametrize("option", ["velocity_scale", "acceleration_scale"])
+@pytest.mark.parametrize("value", [1e-30, 1e-12, 1e-6, 0.9e-3, 1.1, -1.0])
+def test_scales_have_a_range(panda: kpam.Robot, option: str, value: float) -> None:
+    with pytest.raises(kpam.ProblemError, match=rf"options\.{option}.*0\.001") as caught:
+        problem(panda, options={option: value})
+    assert caught.value.field == f"options.{option}"
+
+
+def test_the_slowest_motion_has_a_bounded_number_of_waypoints(panda: kpam.Robot) -> None:
+    slow = {"velocity_limits": [1e-3] * 9, "velocity_scale": 1e-3}
+    plan = kpam.plan(problem(panda, options=slow))
+    assert plan.trajectory is not None
+    assert plan.trajectory.duration > 1e5
+    assert len(plan.trajectory.times) < 101_000
+    with pytest.raises(kpam.ProblemError, match="dt"):
+        plan.trajectory.sample_every(0.01)
+    with pytest.raises(kpam.ProblemError, match=r"options\.velocity_limits\[3\]"):
+        problem(panda, options={"velocity_limits": [1.0, 1.0, 1.0, 1e-5, *[1.0] * 5]})
+
+
+def test_a_clock_far_away_has_a_bounded_number_of_waypoints(panda: kpam.Robot) -> None:
+    plan = kpam.plan(problem(panda, config=config(actuation_time=9e5)))
+    assert plan.trajectory is not None
+    assert len(plan.trajectory.times) < 101_000
+
+
+def test_a_joint_that_stands_still_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "slow.urdf"
+    file.write_text(
+        "<robot name='slow'><link name='b'/><link name='h'/><joint name='snail' type='revolute'><parent link='b'/>"
+        "<child link='h'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1e-30'/></joint></robot>"
+    )
+    robot = kpam.Robot.from_urdf(file, hand_link="h")
+    with pytest.raises(kpam.ProblemError, match=r"options\.velocity_limits.*snail"):
+        problem(robot, q_start=[0.0])
+
+
+def test_clearance_steps_have_a_lower_bound(panda: kpam.Robot) -> None:
+    scene = problem(panda)
+    plan = kpam.plan(scene)
+    for step in (1e-9, 0.0, -1.0, float("nan")):
+        with pytest.raises(kpam.ProblemError, match=r"step.*at least"):
+            kpam.min_clearance(scene, plan, step)
+    assert plan.trajectory is not None
+    assert kpam.min_clearance(scene, plan, plan.trajectory.duration / 500) is not None
+
+
+@pytest.mark.parametrize("threads", [0, 257, 1_000_000])
+def test_threads_have_a_range(panda: kpam.Robot, threads: int) -> None:
+    with pytest.raises(kpam.ProblemError, match=r"threads.*1 to 256"):
+        kpam.plan_batch([problem(panda)], threads=threads)
+
+
+def interrupted(call: Any) -> float:
+    """Seconds from Ctrl-C to the end of a call that would take far longer."""
+    sent: list[float] = []
+
+    def press() -> None:
+        time.sleep(0.3)
+        sent.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            call()
+        return time.monotonic() - sent[0]
+    finally:
+        thread.join()
+
+
+def test_ctrl_c_ends_a_batch(panda: kpam.Robot) -> None:
+    scenes = [problem(panda)] * 100_000
+    assert interrupted(lambda: kpam.plan_batch(scenes, threads=2)) < 1.0
+
+
+def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
+    scene = problem(panda)
+    plan = kpam.plan(scene)
+    assert plan.trajectory is not None
+    step = plan.trajectory.duration / 99_000
+    assert interrupted(lambda: [kpam.min_clearance(scene, plan, step) for _ in range(100)]) < 1.0
+    many = np.repeat(Q_START[None], 1_000_000, axis=0)
+    assert interrupted(lambda: [scene.scene.in_collision(many) for _ in range(100)]) < 1.0
+
+
+def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:
+    with pytest.raises(kpam.UrdfError) as urdf:
+        kpam.Robot.from_urdf(tmp_path / "none.urdf", hand_link="hand")
+    assert urdf.value.file == str(tmp_path / "none.urdf")
+    assert urdf.value.field == "file"
+    with pytest.raises(kpam.ConfigError) as settings:
+        kpam.SolverConfig({"constraint_list": [], "speed": 2})
+    assert (settings.value.file, settings.value.field) == (None, "speed")
+    with pytest.raises(kpam.ProblemError) as shape:
+        kpam.Shape.sphere(-1.0)
+    assert shape.value.field == "radius"
+    assert kpam.KpamError("x").field is None
+
+
+def test_an_arm_is_a_panda_by_its_joints_names(panda: kpam.Robot, robots: Path) -> None:
+    """Franka's accelerations for Franka's arm; another arm of seven joints gets the plain ones."""
+
+    def duration(robot: kpam.Robot, start: np.ndarray, **options: Any) -> float:
+        arguments: dict[str, Any] = {
+            "config": TO_A_POINT,
+            "q_start": start,
+            "tool_keypoints": {"tip": [0, 0, 0]},
+            "object_keypoints": {"goal": [0.6, 0.0, 0.3]},
+            "bodies": [],
+            "options": {"acceleration_scale": 1.0, "velocity_limits": [100.0] * len(start), **options},
+        }
+        plan = kpam.plan(problem(robot, **arguments))
+        assert plan.trajectory is not None, plan.reason
+        return plan.trajectory.duration
+
+    assert (
+        duration(panda, Q_START) == duration(panda, Q_START, limits="panda") != duration(panda, Q_START, limits="plain")
+    )
+    xarm = kpam.Robot.from_urdf(robots / "xarm7" / "xarm7.urdf", hand_link="link_eef")
+    start = np.clip(np.zeros(len(xarm.joint_names)), xarm.lower, xarm.upper)
+    start[:7] = [0.0, 0.2, 0.0, 0.8, 0.0, 0.6, 0.0]
+    assert duration(xarm, start) == duration(xarm, start, limits="plain") != duration(xarm, start, limits="panda")
+    so100 = kpam.Robot.from_urdf(robots / "so100" / "so100.urdf", hand_link="Fixed_Jaw")
+    with pytest.raises(kpam.ProblemError, match=r"options\.limits"):
+        problem(so100, q_start=np.clip(np.zeros(6), so100.lower, so100.upper), options={"limits": "panda"})
