@@ -219,6 +219,83 @@ class Plan:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON holds them."""
 
+class ParallelGripper:
+    """A gripper with two flat pads that move towards each other equally far. Pickles."""
+
+    def __init__(
+        self,
+        tool_head: Numbers,
+        tool_tail: Numbers,
+        tool_side: Numbers,
+        *,
+        pad: Numbers,
+        stroke: Numbers,
+        palm: Sequence[Shape] = (),
+        fingers: tuple[Sequence[Shape], Sequence[Shape]] = ((), ()),
+    ) -> None:
+        """Keypoints (3,) in the hand frame: the middle between the pads, one behind it against the way the fingers
+        point, and one to a side in which a finger opens. ``pad`` (2,): extent of a pad across and along the fingers,
+        m. ``stroke`` (2,): smallest and largest opening, m. ``palm`` and ``fingers`` (on the side away from
+        ``tool_side``, and towards it) in the hand frame, the fingers as they would be at opening zero.
+        """
+    @staticmethod
+    def of_robot(robot: Robot, tool_head: Numbers, tool_tail: Numbers, tool_side: Numbers) -> ParallelGripper:
+        """The gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``: pads and
+        stroke follow from shapes and limits. Raises ProblemError where it has no such fingers."""
+    @property
+    def T_hand_grip(self) -> Array:
+        """(4, 4): x along the closing axis, z as the fingers point, origin midway between the pads' middles."""
+    @property
+    def pad(self) -> tuple[float, float]:
+        """Extents of a pad, m: across the fingers and along them."""
+    @property
+    def stroke(self) -> tuple[float, float]:
+        """Smallest and largest opening, m."""
+
+class Grasp:
+    """A way to hold an object. Pickles."""
+
+    @property
+    def T_object_hand(self) -> Array:
+        """(4, 4) hand in the object frame."""
+    @property
+    def T_base_hand(self) -> Array:
+        """(4, 4) hand in the robot base frame, where the object stands now."""
+    @property
+    def approach(self) -> Array:
+        """(3,) unit direction in which the hand approaches, robot base frame."""
+    @property
+    def width(self) -> float:
+        """Distance of the pads when they hold, m."""
+    @property
+    def opening(self) -> float:
+        """Distance of the pads on the way there, m."""
+    @property
+    def score(self) -> float:
+        """Rank, 0 to 1; higher is better."""
+    @property
+    def quality(self) -> dict[str, float]:
+        """What the rank is made of: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad
+        that touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open
+        hand), ``tilt`` (rad between approach and straight down)."""
+
+def grasps(
+    body: Body,
+    gripper: ParallelGripper,
+    *,
+    bodies: Sequence[Body] = (),
+    center_of_mass: Numbers | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> list[Grasp]:
+    """Grasps of ``body`` (convex hulls, or closed meshes) among ``bodies``, best first; the same arguments give the same.
+
+    ``center_of_mass`` (3,) in the object frame, m; default: the centre of its volume (of a mesh: of its box).
+
+    ``options`` (unknown keys raise ProblemError): count (most grasps, 100), samples (points of the surface, 256),
+    friction (coefficient between pads and object, 0.6), approach (straight way of the open hand, 0.1 m), clearance
+    (kept by the open hand, 0.001 m), up (against gravity in the base frame, [0, 0, 1]; None: no gravity).
+    """
+
 def plan(problem: KeypointProblem) -> Plan:
     """Plans one problem with the GIL released."""
 

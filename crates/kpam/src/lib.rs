@@ -11,6 +11,7 @@ mod contact;
 mod curve;
 mod error;
 mod free_space;
+pub mod grasp;
 mod hand_path;
 mod ldl;
 mod margins;
@@ -25,6 +26,7 @@ mod trajectory;
 pub use collision_check::CollisionCheck;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
+pub use grasp::{Grasp, GraspOptions, ParallelGripper, grasps};
 pub use options::Options;
 pub use plan::{
     Collision, KeyframeReport, Plan, Residual, StageTimes, Status, min_clearance, plan, plan_batch, plan_timed,

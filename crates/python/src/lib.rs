@@ -2,6 +2,7 @@
 
 mod convert;
 mod geometry;
+mod grasps;
 mod planning;
 
 use pyo3::create_exception;
@@ -30,10 +31,13 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<geometry::PyShape>()?;
     m.add_class::<geometry::PyBody>()?;
     m.add_class::<geometry::PyJoint>()?;
+    m.add_class::<grasps::PyParallelGripper>()?;
+    m.add_class::<grasps::PyGrasp>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
     m.add_class::<planning::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
+    m.add_function(wrap_pyfunction!(grasps::grasps, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;
