@@ -9,6 +9,7 @@ from ._native import (
     Body,
     ConfigError,
     Grasp,
+    GraspPlan,
     Joint,
     KeypointProblem,
     KpamError,
@@ -26,12 +27,14 @@ from ._native import (
     min_clearance,
     plan,
     plan_batch,
+    plan_grasp,
 )
 
 __all__ = [
     "Body",
     "ConfigError",
     "Grasp",
+    "GraspPlan",
     "Joint",
     "KeypointProblem",
     "KpamError",
@@ -49,4 +52,5 @@ __all__ = [
     "min_clearance",
     "plan",
     "plan_batch",
+    "plan_grasp",
 ]

@@ -296,6 +296,46 @@ def grasps(
     (kept by the open hand, 0.001 m), up (against gravity in the base frame, [0, 0, 1]; None: no gravity).
     """
 
+class GraspPlan:
+    """A grasp with its motions, all of them solved."""
+
+    @property
+    def index(self) -> int:
+        """Number of the grasp in the list."""
+    @property
+    def T_object_hand(self) -> Array:
+        """(4, 4) hand in the object frame: the grasp's, or that with the fingers swapped."""
+    @property
+    def pick(self) -> Plan:
+        """From the start to the grasp ("actuation") and up ("post_0")."""
+    @property
+    def carries(self) -> list[Plan]:
+        """One a target, each from where the last plan ends."""
+
+def plan_grasp(
+    robot: Robot,
+    q_start: Numbers,
+    gripper: ParallelGripper,
+    body: Body,
+    grasps: Sequence[Grasp],
+    *,
+    bodies: Sequence[Body] = (),
+    targets: Sequence[tuple[Numbers, Numbers | None]] = (),
+    approach: float = 0.1,
+    lift: Numbers | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> GraspPlan | None:
+    """The first of ``grasps`` with which ``body`` can be picked and brought to every target; None where none will do.
+
+    ``q_start`` (n,). ``targets``: each ``T_base_object`` (4, 4) and a direction (3,) in the base frame about which the
+    object may come turned by any angle, or None. ``approach``: straight way to the grasp, m. ``lift`` (3,): motion of
+    the hand after the grasp, and how the object comes to its targets from above, m, default [0, 0, 0.1]. ``options`` as
+    for :class:`KeypointProblem`.
+
+    Each grasp is tried as it is and with the fingers swapped. While it is carried, the object is judged as part of the
+    hand, so a target lies a little above what the object is put on. Raises ProblemError.
+    """
+
 def plan(problem: KeypointProblem) -> Plan:
     """Plans one problem with the GIL released."""
 

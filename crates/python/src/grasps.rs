@@ -1,13 +1,19 @@
 //! Grippers and grasps.
 
-use gensim2_kpam::grasp::{Grasp, GraspOptions, GripperKeypoints, ParallelGripper};
-use nalgebra::Point3;
+use std::sync::Arc;
+
+use gensim2_kpam::grasp::{
+    Grasp, GraspOptions, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target, plan_grasp as plan_with_grasp,
+};
+use gensim2_kpam::{Options, StageTimes};
+use nalgebra::{Point3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::ProblemError;
 use crate::convert::{self, problem_error};
 use crate::geometry::{PyBody, PyRobot, PyShape};
+use crate::planning::PyPlan;
 
 pub(crate) fn keypoints(
     head: &Bound<'_, PyAny>,
@@ -192,5 +198,86 @@ pub(crate) fn grasps(
     let (body, gripper) = (&body.get().0, &gripper.get().0);
     py.detach(|| gensim2_kpam::grasps(body, center, gripper, &others, &options))
         .map(|found| found.into_iter().map(PyGrasp).collect())
+        .map_err(|e| ProblemError::new_err(e.to_string()))
+}
+
+/// A grasp with its motions, all of them solved.
+#[pyclass(name = "GraspPlan", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyGraspPlan(GraspPlan);
+
+#[pymethods]
+impl PyGraspPlan {
+    #[getter]
+    fn index(&self) -> usize {
+        self.0.index
+    }
+
+    #[getter]
+    #[allow(non_snake_case)]
+    fn T_object_hand<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.object_hand).into_any()
+    }
+
+    #[getter]
+    fn pick(&self) -> PyPlan {
+        PyPlan(self.0.pick.clone(), StageTimes::default())
+    }
+
+    #[getter]
+    fn carries(&self) -> Vec<PyPlan> {
+        self.0.carries.iter().map(|p| PyPlan(p.clone(), StageTimes::default())).collect()
+    }
+}
+
+/// The first of the grasps with which the body can be picked and brought to every target. The GIL is released
+/// meanwhile.
+#[pyfunction]
+#[pyo3(signature = (
+    robot, q_start, gripper, body, grasps, *, bodies = Vec::new(), targets = Vec::new(), approach = 0.1, lift = None,
+    options = None
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn plan_grasp(
+    py: Python<'_>,
+    robot: &Bound<'_, PyRobot>,
+    q_start: &Bound<'_, PyAny>,
+    gripper: &Bound<'_, PyParallelGripper>,
+    body: &Bound<'_, PyBody>,
+    grasps: Vec<PyRef<'_, PyGrasp>>,
+    bodies: Vec<PyRef<'_, PyBody>>,
+    targets: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    approach: f64,
+    lift: Option<&Bound<'_, PyAny>>,
+    options: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Option<PyGraspPlan>> {
+    let lift = lift.map_or(Ok(Vector3::new(0.0, 0.0, 0.1)), |l| convert::vector3(l, "lift"))?;
+    if !(0.0..=1.0).contains(&approach) {
+        return Err(problem_error("approach", format!("must lie in 0 to 1 m, not {approach}")));
+    }
+    let options = match options {
+        None => Options::default(),
+        Some(o) => {
+            serde_json::from_value(convert::json(o, "options", 0)?).map_err(|e| problem_error("options", e))?
+        }
+    };
+    let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
+        let free_axis =
+            axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
+        Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
+    };
+    let task = GraspTask {
+        robot: Arc::clone(&robot.get().0),
+        gripper: gripper.get().0.clone(),
+        q_start: convert::vector(q_start, "q_start", None)?,
+        object: body.get().0.clone(),
+        bodies: bodies.iter().map(|b| b.0.clone()).collect(),
+        approach,
+        lift,
+        targets: targets.iter().enumerate().map(target).collect::<PyResult<_>>()?,
+        options,
+    };
+    let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
+    py.detach(|| plan_with_grasp(&task, &grasps))
+        .map(|found| found.map(PyGraspPlan))
         .map_err(|e| ProblemError::new_err(e.to_string()))
 }

@@ -33,11 +33,13 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<geometry::PyJoint>()?;
     m.add_class::<grasps::PyParallelGripper>()?;
     m.add_class::<grasps::PyGrasp>()?;
+    m.add_class::<grasps::PyGraspPlan>()?;
     m.add_class::<planning::PySolverConfig>()?;
     m.add_class::<planning::PyKeypointProblem>()?;
     m.add_class::<planning::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
     m.add_function(wrap_pyfunction!(grasps::grasps, m)?)?;
+    m.add_function(wrap_pyfunction!(grasps::plan_grasp, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::in_collision, m)?)?;

@@ -183,7 +183,7 @@ impl PyTrajectory {
 
 /// What was solved, each residual, what failed. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyPlan(Plan, StageTimes);
+pub(crate) struct PyPlan(pub Plan, pub StageTimes);
 
 fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
     q.map(|q| convert::array1(py, q).into_any())

@@ -32,6 +32,18 @@ pub struct ParallelGripper {
     stroke: [f64; 2],
     palm: Vec<Convex>,
     fingers: [Vec<Convex>; 2],
+    joints: Vec<FingerJoint>,
+}
+
+/// A joint that opens a finger.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct FingerJoint {
+    /// Place in the robot's joint vector.
+    index: usize,
+    /// Value (m) at the smallest opening.
+    closed: f64,
+    /// Change of the value for a change of the opening.
+    slope: f64,
 }
 
 impl ParallelGripper {
@@ -61,7 +73,7 @@ impl ParallelGripper {
         if !grip.translation.vector.iter().all(|v| v.abs() <= 10.0) {
             return Err(ProblemError::new("grip", "must lie within 10 m of the hand frame"));
         }
-        Ok(Self { grip, pad, stroke, palm, fingers })
+        Ok(Self { grip, pad, stroke, palm, fingers, joints: Vec::new() })
     }
 
     /// The grip frame of keypoints: x from head to side, made orthogonal to z from tail to head.
@@ -87,7 +99,8 @@ impl ParallelGripper {
         let axis = grip.rotation * Vector3::x();
         let mut q: Vec<f64> = robot.joints().iter().map(|j| 0.0f64.clamp(j.lower, j.upper)).collect();
         let mut sides: [Option<usize>; 2] = [None, None];
-        let mut range = 0.0;
+        let mut joints = Vec::new();
+        let mut range = f64::INFINITY;
         let mut poses = Vec::new();
         robot.link_poses(&q, &mut poses);
         for (index, link) in robot.links().iter().enumerate() {
@@ -104,7 +117,8 @@ impl ParallelGripper {
             let outwards = if side == 1 { along } else { -along };
             // Closed: as far inwards as it slides.
             q[joint] = if outwards > 0.0 { slide.lower } else { slide.upper };
-            range += slide.upper - slide.lower;
+            joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
+            range = range.min(slide.upper - slide.lower);
             if sides[side].replace(index).is_some() {
                 return Err(ProblemError::new("robot", "has two fingers on one side of tool_head"));
             }
@@ -145,7 +159,8 @@ impl ParallelGripper {
                 robot.links()[l].shapes.iter().map(move |s| s.moved(&pose))
             })
             .collect();
-        Self::new(grip, [0.5 * (y1 - y0), 0.5 * (z1 - z0)], [gap, gap + range], palm, fingers)
+        let gripper = Self::new(grip, [0.5 * (y1 - y0), 0.5 * (z1 - z0)], [gap, gap + 2.0 * range], palm, fingers)?;
+        Ok(Self { joints, ..gripper })
     }
 
     /// Grip frame in the hand frame.
@@ -164,6 +179,17 @@ impl ParallelGripper {
     #[must_use]
     pub fn stroke(&self) -> [f64; 2] {
         self.stroke
+    }
+
+    /// Sets the finger joints of a full joint vector to an opening (m), which is kept within the stroke. Does nothing
+    /// where the gripper was given by its numbers.
+    pub fn set_opening(&self, q: &mut [f64], opening: f64) {
+        let beyond = opening.clamp(self.stroke[0], self.stroke[1]) - self.stroke[0];
+        for joint in &self.joints {
+            if let Some(value) = q.get_mut(joint.index) {
+                *value = joint.closed + joint.slope * beyond;
+            }
+        }
     }
 
     /// What does not move, hand frame.
@@ -267,6 +293,9 @@ mod tests {
             assert!((origin - Vector3::new(0.0, 0.0, 0.085)).norm() < 1e-9, "{origin}");
             assert!((gripper.grip().rotation * Vector3::x() - Vector3::y()).norm() < 1e-9);
             assert_eq!((gripper.palm().len(), gripper.fingers()[0].len(), gripper.fingers()[1].len()), (1, 1, 1));
+            let mut q = vec![0.0; 3];
+            gripper.set_opening(&mut q, 0.022);
+            assert!((q[1].abs() - 0.01).abs() < 1e-9 && (q[2].abs() - 0.01).abs() < 1e-9, "{q:?}");
             // At opening zero the pads meet in the middle.
             let face = |shape: &Convex, side: f64| shape.points().iter().map(|p| side * p.y).fold(9.0, f64::min);
             assert!(face(&gripper.fingers()[0][0], -1.0).abs() < 1e-9);

@@ -7,11 +7,13 @@
 mod clearance;
 mod gripper;
 mod hold;
+mod plan;
 mod quality;
 mod search;
 mod surface;
 
 pub use gripper::{GripperKeypoints, ParallelGripper};
+pub use plan::{GraspPlan, GraspTask, Target, plan_grasp};
 pub use quality::Quality;
 
 use gensim2_geometry::{Convex, Pose};
