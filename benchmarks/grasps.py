@@ -41,6 +41,7 @@ Array = npt.NDArray[np.float64]
 #: Where objects lie: distance from the robot's base (m), and angle about it (rad).
 DISTANCE, ANGLE = (0.4, 0.65), (-0.6, 0.6)
 LIFT, RAISED, HOLD_SECONDS = 0.12, 0.10, 2.0
+SETTLE_STEPS = 4
 #: Friction coefficient between finger pads (2.0 in ManiSkill's Panda) and object: PhysX takes the mean.
 PAD_FRICTION = 2.0
 
@@ -132,7 +133,7 @@ def _lift(rigid: RigidObject, seed: int, episode: int) -> Lift:
     try:
         env.reset(seed=0)
         idle = np.array([*RESET_QPOS[:7], 1.0], dtype=np.float32)
-        for _ in range(CONTROL_HZ // 2):
+        for _ in range(SETTLE_STEPS):
             env.step(idle)
         T_base_world = np.linalg.inv(base_pose())
         robot, gripper = panda(), kpam.ParallelGripper.of_robot(panda(), **TOOL_KEYPOINTS)
@@ -181,7 +182,6 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     # Finger targets from -0.01 to 0.04 m are commands from -1 to 1.
     wide = (opening / 2 - 0.015) / 0.025
     begin, before = height(), env.object_pose
-    go(np.repeat(arm[:1], GRIPPER_STEPS, axis=0), wide)
     go(arm[: grip + 1], wide)
     go(np.repeat(arm[grip : grip + 1], LAG_STEPS + 4, axis=0), wide)
     moved = float(np.linalg.norm(env.object_pose[:3, 3] - before[:3, 3]))
@@ -242,7 +242,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     jobs = [(name, options.seed, pose) for name in options.objects for pose in range(options.poses)]
     with WorkerPool(options.workers) as pool:
-        results = [outcome.unwrap() for outcome in pool.map(lift, jobs)]
+        results = []
+        for outcome in pool.map(lift, jobs):
+            results.append(outcome.unwrap())
+            print(f"{len(results)} of {len(jobs)}: {results[-1]['name']} {results[-1]['cause']}", file=sys.stderr)
     report(results)
     if options.json:
         options.json.write_text(json.dumps(results, indent=1))

@@ -256,13 +256,10 @@ pub(crate) fn plan_grasp(
     }
     let options = match options {
         None => Options::default(),
-        Some(o) => {
-            serde_json::from_value(convert::json(o, "options", 0)?).map_err(|e| problem_error("options", e))?
-        }
+        Some(o) => serde_json::from_value(convert::json(o, "options", 0)?).map_err(|e| problem_error("options", e))?,
     };
     let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
-        let free_axis =
-            axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
+        let free_axis = axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
         Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
     };
     let task = GraspTask {

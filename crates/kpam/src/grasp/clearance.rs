@@ -4,6 +4,7 @@ use gensim2_geometry::{Aabb, Bvh, Convex, Corners, Pose, signed_distance};
 use nalgebra::{Point3, Translation3, Vector3};
 
 use super::gripper::ParallelGripper;
+use super::surface::{Plane, planes};
 use crate::ProblemError;
 
 /// Distances beyond this are all the same (m).
@@ -22,15 +23,19 @@ struct Obstacle {
 pub(super) struct Surroundings {
     obstacles: Vec<Obstacle>,
     tree: Bvh,
+    /// Faces of what is not the object.
+    others: Vec<Vec<Plane>>,
 }
 
 impl Surroundings {
     /// `object` in its own frame; `others` with their poses in the object frame.
     pub fn new(object: &[Convex], others: &[(&[Convex], Pose)]) -> Self {
-        let placed = object.iter().cloned().chain(
-            others.iter().flat_map(|(shapes, pose)| shapes.iter().map(|s| s.moved(pose))),
-        );
-        let obstacles: Vec<Obstacle> = placed
+        let moved: Vec<Convex> =
+            others.iter().flat_map(|(shapes, pose)| shapes.iter().map(|s| s.moved(pose))).collect();
+        let faces = moved.iter().map(|s| planes(&s.triangles())).filter(|planes| planes.len() > 1).collect();
+        let obstacles: Vec<Obstacle> = object
+            .iter()
+            .chain(&moved)
             .map(|s| Obstacle {
                 corners: Corners::of(s.points()),
                 radius: s.radius(),
@@ -39,7 +44,12 @@ impl Surroundings {
             })
             .collect();
         let boxes: Vec<Aabb> = obstacles.iter().map(|o| o.bounds).collect();
-        Self { obstacles, tree: Bvh::new(&boxes) }
+        Self { obstacles, tree: Bvh::new(&boxes), others: faces }
+    }
+
+    /// Whether a point lies in a hull that is not the object, or about as near to it as `margin` (m).
+    pub fn bury(&self, point: &Point3<f64>, margin: f64) -> bool {
+        self.others.iter().any(|planes| planes.iter().all(|plane| plane.height(point) < margin))
     }
 
     /// Distance of a shape to the nearest obstacle, at most `FAR`; some smaller number once it is below `enough`.
@@ -88,7 +98,14 @@ impl<'g> HandSweep<'g> {
     ///
     /// While the fingers close, it counts as kept where nothing is touched but by the pads, and what is not the object
     /// keeps `least`.
-    pub fn clearance(&mut self, around: &Surroundings, grip: &Pose, opening: f64, width: f64, least: f64) -> Option<f64> {
+    pub fn clearance(
+        &mut self,
+        around: &Surroundings,
+        grip: &Pose,
+        opening: f64,
+        width: f64,
+        least: f64,
+    ) -> Option<f64> {
         let hand = grip * self.gripper.grip().inverse();
         let closing = grip.rotation * Vector3::x();
         let shifted = |way: f64| Translation3::from(closing * way) * hand;

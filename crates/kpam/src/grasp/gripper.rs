@@ -134,7 +134,9 @@ impl ParallelGripper {
             let hand_from_link = |l: usize| poses[robot.hand()].inverse() * poses[l];
             let rides = (0..robot.links().len()).filter(|l| *l == finger || below(robot, *l, finger));
             rides
-                .flat_map(|l| robot.links()[l].shapes.iter().map(move |s| s.moved(&(grip_from_hand * hand_from_link(l)))))
+                .flat_map(|l| {
+                    robot.links()[l].shapes.iter().map(move |s| s.moved(&(grip_from_hand * hand_from_link(l))))
+                })
                 .collect()
         };
         let fingers = [placed(left), placed(right)];

@@ -53,8 +53,7 @@ impl Lines {
                 let from = grip * Point3::new(0.0, pad[0] * at(i, LINES[0]), pad[1] * at(k, LINES[1]));
                 surface.spans(&from, &direction, &mut self.spans);
                 let inside = |s: &&Span| s.exit > -half && s.enter < half;
-                let (Some(first), Some(last)) =
-                    (self.spans.iter().find(inside), self.spans.iter().rev().find(inside))
+                let (Some(first), Some(last)) = (self.spans.iter().find(inside), self.spans.iter().rev().find(inside))
                 else {
                     continue;
                 };

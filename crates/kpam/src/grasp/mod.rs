@@ -30,6 +30,8 @@ pub struct GraspOptions {
     pub count: usize,
     /// Points of the surface that are looked at.
     pub samples: usize,
+    /// Most hand poses whose contacts and way are looked at, the most promising first.
+    pub trials: usize,
     /// Friction coefficient between pads and object.
     pub friction: f64,
     /// Way (m) that the open hand comes straight along its fingers.
@@ -43,7 +45,15 @@ pub struct GraspOptions {
 
 impl Default for GraspOptions {
     fn default() -> Self {
-        Self { count: 100, samples: 256, friction: 0.6, approach: 0.1, clearance: 0.001, up: Some([0.0, 0.0, 1.0]) }
+        Self {
+            count: 100,
+            samples: 256,
+            trials: 2000,
+            friction: 0.6,
+            approach: 0.1,
+            clearance: 0.001,
+            up: Some([0.0, 0.0, 1.0]),
+        }
     }
 }
 
@@ -81,21 +91,21 @@ pub fn grasps(
     options: &GraspOptions,
 ) -> Result<Vec<Grasp>, ProblemError> {
     options.check()?;
-    let surface = surface::Surface::new(&object.shapes)?;
     let finite = |pose: &Pose| pose.translation.vector.iter().all(|v| v.is_finite());
     if let Some(body) = std::iter::once(object).chain(bodies).find(|b| !finite(&b.pose)) {
         return Err(ProblemError::new("body.pose", format!("of {:?} is not finite", body.name)));
     }
     let object_base = object.pose.inverse();
-    let others: Vec<(&[Convex], Pose)> =
-        bodies.iter().map(|b| (b.shapes.as_slice(), object_base * b.pose)).collect();
-    let around = clearance::Surroundings::new(&object.shapes, &others);
     let up = match options.up {
         Some(up) => Some(object_base.rotation * unit("options.up", up)?),
         None => None,
     };
+    let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
+    let others: Vec<(&[Convex], Pose)> = bodies.iter().map(|b| (b.shapes.as_slice(), object_base * b.pose)).collect();
+    let around = clearance::Surroundings::new(&object.shapes, &others);
     let center_of_mass = center_of_mass.unwrap_or(surface.center);
-    let found = search::Search { surface: &surface, around: &around, gripper, options, up, center_of_mass }.run()?;
+    let physics = quality::Physics { cone: options.friction.atan(), up, center_of_mass };
+    let found = search::Search { surface: &surface, around: &around, gripper, options, physics }.run()?;
     Ok(found
         .into_iter()
         .map(|found| {
@@ -127,6 +137,9 @@ impl GraspOptions {
         }
         if !(1..=100_000).contains(&self.samples) {
             return fail("samples", format!("must lie in 1 to 100,000, not {}", self.samples));
+        }
+        if !(1..=10_000_000).contains(&self.trials) {
+            return fail("trials", format!("must lie in 1 to 10,000,000, not {}", self.trials));
         }
         if !(0.01..=10.0).contains(&self.friction) {
             return fail("friction", format!("must lie in 0.01 to 10, not {}", self.friction));

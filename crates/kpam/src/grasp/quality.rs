@@ -30,51 +30,62 @@ const ROOMY: f64 = 0.006;
 /// Weights of margin, contact, lever, clearance and tilt; they add up to 1.
 const WEIGHTS: [f64; 5] = [0.25, 0.25, 0.3, 0.1, 0.1];
 
+/// What holds of an object while it is grasped.
+pub(super) struct Physics {
+    /// Half angle of the friction cone (rad).
+    pub cone: f64,
+    /// Direction against gravity in the object frame, if any.
+    pub up: Option<Vector3<f64>>,
+    /// Object frame (m).
+    pub center_of_mass: Point3<f64>,
+}
+
+/// Angle between two directions (rad).
+pub(super) fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b))
+}
+
 impl Quality {
-    /// Of a hold in the grip frame `grip` (object frame). `cone` is the half angle of the friction cone (rad), `up` the
-    /// direction against gravity in the object frame. `None` where the hold is outside the cone.
-    pub(super) fn of(
-        hold: &Hold,
-        grip: &Pose,
-        cone: f64,
-        up: Option<&Vector3<f64>>,
-        center_of_mass: &Point3<f64>,
-        clearance: f64,
-    ) -> Option<Self> {
+    /// Of a hold in the grip frame `grip` (object frame), with the clearance that the hand keeps (m); `None` where it
+    /// is outside the friction cone.
+    pub(super) fn of(hold: &Hold, grip: &Pose, physics: &Physics, clearance: f64) -> Option<Self> {
         let [first, second] = &hold.patches;
         let axis = grip.rotation * Vector3::x();
         let across = (second.center - first.center).try_normalize(1e-9)?;
-        let off = |from: &Vector3<f64>, to: &Vector3<f64>| from.cross(to).norm().atan2(from.dot(to));
         // The pads press along the closing axis; the force between the touched places runs along their line.
-        let worst = [off(&-across, &first.normal), off(&across, &second.normal), off(&-axis, &first.normal)]
-            .into_iter()
-            .chain([off(&axis, &second.normal)])
-            .fold(0.0, f64::max);
-        if worst >= cone {
-            return None;
-        }
+        let off = [across, axis].map(|line| angle(&-line, &first.normal).max(angle(&line, &second.normal)));
+        let friction_margin = physics.cone - off[0].max(off[1]);
         let middle = nalgebra::center(&first.center, &second.center);
-        let arm = center_of_mass - middle;
-        let lever = up.map_or(arm.norm(), |up| arm.cross(up).norm());
-        let tilt = up.map_or(0.0, |up| off(&-up, &(grip.rotation * Vector3::z())));
-        Some(Self {
-            friction_margin: cone - worst,
-            contact: first.share.min(second.share),
-            lever,
-            clearance,
-            tilt,
-        })
+        let contact = first.share.min(second.share);
+        let (lever, tilt) = physics.lever_and_tilt(&middle, grip);
+        (friction_margin > 0.0).then_some(Self { friction_margin, contact, lever, clearance, tilt })
+    }
+
+    /// The best that a grasp can be whose pads meet two places `off` (rad) the closing axis.
+    pub(super) fn at_best(middle: &Point3<f64>, grip: &Pose, off: f64, physics: &Physics) -> Self {
+        let (lever, tilt) = physics.lever_and_tilt(middle, grip);
+        Self { friction_margin: physics.cone - off, contact: 1.0, lever, clearance: ROOMY, tilt }
     }
 
     /// Rank from 0 to 1.
-    pub(super) fn score(&self, cone: f64) -> f64 {
+    pub(super) fn score(&self, physics: &Physics) -> f64 {
         let parts = [
-            (self.friction_margin / cone).min(1.0),
+            (self.friction_margin / physics.cone).min(1.0),
             (self.contact / FULL_CONTACT).min(1.0),
             1.0 / (1.0 + (self.lever / LEVER).powi(2)),
             (self.clearance / ROOMY).min(1.0),
             0.5 * (1.0 + self.tilt.cos()),
         ];
         parts.iter().zip(WEIGHTS).map(|(part, weight)| part * weight).sum()
+    }
+}
+
+impl Physics {
+    fn lever_and_tilt(&self, middle: &Point3<f64>, grip: &Pose) -> (f64, f64) {
+        let arm = self.center_of_mass - middle;
+        match &self.up {
+            Some(up) => (arm.cross(up).norm(), angle(&-up, &(grip.rotation * Vector3::z()))),
+            None => (arm.norm(), 0.0),
+        }
     }
 }

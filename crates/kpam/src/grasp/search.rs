@@ -6,15 +6,19 @@ use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
 use super::GraspOptions;
 use super::clearance::{FAR, HandSweep, Surroundings};
 use super::gripper::ParallelGripper;
-use super::hold::{Hold, Lines};
-use super::quality::Quality;
+use super::hold::Lines;
+use super::quality::{Physics, Quality, angle};
 use super::surface::{ON_SURFACE, Span, Surface};
 use crate::ProblemError;
 
 /// Directions about a closing axis from which the hand comes.
 const TURNS: usize = 12;
-/// Distances from the fingertips at which the pads take the object, as parts of a pad's length.
-const DEPTHS: [f64; 5] = [0.06, 0.16, 0.33, 0.5, 0.75];
+/// How far the pads reach beyond the touched places, as parts of a pad's length, deepest first.
+const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
+/// Least such reach.
+const SHALLOWEST: f64 = 0.04;
+/// Halvings by which the deepest reach is found above what stands in the way.
+const HALVINGS: usize = 5;
 /// Room on each side of the object that an opening must leave (m).
 const ROOM: f64 = 0.006;
 /// Openings that are tried beyond the width, widest first, after the full stroke (m).
@@ -31,13 +35,17 @@ struct Pair {
     middle: Point3<f64>,
     axis: Vector3<f64>,
     width: f64,
+    /// Largest angle (rad) between the axis and a normal there.
+    off: f64,
 }
 
-/// A grasp before it is known whether the hand gets there.
-struct Proposal {
+/// A hand pose that may turn out to be a grasp.
+struct Trial {
     grip: Pose,
-    hold: Hold,
-    score: f64,
+    /// Distance of the two places (m).
+    width: f64,
+    /// The best score that it can have.
+    bound: f64,
 }
 
 /// A grasp in the object frame.
@@ -54,81 +62,110 @@ pub(super) struct Search<'a> {
     pub around: &'a Surroundings,
     pub gripper: &'a ParallelGripper,
     pub options: &'a GraspOptions,
-    /// Against gravity, object frame.
-    pub up: Option<Vector3<f64>>,
-    pub center_of_mass: Point3<f64>,
+    pub physics: Physics,
 }
 
 impl Search<'_> {
     /// Distinct grasps that the hand gets to, best first.
     pub fn run(&self) -> Result<Vec<Found>, ProblemError> {
         let mut sweep = HandSweep::new(self.gripper, self.options.approach)?;
+        let mut lines = Lines::default();
         let mut found: Vec<Found> = Vec::new();
-        for proposal in self.proposals() {
-            // Ranked without clearance, so that what is left can at most be as good as it was.
-            if found.len() >= self.options.count {
+        let mut left = self.options.trials;
+        for trial in self.trials() {
+            if found.len() >= self.options.count || left == 0 {
                 break;
             }
-            if found.iter().any(|f| same(&f.grip, &proposal.grip)) {
-                continue;
+            if !found.iter().any(|f| same(&f.grip, &trial.grip)) {
+                left -= 1;
+                found.extend(self.attempt(&trial, &mut lines, &mut sweep));
             }
-            found.extend(self.reached(&mut sweep, &proposal));
         }
         found.sort_by(|a, b| b.score.total_cmp(&a.score));
         Ok(found)
     }
 
-    fn cone(&self) -> f64 {
-        self.options.friction.atan()
-    }
-
-    /// All holds that lie within the friction cone, best first.
-    fn proposals(&self) -> Vec<Proposal> {
-        let pad = self.gripper.pad();
-        let mut lines = Lines::default();
+    /// Hand poses at all pairs, from all sides and at several depths, most promising first.
+    fn trials(&self) -> Vec<Trial> {
         let mut out = Vec::new();
         for pair in self.pairs() {
             for approach in self.approaches(&pair.axis) {
                 let axes = Matrix3::from_columns(&[pair.axis, approach.cross(&pair.axis), approach]);
                 let rotation = Rotation3::from_matrix_unchecked(axes);
-                for depth in DEPTHS {
-                    let middle = pair.middle + approach * (pad[1] * (2.0 * depth - 1.0));
-                    let at = Pose::from_parts(Translation3::from(middle.coords), rotation);
-                    let opening = (pair.width + 2.0 * ROOM).min(self.gripper.stroke()[1]);
-                    let Some(hold) = lines.hold(self.surface, &at, pad, opening) else { continue };
-                    let grip = Translation3::from(pair.axis * hold.offset) * at;
-                    let quality = Quality::of(&hold, &grip, self.cone(), self.up.as_ref(), &self.center_of_mass, FAR);
-                    let Some(quality) = quality else { continue };
-                    out.push(Proposal { grip, hold, score: quality.score(self.cone()) });
+                let at = |depth: f64| {
+                    let shift = approach * (self.gripper.pad()[1] * (2.0 * depth - 1.0));
+                    Pose::from_parts(Translation3::from(pair.middle.coords + shift), rotation)
+                };
+                let Some(deepest) = self.deepest(pair.width, at) else { continue };
+                let bound = Quality::at_best(&pair.middle, &at(deepest), pair.off, &self.physics).score(&self.physics);
+                let first = std::iter::once(deepest);
+                for depth in first.chain(DEPTHS.into_iter().filter(|depth| *depth < deepest)) {
+                    out.push(Trial { grip: at(depth), width: pair.width, bound });
                 }
             }
         }
-        out.sort_by(|a, b| b.score.total_cmp(&a.score));
+        out.sort_by(|a, b| b.bound.total_cmp(&a.bound));
         out
+    }
+
+    /// The deepest reach at which the tips of the closed pads are not inside what is not the object.
+    fn deepest(&self, width: f64, at: impl Fn(f64) -> Pose) -> Option<f64> {
+        let [across, along] = self.gripper.pad();
+        let free = |depth: f64| {
+            let grip = at(depth);
+            let tip = |x: f64, y: f64| grip * Point3::new(x * 0.5 * width, y * across, along);
+            let corners = [tip(-1.0, -1.0), tip(-1.0, 1.0), tip(1.0, -1.0), tip(1.0, 1.0)];
+            !corners.iter().any(|corner| self.around.bury(corner, self.options.clearance))
+        };
+        let (mut low, mut high) = (SHALLOWEST, DEPTHS[0]);
+        if free(high) {
+            return Some(high);
+        }
+        if !free(low) {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if free(middle) { low = middle } else { high = middle }
+        }
+        Some(low)
+    }
+
+    /// What the pads hold in a hand pose, if they hold anything and the hand gets there.
+    fn attempt(&self, trial: &Trial, lines: &mut Lines, sweep: &mut HandSweep<'_>) -> Option<Found> {
+        let pad = self.gripper.pad();
+        let opening = (trial.width + 2.0 * ROOM).min(self.gripper.stroke()[1]);
+        let hold = lines.hold(self.surface, &trial.grip, pad, opening)?;
+        let closing = trial.grip.rotation * Vector3::x();
+        let grip = Translation3::from(closing * hold.offset) * trial.grip;
+        Quality::of(&hold, &grip, &self.physics, FAR)?;
+        let (clearance, opening) = self.room(sweep, &grip, hold.width)?;
+        let quality = Quality::of(&hold, &grip, &self.physics, clearance)?;
+        Some(Found { grip, width: hold.width, opening, score: quality.score(&self.physics), quality })
     }
 
     /// Opposite places within the friction cone and the stroke.
     fn pairs(&self) -> Vec<Pair> {
-        let cosine = self.cone().cos();
+        let cone = self.physics.cone;
         let (mut out, mut spans): (Vec<Pair>, Vec<_>) = (Vec::new(), Vec::new());
         for index in 0..self.options.samples {
             let Some((point, normal)) = self.surface.sample(index) else { continue };
-            let level = self.up.and_then(|up| (normal - up * normal.dot(&up)).try_normalize(0.2));
+            let level = self.physics.up.and_then(|up| (normal - up * normal.dot(&up)).try_normalize(0.2));
             for outward in [Some(normal), level].into_iter().flatten() {
                 let axis = -outward;
                 self.surface.spans(&point, &axis, &mut spans);
-                let begins = |s: &Span| s.enter.abs() < ON_SURFACE && -s.enter_normal.dot(&axis) >= cosine;
+                let begins = |s: &Span| s.enter.abs() < ON_SURFACE && angle(&s.enter_normal, &outward) < cone;
                 let Some(first) = spans.iter().position(begins) else { continue };
                 for last in &spans[first..] {
                     let width = last.exit - spans[first].enter;
                     if width > self.gripper.stroke()[1] - 2.0 * ROOM.min(0.002) {
                         break;
                     }
-                    if width < self.gripper.stroke()[0] || last.exit_normal.dot(&axis) < cosine {
+                    let off = angle(&spans[first].enter_normal, &outward).max(angle(&last.exit_normal, &axis));
+                    if width < self.gripper.stroke()[0] || off >= cone {
                         continue;
                     }
-                    let middle = point + axis * (0.5 * width);
-                    let pair = Pair { middle, axis, width };
+                    let pair = Pair { middle: point + axis * (0.5 * width), axis, width, off };
                     if !out.iter().any(|other| other.is(&pair)) {
                         out.push(pair);
                     }
@@ -141,28 +178,28 @@ impl Search<'_> {
     /// Directions at right angles to a closing axis, straight down first and without those from below, where there is
     /// a down.
     fn approaches(&self, axis: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let down = self.up.and_then(|up| (axis * up.dot(axis) - up).try_normalize(0.05));
+        let down = self.physics.up.and_then(|up| (axis * up.dot(axis) - up).try_normalize(0.05));
         let side = if axis.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
         let first = down.unwrap_or_else(|| axis.cross(&side).normalize());
         let turned = (0..TURNS).map(|k| {
             let angle = std::f64::consts::TAU * k as f64 / TURNS as f64;
             rotation_about(axis, angle) * first
         });
-        match self.up {
+        match self.physics.up {
             Some(up) => turned.filter(|z| z.dot(&up) < 0.3).collect(),
             None => turned.collect(),
         }
     }
 
-    /// The grasp with the widest opening with which the hand gets there comfortably, or else with the most room.
-    fn reached(&self, sweep: &mut HandSweep<'_>, proposal: &Proposal) -> Option<Found> {
-        let width = proposal.hold.width;
+    /// Clearance that the hand keeps (m), and the opening (m) for that: the widest with which it gets there comfortably,
+    /// or else the one that keeps most.
+    fn room(&self, sweep: &mut HandSweep<'_>, grip: &Pose, width: f64) -> Option<(f64, f64)> {
         let full = self.gripper.stroke()[1];
+        let narrower = OPENINGS.iter().map(|beyond| width + beyond).filter(|opening| *opening < full);
         let mut best: Option<(f64, f64)> = None;
-        for opening in std::iter::once(full).chain(OPENINGS.iter().map(|o| width + o).filter(|o| *o < full)) {
+        for opening in std::iter::once(full).chain(narrower) {
             let least = best.map_or(self.options.clearance, |(kept, _)| kept);
-            let kept = sweep.clearance(self.around, &proposal.grip, opening, width, least);
-            let Some(kept) = kept else { continue };
+            let Some(kept) = sweep.clearance(self.around, grip, opening, width, least) else { continue };
             if best.is_none_or(|(most, _)| kept > most) {
                 best = Some((kept, opening));
             }
@@ -170,10 +207,7 @@ impl Search<'_> {
                 break;
             }
         }
-        let (kept, opening) = best?;
-        let (cone, up) = (self.cone(), self.up.as_ref());
-        let quality = Quality::of(&proposal.hold, &proposal.grip, cone, up, &self.center_of_mass, kept)?;
-        Some(Found { grip: proposal.grip, width, opening, score: quality.score(cone), quality })
+        best
     }
 }
 

@@ -10,13 +10,22 @@ use crate::actuation::halton;
 const JOIN: f64 = 1e-4;
 /// Points nearer to the surface than this lie on it (m).
 pub(super) const ON_SURFACE: f64 = 1e-6;
+/// Weight of a level face beside that of an upright one: objects lie on things, and are held from the sides.
+const LEVEL: f64 = 0.2;
 /// Planes closer than this are one.
 const SAME_PLANE: f64 = 1e-7;
 
 #[derive(Debug, Clone, Copy)]
-struct Plane {
+pub(super) struct Plane {
     normal: Vector3<f64>,
     offset: f64,
+}
+
+impl Plane {
+    /// Height of a point over the plane (m).
+    pub fn height(&self, point: &Point3<f64>) -> f64 {
+        self.normal.dot(&point.coords) - self.offset
+    }
 }
 
 #[derive(Debug)]
@@ -46,8 +55,8 @@ pub(super) struct Surface {
     pieces: Vec<Piece>,
     tree: Bvh,
     triangles: Vec<[Point3<f64>; 3]>,
-    /// Area of all triangles up to and including each.
-    areas: Vec<f64>,
+    /// Weight of all triangles up to and including each.
+    weights: Vec<f64>,
     /// Centre of volume.
     pub center: Point3<f64>,
     /// Whether there are triangles of meshes, whose normals may point inwards.
@@ -55,8 +64,9 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Surface of shapes in the body frame. Three corners without rounding are a triangle of a mesh.
-    pub fn new(shapes: &[Convex]) -> Result<Self, ProblemError> {
+    /// Surface of shapes in the body frame; `up` is the direction against gravity, if any. Three corners without
+    /// rounding are a triangle of a mesh.
+    pub fn new(shapes: &[Convex], up: Option<&Vector3<f64>>) -> Result<Self, ProblemError> {
         let (mut pieces, mut boxes, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
         let (mut moment, mut volume) = (Vector3::zeros(), 0.0);
         for shape in shapes {
@@ -80,10 +90,12 @@ impl Surface {
             triangles.extend(faces);
         }
         let mut sum = 0.0;
-        let areas: Vec<f64> = triangles
+        let weights: Vec<f64> = triangles
             .iter()
             .map(|[a, b, c]| {
-                sum += 0.5 * (b - a).cross(&(c - a)).norm();
+                let area = (b - a).cross(&(c - a));
+                let level = up.map_or(0.0, |up| area.dot(up).powi(2) / area.norm_squared().max(f64::MIN_POSITIVE));
+                sum += area.norm() * (1.0 - (1.0 - LEVEL) * level);
                 sum
             })
             .collect();
@@ -97,14 +109,14 @@ impl Surface {
             nalgebra::center(&bounds.min, &bounds.max)
         };
         let meshes = pieces.iter().any(|p| matches!(p, Piece::Triangle(_)));
-        Ok(Self { pieces, tree: Bvh::new(&boxes), triangles, areas, center, meshes })
+        Ok(Self { pieces, tree: Bvh::new(&boxes), triangles, weights, center, meshes })
     }
 
     /// Point number `index` of an even spread over the surface, with the normal there.
     pub fn sample(&self, index: usize) -> Option<(Point3<f64>, Vector3<f64>)> {
-        let total = *self.areas.last()?;
+        let total = *self.weights.last()?;
         let wanted = total * halton(index + 1, 0);
-        let at = self.areas.partition_point(|sum| *sum <= wanted).min(self.triangles.len() - 1);
+        let at = self.weights.partition_point(|sum| *sum <= wanted).min(self.triangles.len() - 1);
         let [a, b, c] = self.triangles[at];
         let (root, share) = (halton(index + 1, 1).sqrt(), halton(index + 1, 2));
         let p = a + (b - a) * (root * (1.0 - share)) + (c - a) * (root * share);
@@ -140,7 +152,8 @@ impl Surface {
     }
 }
 
-fn planes(faces: &[[Point3<f64>; 3]]) -> Vec<Plane> {
+/// The planes of a hull's faces.
+pub(super) fn planes(faces: &[[Point3<f64>; 3]]) -> Vec<Plane> {
     let mut out: Vec<Plane> = Vec::new();
     for [a, b, c] in faces {
         let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
@@ -158,7 +171,7 @@ fn through_hull(planes: &[Plane], origin: &Point3<f64>, direction: &Vector3<f64>
     let mut span = Span { enter: -inf, exit: inf, enter_normal: zero, exit_normal: zero };
     for plane in planes {
         let slope = plane.normal.dot(direction);
-        let room = plane.offset - plane.normal.dot(&origin.coords);
+        let room = -plane.height(origin);
         if slope.abs() < 1e-12 {
             if room < 0.0 {
                 return None;
