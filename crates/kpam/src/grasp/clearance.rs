@@ -8,7 +8,7 @@ use super::surface::{Plane, planes};
 use crate::ProblemError;
 
 /// Distances beyond this are all the same (m).
-pub(super) const FAR: f64 = 0.02;
+pub(super) const FAR: f64 = 0.01;
 /// The closing fingers are followed until their pads are this far from the object (m).
 const BEFORE_TOUCH: f64 = 1e-3;
 

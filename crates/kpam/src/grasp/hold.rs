@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use super::surface::{Span, Surface};
 
 /// Lines across the fingers and along them.
-const LINES: [usize; 2] = [4, 7];
+const LINES: [usize; 2] = [3, 11];
 /// Matter within this of the first touched counts as touched (m): pads and objects give a little.
 const GIVE: f64 = 5e-4;
 

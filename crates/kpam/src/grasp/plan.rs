@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
 use crate::config::{Constraint, Frame, Motion, TargetAxis};
+use crate::options::ContactWindow;
 use crate::{Body, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, SolverConfig, Status, plan};
 
 /// Tolerances of the hand's pose (m, rad).
@@ -103,8 +104,18 @@ impl GraspTask {
         let mut bodies = self.bodies.clone();
         bodies.push(Body { role: Role::Target, ..self.object.clone() });
         let hand = self.object.pose * object_hand;
-        let motions = ([Motion::Move(grasp.approach * -self.approach)], [Motion::Move(self.lift)]);
-        self.problem(q, bodies, &Pose::identity(), &hand, None, motions.0.to_vec(), motions.1.to_vec())
+        let (pre, post) = (vec![Motion::Move(grasp.approach * -self.approach)], vec![Motion::Move(self.lift)]);
+        let mut problem = self.problem(q, bodies, &Pose::identity(), &hand, None, pre, post)?;
+        // Nothing touches the object on the way to where the straight approach begins.
+        let window = ContactWindow {
+            links: self.hand_links(),
+            bodies: vec![self.object.name.clone()],
+            from: "pre_0".to_owned(),
+            to: "end".to_owned(),
+        };
+        problem.options.contacts.get_or_insert_with(|| vec![window]);
+        problem.check()?;
+        Ok(problem)
     }
 
     fn carry(&self, target: &Target, object_hand: &Pose, q: Vec<f64>) -> Result<KeypointProblem, ProblemError> {
@@ -112,6 +123,19 @@ impl GraspTask {
         let hand_object = object_hand.inverse();
         bodies.push(Body { role: Role::Attached, pose: hand_object, ..self.object.clone() });
         self.problem(q, bodies, &hand_object, &target.object, target.free_axis, vec![Motion::Move(self.lift)], vec![])
+    }
+
+    /// Names of the hand and of what hangs below it.
+    fn hand_links(&self) -> Vec<String> {
+        let links = self.robot.links();
+        let rides = |mut link: usize| loop {
+            if link == self.robot.hand() {
+                return true;
+            }
+            let Some(parent) = links[link].parent else { return false };
+            link = parent;
+        };
+        (0..links.len()).filter(|link| rides(*link)).map(|link| links[link].name.clone()).collect()
     }
 
     /// Brings a frame that rides on the hand to a pose, up to turns about `free_axis`.

@@ -22,7 +22,7 @@ const HALVINGS: usize = 5;
 /// Room on each side of the object that an opening must leave (m).
 const ROOM: f64 = 0.006;
 /// Openings that are tried beyond the width, widest first, after the full stroke (m).
-const OPENINGS: [f64; 3] = [0.04, 0.024, 2.0 * ROOM];
+const OPENINGS: [f64; 4] = [0.04, 0.024, 2.0 * ROOM, ROOM];
 /// Clearance at which no narrower opening is looked for (m).
 const COMFORTABLE: f64 = 0.005;
 /// Grasps nearer than this to a better one, in place and direction, are the same (m, cosine).
@@ -151,7 +151,8 @@ impl Search<'_> {
         for index in 0..self.options.samples {
             let Some((point, normal)) = self.surface.sample(index) else { continue };
             let level = self.physics.up.and_then(|up| (normal - up * normal.dot(&up)).try_normalize(0.2));
-            for outward in [Some(normal), level].into_iter().flatten() {
+            let halfway = level.and_then(|level| (normal + level).try_normalize(0.2));
+            for outward in [Some(normal), level, halfway].into_iter().flatten() {
                 let axis = -outward;
                 self.surface.spans(&point, &axis, &mut spans);
                 let begins = |s: &Span| s.enter.abs() < ON_SURFACE && angle(&s.enter_normal, &outward) < cone;
