@@ -2,9 +2,10 @@
 
     python benchmarks/grasps.py [--objects mug bowl] [--poses 20] [--seed 0] [--workers 2] [--json OUT]
 
-Each object lies at rest on the table, at places and yaws drawn within the Panda's reach. The best-ranked grasp for which
-a motion exists is executed as planned: approach, close, lift. It counts where the object's centre of mass is 10 cm above
-where it was during the whole of the 2 s that follow, and both fingers touch it at the end. The hand rises by 15 cm.
+Each object lies at rest on the table, at places and yaws drawn within the Panda's reach. The best-ranked grasp for
+which a motion exists is executed as planned: approach, close, lift. It counts where the object's centre of mass is
+10 cm above where it was during the whole of the 2 s that follow, and both fingers touch it at the end. The hand rises
+by 15 cm.
 """
 
 from __future__ import annotations
@@ -48,8 +49,6 @@ ARRIVE_STEPS = LAG_STEPS + 4
 FINGER_SPEED, PRESS = 0.06, -0.01
 #: Friction coefficient between finger pads (2.0 in ManiSkill's Panda) and object: PhysX takes the mean.
 PAD_FRICTION = 2.0
-
-
 #: Metres. With ManiSkill's 20 mm each finger is in speculative contact with some 60 plates of a bowl at once, and
 #: PhysX throws the bowl although nothing touches it.
 CONTACT_OFFSET = 0.005
@@ -63,8 +62,13 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
     def __init__(self, rigid: RigidObject, pose: sapien.Pose, **kwargs: Any) -> None:
         self.rigid, self.start = rigid, pose
         super().__init__(
-            robot_uids="panda", control_mode="pd_joint_pos", num_envs=1, sim_backend="physx_cpu", obs_mode="none",
-            reward_mode="none", **kwargs
+            robot_uids="panda",
+            control_mode="pd_joint_pos",
+            num_envs=1,
+            sim_backend="physx_cpu",
+            obs_mode="none",
+            reward_mode="none",
+            **kwargs,
         )
 
     @property

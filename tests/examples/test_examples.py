@@ -21,6 +21,7 @@ EXPECTED = {
         True,
     ),
     "05_look_at_an_object.py": (("drawer/4711", "prismatic", "articulated_object_head"), False),
+    "06_grasp_an_object.py": (("100 grasps", "friction_margin", "picks in"), False),
 }
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from tests.kpam.kpam_scenes import Q_START, TOOL, table
 
 import gensim2_kpam as kpam
-from tests.kpam.kpam_scenes import Q_START, TOOL, table
 
 Array = npt.NDArray[np.float64]
 
