@@ -259,7 +259,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
-    jobs = [(name, options.seed, pose) for name in options.objects for pose in range(options.poses)]
+    jobs = [(name, options.seed, pose) for pose in range(options.poses) for name in options.objects]
     with WorkerPool(options.workers) as pool:
         results = []
         for outcome in pool.map(lift, jobs):

@@ -93,40 +93,24 @@ impl<'g> HandSweep<'g> {
         })
     }
 
-    /// Least distance (m, at most `FAR`) that the hand keeps on its way to a grasp with the fingers at `opening`, and
-    /// while they close to `width`; `None` where it is below `least`.
+    /// Least distance (m, at most `FAR`) that the palm keeps on its way to a grasp; `None` where it is below `least`.
+    pub fn palm(&mut self, around: &Surroundings, grip: &Pose, least: f64) -> Option<f64> {
+        let hand = grip * self.gripper.grip().inverse();
+        kept(&self.palm, &hand, around, &mut self.corners, least)
+    }
+
+    /// The same of the fingers at `opening`, which then close to `width`.
     ///
-    /// While the fingers close, it counts as kept where nothing is touched but by the pads, and what is not the object
-    /// keeps `least`.
-    pub fn clearance(
-        &mut self,
-        around: &Surroundings,
-        grip: &Pose,
-        opening: f64,
-        width: f64,
-        least: f64,
-    ) -> Option<f64> {
+    /// While they close, it counts as kept where nothing is touched but by the pads, and what is not the object keeps
+    /// `least`.
+    pub fn fingers(&mut self, around: &Surroundings, grip: &Pose, opening: f64, width: f64, least: f64) -> Option<f64> {
         let hand = grip * self.gripper.grip().inverse();
         let closing = grip.rotation * Vector3::x();
         let shifted = |way: f64| Translation3::from(closing * way) * hand;
-        let mut kept = FAR;
+        let mut most = FAR;
         for (finger, sign) in [-1.0, 1.0].into_iter().enumerate() {
             let pose = shifted(sign * 0.5 * opening);
-            for shape in &self.fingers[finger] {
-                shape.corners_at(&pose, &mut self.corners);
-                let distance = around.distance(&self.corners, shape.radius(), &shape.aabb_at(&pose), least);
-                kept = kept.min(distance);
-                if kept < least {
-                    return None;
-                }
-            }
-        }
-        for shape in &self.palm {
-            shape.corners_at(&hand, &mut self.corners);
-            kept = kept.min(around.distance(&self.corners, shape.radius(), &shape.aabb_at(&hand), least));
-            if kept < least {
-                return None;
-            }
+            most = most.min(kept(&self.fingers[finger], &pose, around, &mut self.corners, least)?);
         }
         for (finger, sign) in [-1.0, 1.0].into_iter().enumerate() {
             let (from, to) = (sign * 0.5 * opening, sign * (0.5 * width + BEFORE_TOUCH));
@@ -145,8 +129,21 @@ impl<'g> HandSweep<'g> {
                 }
             }
         }
-        Some(kept)
+        Some(most)
     }
+}
+
+/// Least distance of shapes at a pose, at most `FAR`; `None` where it is below `least`.
+fn kept(shapes: &[Convex], pose: &Pose, around: &Surroundings, corners: &mut Corners, least: f64) -> Option<f64> {
+    let mut most = FAR;
+    for shape in shapes {
+        shape.corners_at(pose, corners);
+        most = most.min(around.distance(corners, shape.radius(), &shape.aabb_at(pose), least));
+        if most < least {
+            return None;
+        }
+    }
+    Some(most)
 }
 
 fn sweep(shape: &Convex, way: &Vector3<f64>) -> Result<Convex, ProblemError> {

@@ -30,13 +30,20 @@ pub(super) struct Hold {
     pub offset: f64,
     /// On the negative side of the closing axis, and on the positive one.
     pub patches: [Patch; 2],
+    /// Unit direction along which the pads press on each other through the object, object frame: the closing axis where
+    /// they touch opposite places, or else from the middle of the one patch to that of the other.
+    pub press: Vector3<f64>,
 }
+
+/// How far a pad has come when it touches, where, and the normal there.
+type Touch = (f64, Point3<f64>, Vector3<f64>);
 
 /// Memory reused between holds.
 #[derive(Default)]
 pub(super) struct Lines {
     spans: Vec<Span>,
-    touched: [Vec<(f64, Point3<f64>, Vector3<f64>)>; 2],
+    /// Of each line that meets matter, on both sides.
+    touched: [Vec<Touch>; 2],
 }
 
 impl Lines {
@@ -70,11 +77,17 @@ impl Lines {
             return None;
         }
         let patches = [patch(&self.touched[0], low)?, patch(&self.touched[1], -high)?];
-        Some(Hold { width: high - low, offset: 0.5 * (low + high), patches })
+        let both = |(a, b): (&Touch, &Touch)| a.0 <= low + GIVE && b.0 <= -high + GIVE;
+        let press = if self.touched[0].iter().zip(&self.touched[1]).any(both) {
+            direction
+        } else {
+            (patches[1].center - patches[0].center).try_normalize(1e-9)?
+        };
+        Some(Hold { width: high - low, offset: 0.5 * (low + high), patches, press })
     }
 }
 
-fn patch(touched: &[(f64, Point3<f64>, Vector3<f64>)], first: f64) -> Option<Patch> {
+fn patch(touched: &[Touch], first: f64) -> Option<Patch> {
     let (mut count, mut center, mut normal) = (0.0, Vector3::zeros(), Vector3::zeros());
     for (_, point, n) in touched.iter().filter(|t| t.0 <= first + GIVE) {
         count += 1.0;

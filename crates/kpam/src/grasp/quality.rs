@@ -51,9 +51,7 @@ impl Quality {
     pub(super) fn of(hold: &Hold, grip: &Pose, physics: &Physics, clearance: f64) -> Option<Self> {
         let [first, second] = &hold.patches;
         let axis = grip.rotation * Vector3::x();
-        let across = (second.center - first.center).try_normalize(1e-9)?;
-        // The pads press along the closing axis; the force between the touched places runs along their line.
-        let off = [across, axis].map(|line| angle(&-line, &first.normal).max(angle(&line, &second.normal)));
+        let off = [hold.press, axis].map(|line| angle(&-line, &first.normal).max(angle(&line, &second.normal)));
         let friction_margin = physics.cone - off[0].max(off[1]);
         let middle = nalgebra::center(&first.center, &second.center);
         let contact = first.share.min(second.share);

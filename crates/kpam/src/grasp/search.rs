@@ -196,11 +196,12 @@ impl Search<'_> {
     /// or else the one that keeps most.
     fn room(&self, sweep: &mut HandSweep<'_>, grip: &Pose, width: f64) -> Option<(f64, f64)> {
         let full = self.gripper.stroke()[1];
+        let palm = sweep.palm(self.around, grip, self.options.clearance)?;
         let narrower = OPENINGS.iter().map(|beyond| width + beyond).filter(|opening| *opening < full);
         let mut best: Option<(f64, f64)> = None;
         for opening in std::iter::once(full).chain(narrower) {
             let least = best.map_or(self.options.clearance, |(kept, _)| kept);
-            let Some(kept) = sweep.clearance(self.around, grip, opening, width, least) else { continue };
+            let Some(kept) = sweep.fingers(self.around, grip, opening, width, least) else { continue };
             if best.is_none_or(|(most, _)| kept > most) {
                 best = Some((kept, opening));
             }
@@ -208,7 +209,7 @@ impl Search<'_> {
                 break;
             }
         }
-        best
+        best.map(|(fingers, opening)| (fingers.min(palm), opening))
     }
 }
 
