@@ -1,5 +1,7 @@
 //! Grasps of shapes with known answers, checked by other means than the search's own.
 
+#![allow(clippy::unwrap_used)]
+
 use gensim2_geometry::{Convex, Corners, Pose, signed_distance};
 use gensim2_kpam::grasp::GripperKeypoints;
 use gensim2_kpam::{Body, Grasp, GraspOptions, ParallelGripper, Role, grasps};
