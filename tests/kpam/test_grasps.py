@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from tests.kpam.kpam_scenes import Q_START, TOOL, table
 
 import gensim2_kpam as kpam
+
+from .kpam_scenes import Q_START, TOOL, table
 
 Array = npt.NDArray[np.float64]
 
