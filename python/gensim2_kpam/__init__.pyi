@@ -292,8 +292,9 @@ def grasps(
     ``center_of_mass`` (3,) in the object frame, m; default: the centre of its volume (of a mesh: of its box).
 
     ``options`` (unknown keys raise ProblemError): count (most grasps, 100), samples (points of the surface, 256),
-    trials (hand poses that are looked at closely, 2000), friction (coefficient between pads and object, 0.6), approach (straight way of the open hand, 0.1 m), clearance
-    (kept by the open hand, 0.001 m), up (against gravity in the base frame, [0, 0, 1]; None: no gravity).
+    trials (hand poses that are looked at closely, 2000), friction (coefficient between pads and object, 0.6),
+    approach (straight way of the open hand, 0.1 m), clearance (kept by the open hand, 0.001 m), up (against gravity
+    in the base frame, [0, 0, 1]; None: no gravity).
     """
 
 class GraspPlan:
