@@ -357,6 +357,123 @@ def ik(problem: KeypointProblem, most: int = 10) -> list[dict[str, Any]]:
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
     """How far (rad or m) the planner takes the object's joint to have moved at times (N,) of a plan's motion: (N,)."""
+class ParallelGripper:
+    """A gripper with two flat pads that move towards each other equally far. Pickles."""
+
+    def __init__(
+        self,
+        tool_head: Numbers,
+        tool_tail: Numbers,
+        tool_side: Numbers,
+        *,
+        pad: Numbers,
+        stroke: Numbers,
+        palm: Sequence[Shape] = (),
+        fingers: tuple[Sequence[Shape], Sequence[Shape]] = ((), ()),
+    ) -> None:
+        """Keypoints (3,) in the hand frame: the middle between the pads, one behind it against the way the fingers
+        point, and one to a side in which a finger opens. ``pad`` (2,): extent of a pad across and along the fingers,
+        m. ``stroke`` (2,): smallest and largest opening, m. ``palm`` and ``fingers`` (on the side away from
+        ``tool_side``, and towards it) in the hand frame, the fingers as they would be at opening zero.
+        """
+    @staticmethod
+    def of_robot(robot: Robot, tool_head: Numbers, tool_tail: Numbers, tool_side: Numbers) -> ParallelGripper:
+        """The gripper of a robot whose fingers slide along the axis from ``tool_head`` to ``tool_side``: pads and
+        stroke follow from shapes and limits. Raises ProblemError where it has no such fingers."""
+    @property
+    def T_hand_grip(self) -> Array:
+        """(4, 4): x along the closing axis, z as the fingers point, origin midway between the pads' middles."""
+    @property
+    def pad(self) -> tuple[float, float]:
+        """Extents of a pad, m: across the fingers and along them."""
+    @property
+    def stroke(self) -> tuple[float, float]:
+        """Smallest and largest opening, m."""
+
+class Grasp:
+    """A way to hold an object. Pickles."""
+
+    @property
+    def T_object_hand(self) -> Array:
+        """(4, 4) hand in the object frame."""
+    @property
+    def T_base_hand(self) -> Array:
+        """(4, 4) hand in the robot base frame, where the object stands now."""
+    @property
+    def approach(self) -> Array:
+        """(3,) unit direction in which the hand approaches, robot base frame."""
+    @property
+    def width(self) -> float:
+        """Distance of the pads when they hold, m."""
+    @property
+    def opening(self) -> float:
+        """Distance of the pads on the way there, m."""
+    @property
+    def score(self) -> float:
+        """Rank, 0 to 1; higher is better."""
+    @property
+    def quality(self) -> dict[str, float]:
+        """What the rank is made of: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad
+        that touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open
+        hand), ``tilt`` (rad between approach and straight down)."""
+
+def grasps(
+    body: Body,
+    gripper: ParallelGripper,
+    *,
+    bodies: Sequence[Body] = (),
+    center_of_mass: Numbers | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> list[Grasp]:
+    """Grasps of ``body`` (convex hulls, or closed meshes) among ``bodies``, best first, the same every time.
+
+    ``center_of_mass`` (3,) in the object frame, m; default: the centre of its volume (of a mesh: of its box).
+
+    ``options`` (unknown keys raise ProblemError): count (most grasps, 100), samples (points of the surface, 256),
+    trials (hand poses that are looked at closely, 2000), friction (coefficient between pads and object, 0.6),
+    approach (straight way of the open hand, 0.1 m), clearance (kept by the open hand, 0.001 m), up (against gravity
+    in the base frame, [0, 0, 1]; None: no gravity).
+    """
+
+class GraspPlan:
+    """A grasp with its motions, all of them solved."""
+
+    @property
+    def index(self) -> int:
+        """Number of the grasp in the list."""
+    @property
+    def T_object_hand(self) -> Array:
+        """(4, 4) hand in the object frame: the grasp's, or that with the fingers swapped."""
+    @property
+    def pick(self) -> Plan:
+        """From the start to the grasp ("actuation") and up ("post_0")."""
+    @property
+    def carries(self) -> list[Plan]:
+        """One a target, each from where the last plan ends."""
+
+def plan_grasp(
+    robot: Robot,
+    q_start: Numbers,
+    gripper: ParallelGripper,
+    body: Body,
+    grasps: Sequence[Grasp],
+    *,
+    bodies: Sequence[Body] = (),
+    targets: Sequence[tuple[Numbers, Numbers | None]] = (),
+    approach: float = 0.1,
+    lift: Numbers | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> GraspPlan | None:
+    """The first of ``grasps`` with which ``body`` can be picked and brought to every target; None where none will do.
+
+    ``q_start`` (n,). ``targets``: each ``T_base_object`` (4, 4) and a direction (3,) in the base frame about which the
+    object may come turned by any angle, or None. ``approach``: straight way to the grasp, m. ``lift`` (3,): motion of
+    the hand after the grasp, and how the object comes to its targets from above, m, default [0, 0, 0.1]. ``options`` as
+    for :class:`KeypointProblem`.
+
+    Each grasp is tried as it is and with the fingers swapped. While it is carried, the object is judged as part of the
+    hand, so a target lies a little above what the object is put on. Raises ProblemError.
+    """
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
     """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C

@@ -85,6 +85,13 @@ def _placed(said: str, _: Path) -> None:
     assert [float(value) for value in place.groups()] == pytest.approx([0.5, 0.15, 0.025], abs=0.003)
 
 
+def _grasped(said: str, _: Path) -> None:
+    """There are grasps, each with its reasons, and one serves both places."""
+    assert re.search(r"\b100 grasps", said)
+    assert "friction_margin" in said
+    assert re.search(r"grasp \d+ picks in \d+\.\d s and brings in \d+\.\d s", said)
+
+
 OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "01_solve_a_config.py": (_solved, False),
     "02_make_an_env.py": (_stepped, False),
@@ -92,6 +99,7 @@ OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "04_read_a_demo.py": (_recorded, True),
     "05_look_at_an_object.py": (_looked, False),
     "06_pick_and_place.py": (_placed, False),
+    "07_grasp_an_object.py": (_grasped, False),
 }
 """By name; and whether it takes an output folder."""
 

@@ -65,6 +65,26 @@ impl Aabb {
         let z = gap(self.min.z, self.max.z, other.min.z, other.max.z);
         x * x + y * y + z * z
     }
+
+    /// Whether the line through `origin` along `direction` meets the box.
+    #[must_use]
+    pub fn is_crossed_by(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> bool {
+        let (mut enter, mut exit) = (f64::NEG_INFINITY, f64::INFINITY);
+        for k in 0..3 {
+            let (low, high) = (self.min[k] - origin[k], self.max[k] - origin[k]);
+            if direction[k] == 0.0 {
+                if low > 0.0 || high < 0.0 {
+                    return false;
+                }
+            } else {
+                let (a, b) = (low / direction[k], high / direction[k]);
+                enter = enter.max(a.min(b));
+                exit = exit.min(a.max(b));
+            }
+        }
+        // A line in a face of the box may miss it by rounding.
+        enter <= exit + 1e-9
+    }
 }
 
 /// Leaves hold at most this many boxes: below that, testing them all is cheaper than another level.
@@ -123,18 +143,27 @@ impl Bvh {
     }
 
     /// Calls `visit` with the index of every box whose leaf comes within `reach` of `query`.
-    pub fn near(&self, query: &Aabb, reach: f64, mut visit: impl FnMut(usize)) {
+    pub fn near(&self, query: &Aabb, reach: f64, visit: impl FnMut(usize)) {
+        let limit = reach * reach;
+        self.walk(|bounds| bounds.distance_squared(query) <= limit, visit);
+    }
+
+    /// Calls `visit` with the index of every box whose leaf the line through `origin` along `direction` crosses.
+    pub fn along(&self, origin: &Point3<f64>, direction: &Vector3<f64>, visit: impl FnMut(usize)) {
+        self.walk(|bounds| bounds.is_crossed_by(origin, direction), visit);
+    }
+
+    fn walk(&self, enters: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(usize)) {
         if self.nodes.is_empty() {
             return;
         }
-        let limit = reach * reach;
         let mut stack = [0u32; 64];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let at = stack[top];
             let node = &self.nodes[at as usize];
-            if node.bounds.distance_squared(query) > limit {
+            if !enters(&node.bounds) {
                 continue;
             }
             if node.right == 0 {
@@ -173,6 +202,27 @@ mod tests {
             for (b, n) in boxes.iter().zip(found) {
                 prop_assert!(n <= 1);
                 prop_assert!(n == 1 || b.distance_squared(&q) > reach * reach);
+            }
+        }
+
+        #[test]
+        fn finds_all_that_a_line_crosses(
+            corners in prop::collection::vec((prop::array::uniform3(-1.0..1.0f64), prop::array::uniform3(0.0..0.3f64)), 0..60),
+            origin in prop::array::uniform3(-1.0..1.0f64),
+            direction in prop::array::uniform3(-1i32..2),
+        ) {
+            let direction = Vector3::from(direction).cast::<f64>();
+            let origin = Point3::from(origin);
+            let boxes: Vec<Aabb> = corners
+                .iter()
+                .map(|(c, s)| Aabb { min: Point3::from(*c), max: Point3::from(*c) + Vector3::from(*s) })
+                .collect();
+            let mut found = vec![false; boxes.len()];
+            Bvh::new(&boxes).along(&origin, &direction, |i| found[i] = true);
+            for (b, found) in boxes.iter().zip(found) {
+                let inside = |s: f64| b.distance_squared(&Aabb::of_ball(&(origin + direction * s), 0.0)) == 0.0;
+                let crossed = (-400..=400).any(|k| inside(f64::from(k) * 0.01));
+                prop_assert!(found || !crossed);
             }
         }
     }

@@ -22,6 +22,7 @@ mod bvh;
 mod collision;
 mod convex;
 mod error;
+mod facets;
 mod mesh;
 mod mimic;
 mod obstacles;

@@ -11,6 +11,7 @@ mod default_limits;
 mod error;
 mod fingers;
 mod free_space;
+pub mod grasp;
 mod hand_path;
 mod joint_map;
 mod ldl;
@@ -28,6 +29,7 @@ mod world;
 pub use cancel::Cancel;
 pub use config::{Gripper, SolverConfig};
 pub use error::{ConfigError, ProblemError};
+pub use grasp::{Grasp, GraspOptions, ParallelGripper, grasps};
 pub use options::Options;
 pub use plan::{
     Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,

@@ -192,7 +192,7 @@ impl PyKeypointProblem {
 
 /// What was solved, each residual, what failed. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
-pub(crate) struct PyPlan(pub(crate) Plan, StageTimes);
+pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
 
 fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
     q.map(|q| convert::array1(py, q).into_any())

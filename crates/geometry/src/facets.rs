@@ -1,0 +1,90 @@
+//! The surface of a convex shape as triangles.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::Convex;
+
+/// Directions in which a rounded hull's corners are grown.
+const ROUNDING: usize = 128;
+/// They are grown so much further than the radius that the polytope lies as far outside as inside.
+const OUTWARDS: f64 = 1.01;
+/// Thinner than this a hull has no inside (m).
+const FLAT: f64 = 1e-7;
+
+impl Convex {
+    /// Triangles of the surface (m, shape frame), corners counter-clockwise as seen from outside.
+    ///
+    /// A single triangle gives itself, in no particular orientation; any other flat set gives none. A rounded hull is
+    /// given as a polytope that follows it within 2 % of the radius.
+    #[must_use]
+    pub fn triangles(&self) -> Vec<[Point3<f64>; 3]> {
+        if let ([a, b, c], true) = (self.points(), self.radius() <= 0.0) {
+            return vec![[*a, *b, *c]];
+        }
+        let points = if self.radius() > 0.0 { self.grown_corners() } else { self.points().to_vec() };
+        let Ok((vertices, faces)) = parry3d_f64::transformation::try_convex_hull(&points) else { return Vec::new() };
+        let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
+        let mut out = Vec::with_capacity(faces.len());
+        for [i, j, k] in faces {
+            let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
+            let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
+            let height = normal.dot(&(a.coords - middle));
+            if height.abs() < FLAT {
+                return Vec::new();
+            }
+            out.push(if height > 0.0 { [a, b, c] } else { [a, c, b] });
+        }
+        out
+    }
+
+    /// The corners, each with points of its ball.
+    fn grown_corners(&self) -> Vec<Point3<f64>> {
+        let golden = std::f64::consts::PI * (1.0 + 5f64.sqrt());
+        let directions: Vec<Vector3<f64>> = (0..ROUNDING)
+            .map(|i| {
+                let step = i as f64 + 0.5;
+                let z = 1.0 - 2.0 * step / ROUNDING as f64;
+                let (sin, cos) = (golden * step).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                Vector3::new(r * cos, r * sin, z)
+            })
+            .collect();
+        self.points().iter().flat_map(|p| directions.iter().map(move |d| p + d * (OUTWARDS * self.radius()))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Pose;
+
+    fn area_and_volume(shape: &Convex) -> (f64, f64) {
+        shape.triangles().iter().fold((0.0, 0.0), |(area, volume), [a, b, c]| {
+            let cross = (b - a).cross(&(c - a));
+            (area + 0.5 * cross.norm(), volume + a.coords.dot(&cross) / 6.0)
+        })
+    }
+
+    #[test]
+    fn triangles_close_the_surface_and_face_outwards() {
+        let cuboid = Convex::cuboid([0.1, 0.2, 0.3], &Pose::translation(0.4, -0.1, 0.2)).unwrap();
+        let (area, volume) = area_and_volume(&cuboid);
+        assert!((area - 0.88).abs() < 1e-9 && (volume - 0.048).abs() < 1e-9, "{area} {volume}");
+        let ball = Convex::ball(0.1, Point3::new(0.5, 0.0, 0.0)).unwrap();
+        for [a, b, c] in ball.triangles() {
+            let normal = (b - a).cross(&(c - a)).normalize();
+            let height = normal.dot(&(a - ball.center()));
+            assert!((0.098..0.1011).contains(&height), "{height}");
+        }
+        let (_, volume) = area_and_volume(&ball);
+        let whole = 4.0 / 3.0 * std::f64::consts::PI * 1e-3;
+        assert!((volume / whole - 1.0).abs() < 0.03, "{volume} {whole}");
+    }
+
+    #[test]
+    fn flat_sets_have_no_inside() {
+        let square: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
+        assert!(Convex::hull(&square).unwrap().triangles().is_empty());
+        assert_eq!(Convex::hull(&square[..3]).unwrap().triangles().len(), 1);
+    }
+}

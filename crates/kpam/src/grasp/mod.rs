@@ -1,0 +1,155 @@
+//! Grasps of an object for a parallel gripper.
+//!
+//! Points spread evenly over the object's surface, and lines through them along the normal, give pairs of opposite
+//! places whose normals lie within the friction cone. About each such line the hand is turned and shifted; what its
+//! pads then touch, and whether the open hand gets there freely, decides and ranks.
+
+mod clearance;
+mod gripper;
+mod hold;
+mod plan;
+mod quality;
+mod search;
+mod surface;
+
+pub use gripper::{GripperKeypoints, ParallelGripper};
+pub use plan::{GraspPlan, GraspTask, Target, plan_grasp};
+pub use quality::Quality;
+
+use gensim2_geometry::{Convex, Pose};
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::{Body, ProblemError};
+
+/// What a search for grasps may set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GraspOptions {
+    /// Most grasps that are returned.
+    pub count: usize,
+    /// Points of the surface that are looked at.
+    pub samples: usize,
+    /// Most hand poses whose contacts and way are looked at, the most promising first.
+    pub trials: usize,
+    /// Friction coefficient between pads and object.
+    pub friction: f64,
+    /// Way (m) that the open hand comes straight along its fingers.
+    pub approach: f64,
+    /// Distance (m) that the hand keeps from everything until the pads touch.
+    pub clearance: f64,
+    /// Direction against gravity, base frame; null where there is none. Grasps from above and near the centre of mass
+    /// are better then.
+    pub up: Option<[f64; 3]>,
+}
+
+impl Default for GraspOptions {
+    fn default() -> Self {
+        Self {
+            count: 100,
+            samples: 256,
+            trials: 2000,
+            friction: 0.6,
+            approach: 0.1,
+            clearance: 0.001,
+            up: Some([0.0, 0.0, 1.0]),
+        }
+    }
+}
+
+/// A way to hold an object.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Grasp {
+    /// The hand in the object frame.
+    pub object_hand: Pose,
+    /// The hand in the base frame, where the object stands now.
+    pub base_hand: Pose,
+    /// Unit direction in which the hand approaches, base frame.
+    pub approach: Vector3<f64>,
+    /// Distance of the pads when they hold (m).
+    pub width: f64,
+    /// Distance of the pads on the way there (m).
+    pub opening: f64,
+    /// Rank: 0 to 1, higher is better.
+    pub score: f64,
+    /// What the rank is made of.
+    pub quality: Quality,
+}
+
+/// Grasps of `object` among `bodies`, best first; none where the gripper cannot hold it there.
+///
+/// `center_of_mass` is in the object frame; by default the centre of the object's volume. The same arguments give the
+/// same grasps.
+///
+/// # Errors
+/// An object without a surface, options out of range, or a pose that is not finite.
+pub fn grasps(
+    object: &Body,
+    center_of_mass: Option<Point3<f64>>,
+    gripper: &ParallelGripper,
+    bodies: &[Body],
+    options: &GraspOptions,
+) -> Result<Vec<Grasp>, ProblemError> {
+    options.check()?;
+    let finite = |pose: &Pose| pose.translation.vector.iter().all(|v| v.is_finite());
+    if let Some(body) = std::iter::once(object).chain(bodies).find(|b| !finite(&b.pose)) {
+        return Err(ProblemError::new("body.pose", format!("of {:?} is not finite", body.name)));
+    }
+    let object_base = object.pose.inverse();
+    let up = match options.up {
+        Some(up) => Some(object_base.rotation * unit("options.up", up)?),
+        None => None,
+    };
+    let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
+    let others: Vec<(&[Convex], Pose)> = bodies.iter().map(|b| (b.shapes.as_slice(), object_base * b.pose)).collect();
+    let around = clearance::Surroundings::new(&object.shapes, &others);
+    let center_of_mass = center_of_mass.unwrap_or(surface.center);
+    let physics = quality::Physics { cone: options.friction.atan(), up, center_of_mass };
+    let found = search::Search { surface: &surface, around: &around, gripper, options, physics }.run()?;
+    Ok(found
+        .into_iter()
+        .map(|found| {
+            let object_hand = found.grip * gripper.grip().inverse();
+            Grasp {
+                object_hand,
+                base_hand: object.pose * object_hand,
+                approach: object.pose.rotation * (found.grip.rotation * Vector3::z()),
+                width: found.width,
+                opening: found.opening,
+                score: found.score,
+                quality: found.quality,
+            }
+        })
+        .collect())
+}
+
+fn unit(field: &str, v: [f64; 3]) -> Result<Vector3<f64>, ProblemError> {
+    let v = Vector3::from(v);
+    let direction = v.try_normalize(1e-9).filter(|d| d.iter().all(|c| c.is_finite()));
+    direction.ok_or_else(|| ProblemError::new(field, "must be a direction, or null"))
+}
+
+impl GraspOptions {
+    fn check(&self) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        if !(1..=100_000).contains(&self.count) {
+            return fail("count", format!("must lie in 1 to 100,000, not {}", self.count));
+        }
+        if !(1..=100_000).contains(&self.samples) {
+            return fail("samples", format!("must lie in 1 to 100,000, not {}", self.samples));
+        }
+        if !(1..=10_000_000).contains(&self.trials) {
+            return fail("trials", format!("must lie in 1 to 10,000,000, not {}", self.trials));
+        }
+        if !(0.01..=10.0).contains(&self.friction) {
+            return fail("friction", format!("must lie in 0.01 to 10, not {}", self.friction));
+        }
+        if !(0.0..=1.0).contains(&self.approach) {
+            return fail("approach", format!("must lie in 0 to 1 m, not {}", self.approach));
+        }
+        if !(0.0..=clearance::FAR).contains(&self.clearance) {
+            return fail("clearance", format!("must lie in 0 to {} m, not {}", clearance::FAR, self.clearance));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,89 @@
+//! What makes a grasp good.
+
+use gensim2_geometry::Pose;
+use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::hold::Hold;
+
+/// What a grasp's rank is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// Angle (rad) by which the line between the touched places stays inside both friction cones.
+    pub friction_margin: f64,
+    /// Part of the pad that touches, 0..1, on the side where it is less.
+    pub contact: f64,
+    /// Lever (m) of gravity about the middle between the pads; without gravity the distance of the centre of mass.
+    pub lever: f64,
+    /// Distance (m) that the open hand keeps on its way, from the object and from everything else.
+    pub clearance: f64,
+    /// Angle (rad) between the approach and straight down; 0 without gravity.
+    pub tilt: f64,
+}
+
+/// Contact beyond which more does not count.
+const FULL_CONTACT: f64 = 0.4;
+/// Lever at which a grasp is half as good (m).
+const LEVER: f64 = 0.04;
+/// Clearance beyond which more does not count (m).
+const ROOMY: f64 = 0.006;
+/// Weights of margin, contact, lever, clearance and tilt; they add up to 1.
+const WEIGHTS: [f64; 5] = [0.25, 0.25, 0.3, 0.1, 0.1];
+
+/// What holds of an object while it is grasped.
+pub(super) struct Physics {
+    /// Half angle of the friction cone (rad).
+    pub cone: f64,
+    /// Direction against gravity in the object frame, if any.
+    pub up: Option<Vector3<f64>>,
+    /// Object frame (m).
+    pub center_of_mass: Point3<f64>,
+}
+
+/// Angle between two directions (rad).
+pub(super) fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b))
+}
+
+impl Quality {
+    /// Of a hold in the grip frame `grip` (object frame), with the clearance that the hand keeps (m); `None` where it
+    /// is outside the friction cone.
+    pub(super) fn of(hold: &Hold, grip: &Pose, physics: &Physics, clearance: f64) -> Option<Self> {
+        let [first, second] = &hold.patches;
+        let axis = grip.rotation * Vector3::x();
+        let off = [hold.press, axis].map(|line| angle(&-line, &first.normal).max(angle(&line, &second.normal)));
+        let friction_margin = physics.cone - off[0].max(off[1]);
+        let middle = nalgebra::center(&first.center, &second.center);
+        let contact = first.share.min(second.share);
+        let (lever, tilt) = physics.lever_and_tilt(&middle, grip);
+        (friction_margin > 0.0).then_some(Self { friction_margin, contact, lever, clearance, tilt })
+    }
+
+    /// The best that a grasp can be whose pads meet two places `off` (rad) the closing axis.
+    pub(super) fn at_best(middle: &Point3<f64>, grip: &Pose, off: f64, physics: &Physics) -> Self {
+        let (lever, tilt) = physics.lever_and_tilt(middle, grip);
+        Self { friction_margin: physics.cone - off, contact: 1.0, lever, clearance: ROOMY, tilt }
+    }
+
+    /// Rank from 0 to 1.
+    pub(super) fn score(&self, physics: &Physics) -> f64 {
+        let parts = [
+            (self.friction_margin / physics.cone).min(1.0),
+            (self.contact / FULL_CONTACT).min(1.0),
+            1.0 / (1.0 + (self.lever / LEVER).powi(2)),
+            (self.clearance / ROOMY).min(1.0),
+            0.5 * (1.0 + self.tilt.cos()),
+        ];
+        parts.iter().zip(WEIGHTS).map(|(part, weight)| part * weight).sum()
+    }
+}
+
+impl Physics {
+    fn lever_and_tilt(&self, middle: &Point3<f64>, grip: &Pose) -> (f64, f64) {
+        let arm = self.center_of_mass - middle;
+        match &self.up {
+            Some(up) => (arm.cross(up).norm(), angle(&-up, &(grip.rotation * Vector3::z()))),
+            None => (arm.norm(), 0.0),
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! An object as lines see it: where a line enters and leaves its matter, and with which normals.
+
+use gensim2_geometry::{Aabb, Bvh, Convex};
+use nalgebra::{Point3, Vector3};
+
+use crate::ProblemError;
+use crate::actuation::halton;
+
+/// Gaps narrower than this between two pieces of matter are none (m).
+const JOIN: f64 = 1e-4;
+/// Points nearer to the surface than this lie on it (m).
+pub(super) const ON_SURFACE: f64 = 1e-6;
+/// Weight of a level face beside that of an upright one: objects lie on things, and are held from the sides.
+const LEVEL: f64 = 0.2;
+/// Planes closer than this are one.
+const SAME_PLANE: f64 = 1e-7;
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plane {
+    normal: Vector3<f64>,
+    offset: f64,
+}
+
+impl Plane {
+    /// Height of a point over the plane (m).
+    pub fn height(&self, point: &Point3<f64>) -> f64 {
+        self.normal.dot(&point.coords) - self.offset
+    }
+}
+
+#[derive(Debug)]
+enum Piece {
+    /// What lies under all planes.
+    Hull(Vec<Plane>),
+    /// A triangle of a closed mesh.
+    Triangle([Point3<f64>; 3]),
+}
+
+/// A stretch of a line inside matter.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    /// Line parameter (m) where it begins.
+    pub enter: f64,
+    /// Line parameter (m) where it ends.
+    pub exit: f64,
+    /// Outward normal where it begins.
+    pub enter_normal: Vector3<f64>,
+    /// Outward normal where it ends.
+    pub exit_normal: Vector3<f64>,
+}
+
+/// The surface of a body given by convex parts, by triangles of closed meshes, or both.
+#[derive(Debug)]
+pub(super) struct Surface {
+    pieces: Vec<Piece>,
+    tree: Bvh,
+    triangles: Vec<[Point3<f64>; 3]>,
+    /// Weight of all triangles up to and including each.
+    weights: Vec<f64>,
+    /// Centre of volume.
+    pub center: Point3<f64>,
+    /// Whether there are triangles of meshes, whose normals may point inwards.
+    pub meshes: bool,
+}
+
+impl Surface {
+    /// Surface of shapes in the body frame; `up` is the direction against gravity, if any. Three corners without
+    /// rounding are a triangle of a mesh.
+    pub fn new(shapes: &[Convex], up: Option<&Vector3<f64>>) -> Result<Self, ProblemError> {
+        let (mut pieces, mut boxes, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut moment, mut volume) = (Vector3::zeros(), 0.0);
+        for shape in shapes {
+            let faces = shape.triangles();
+            if faces.is_empty() {
+                continue;
+            }
+            let single = faces.len() == 1;
+            if single {
+                pieces.push(Piece::Triangle(faces[0]));
+            } else {
+                for [a, b, c] in &faces {
+                    let part = a.coords.dot(&b.coords.cross(&c.coords)) / 6.0;
+                    volume += part;
+                    moment += (a.coords + b.coords + c.coords) * (part / 4.0);
+                }
+                pieces.push(Piece::Hull(planes(&faces)));
+            }
+            let corners: Vec<Point3<f64>> = faces.iter().flatten().copied().collect();
+            boxes.push(Aabb::around(&corners, 0.0));
+            triangles.extend(faces);
+        }
+        let mut sum = 0.0;
+        let weights: Vec<f64> = triangles
+            .iter()
+            .map(|[a, b, c]| {
+                let area = (b - a).cross(&(c - a));
+                let level = up.map_or(0.0, |up| area.dot(up).powi(2) / area.norm_squared().max(f64::MIN_POSITIVE));
+                sum += area.norm() * (1.0 - (1.0 - LEVEL) * level);
+                sum
+            })
+            .collect();
+        if sum.is_nan() || sum <= 0.0 {
+            return Err(ProblemError::new("body.shapes", "have no surface; give hulls with a volume or a closed mesh"));
+        }
+        let center = if volume > 0.0 {
+            Point3::from(moment / volume)
+        } else {
+            let bounds = boxes.iter().fold(Aabb::EMPTY, |a, b| a.union(b));
+            nalgebra::center(&bounds.min, &bounds.max)
+        };
+        let meshes = pieces.iter().any(|p| matches!(p, Piece::Triangle(_)));
+        Ok(Self { pieces, tree: Bvh::new(&boxes), triangles, weights, center, meshes })
+    }
+
+    /// Point number `index` of an even spread over the surface, with the normal there.
+    pub fn sample(&self, index: usize) -> Option<(Point3<f64>, Vector3<f64>)> {
+        let total = *self.weights.last()?;
+        let wanted = total * halton(index + 1, 0);
+        let at = self.weights.partition_point(|sum| *sum <= wanted).min(self.triangles.len() - 1);
+        let [a, b, c] = self.triangles[at];
+        let (root, share) = (halton(index + 1, 1).sqrt(), halton(index + 1, 2));
+        let p = a + (b - a) * (root * (1.0 - share)) + (c - a) * (root * share);
+        let normal = (b - a).cross(&(c - a)).try_normalize(1e-16)?;
+        if !self.meshes {
+            return Some((p, normal));
+        }
+        // Along an outward normal the line leaves matter at the point.
+        let mut spans = Vec::new();
+        self.spans(&p, &normal, &mut spans);
+        let enters = spans.iter().any(|s| s.enter.abs() < ON_SURFACE);
+        Some((p, if enters { -normal } else { normal }))
+    }
+
+    /// Where a line runs through matter, in order.
+    pub fn spans(&self, origin: &Point3<f64>, direction: &Vector3<f64>, out: &mut Vec<Span>) {
+        out.clear();
+        let mut crossings: Vec<(f64, Vector3<f64>)> = Vec::new();
+        self.tree.along(origin, direction, |piece| match &self.pieces[piece] {
+            Piece::Hull(planes) => out.extend(through_hull(planes, origin, direction)),
+            Piece::Triangle(corners) => crossings.extend(through_triangle(corners, origin, direction)),
+        });
+        crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // Edges are hit by both triangles that share them.
+        crossings.dedup_by(|b, a| b.0 - a.0 < 1e-9);
+        out.extend(crossings.chunks_exact(2).map(|pair| Span {
+            enter: pair[0].0,
+            exit: pair[1].0,
+            enter_normal: against(&pair[0].1, direction),
+            exit_normal: -against(&pair[1].1, direction),
+        }));
+        join(out);
+    }
+}
+
+/// The planes of a hull's faces.
+pub(super) fn planes(faces: &[[Point3<f64>; 3]]) -> Vec<Plane> {
+    let mut out: Vec<Plane> = Vec::new();
+    for [a, b, c] in faces {
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
+        let offset = normal.dot(&a.coords);
+        let same = |p: &Plane| (p.normal - normal).amax() < SAME_PLANE && (p.offset - offset).abs() < SAME_PLANE;
+        if !out.iter().any(same) {
+            out.push(Plane { normal, offset });
+        }
+    }
+    out
+}
+
+fn through_hull(planes: &[Plane], origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<Span> {
+    let (zero, inf) = (Vector3::zeros(), f64::INFINITY);
+    let mut span = Span { enter: -inf, exit: inf, enter_normal: zero, exit_normal: zero };
+    for plane in planes {
+        let slope = plane.normal.dot(direction);
+        let room = -plane.height(origin);
+        if slope.abs() < 1e-12 {
+            if room < 0.0 {
+                return None;
+            }
+        } else if slope > 0.0 {
+            if room / slope < span.exit {
+                (span.exit, span.exit_normal) = (room / slope, plane.normal);
+            }
+        } else if room / slope > span.enter {
+            (span.enter, span.enter_normal) = (room / slope, plane.normal);
+        }
+        if span.enter >= span.exit {
+            return None;
+        }
+    }
+    (span.enter.is_finite() && span.exit.is_finite()).then_some(span)
+}
+
+/// Line parameter and normal of a crossing (Möller and Trumbore 1997).
+fn through_triangle(
+    [a, b, c]: &[Point3<f64>; 3],
+    origin: &Point3<f64>,
+    direction: &Vector3<f64>,
+) -> Option<(f64, Vector3<f64>)> {
+    let (ab, ac) = (b - a, c - a);
+    let across = direction.cross(&ac);
+    let determinant = ab.dot(&across);
+    if determinant.abs() < 1e-16 {
+        return None;
+    }
+    let from = origin - a;
+    let u = from.dot(&across) / determinant;
+    let q = from.cross(&ab);
+    let v = direction.dot(&q) / determinant;
+    if u < 0.0 || v < 0.0 || u + v > 1.0 {
+        return None;
+    }
+    Some((ac.dot(&q) / determinant, ab.cross(&ac).try_normalize(1e-16)?))
+}
+
+fn against(normal: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
+    if normal.dot(direction) > 0.0 { -normal } else { *normal }
+}
+
+/// Joins spans that overlap or all but touch.
+fn join(spans: &mut Vec<Span>) {
+    spans.sort_by(|a, b| a.enter.total_cmp(&b.enter));
+    spans.dedup_by(|next, last| {
+        let touching = next.enter <= last.exit + JOIN;
+        if touching && next.exit > last.exit {
+            (last.exit, last.exit_normal) = (next.exit, next.exit_normal);
+        }
+        touching
+    });
+}

@@ -1,0 +1,230 @@
+//! Grasps of shapes with known answers, checked by other means than the search's own.
+
+#![allow(clippy::unwrap_used)]
+
+use gensim2_geometry::{Convex, Corners, Pose, signed_distance};
+use gensim2_kpam::grasp::GripperKeypoints;
+use gensim2_kpam::{Body, Grasp, GraspOptions, ParallelGripper, Role, grasps};
+use nalgebra::{Point3, Rotation3, Translation3, Vector3};
+use proptest::prelude::*;
+
+const STROKE: f64 = 0.08;
+
+/// Pads of 20 x 20 mm on fingers 15 mm thick and 50 mm long under a palm, fingers along z, closing along x.
+fn gripper() -> ParallelGripper {
+    let keypoints = GripperKeypoints {
+        head: Vector3::new(0.0, 0.0, 0.1),
+        tail: Vector3::new(0.0, 0.0, 0.05),
+        side: Vector3::new(0.05, 0.0, 0.1),
+    };
+    let finger =
+        |side: f64| vec![Convex::cuboid([0.0075, 0.01, 0.025], &Pose::translation(side * 0.0075, 0.0, 0.085)).unwrap()];
+    let palm = vec![Convex::cuboid([0.1, 0.03, 0.03], &Pose::translation(0.0, 0.0, 0.03)).unwrap()];
+    let grip = ParallelGripper::frame(&keypoints).unwrap();
+    ParallelGripper::new(grip, [0.01, 0.01], [0.0, STROKE], palm, [finger(-1.0), finger(1.0)]).unwrap()
+}
+
+fn body(role: Role, shapes: Vec<Convex>, pose: Pose) -> Body {
+    Body { name: format!("{role:?}"), role, shapes, pose }
+}
+
+fn cuboid(half: [f64; 3], pose: Pose) -> Body {
+    body(Role::Target, vec![Convex::cuboid(half, &Pose::identity()).unwrap()], pose)
+}
+
+fn table() -> Body {
+    body(
+        Role::Table,
+        vec![Convex::cuboid([1.0, 1.0, 0.05], &Pose::translation(0.0, 0.0, -0.05)).unwrap()],
+        Pose::identity(),
+    )
+}
+
+fn found(object: &Body, others: &[Body], options: &GraspOptions) -> Vec<Grasp> {
+    grasps(object, None, &gripper(), others, options).unwrap()
+}
+
+fn closing(grasp: &Grasp) -> Vector3<f64> {
+    grasp.object_hand.rotation * Vector3::x()
+}
+
+fn between_pads(grasp: &Grasp) -> Point3<f64> {
+    grasp.object_hand * Point3::new(0.0, 0.0, 0.1)
+}
+
+#[test]
+fn a_box_is_held_across_its_narrow_sides() {
+    let object = cuboid([0.02, 0.06, 0.03], Pose::identity());
+    let all = found(&object, &[], &GraspOptions { up: None, ..GraspOptions::default() });
+    assert!(all.len() > 20, "{}", all.len());
+    for grasp in &all {
+        // Of its three widths only 40 and 60 mm fit; faces are parallel, so that nothing is off.
+        let axis = closing(grasp).abs();
+        let wide = if axis.x > 0.999 { 0.04 } else { 0.06 };
+        assert!(axis.x > 0.999 || axis.z > 0.999, "{axis}");
+        assert!((grasp.width - wide).abs() < 1e-9, "{}", grasp.width);
+        assert!((grasp.quality.friction_margin - 0.6f64.atan()).abs() < 1e-6);
+        assert!(grasp.opening > grasp.width && grasp.opening <= STROKE);
+        // Midway between the faces.
+        let middle = between_pads(grasp);
+        assert!(if axis.x > 0.999 { middle.x.abs() } else { middle.z.abs() } < 1e-9);
+    }
+    assert!(all.windows(2).all(|pair| pair[0].score >= pair[1].score));
+}
+
+#[test]
+fn what_is_wider_than_the_stroke_is_not_held() {
+    let object = cuboid([0.05, 0.05, 0.05], Pose::identity());
+    assert!(found(&object, &[], &GraspOptions::default()).is_empty());
+    let wedge: Vec<_> = [(-0.05, 0.0), (0.05, 0.0), (0.0, 0.03)]
+        .iter()
+        .flat_map(|(x, z)| [-0.05, 0.05].map(|y| Point3::new(*x, y, *z)))
+        .collect();
+    // The sides of a wedge are 118 degrees apart, far more than any friction holds; its ends are too wide.
+    let wedge = body(Role::Target, vec![Convex::hull(&wedge).unwrap()], Pose::identity());
+    assert!(found(&wedge, &[], &GraspOptions { friction: 0.3, ..GraspOptions::default() }).is_empty());
+}
+
+#[test]
+fn a_ball_is_held_through_its_middle() {
+    let ball = body(Role::Target, vec![Convex::ball(0.025, Point3::new(0.1, 0.0, 0.0)).unwrap()], Pose::identity());
+    let all = found(&ball, &[], &GraspOptions { up: None, ..GraspOptions::default() });
+    assert!(all.len() > 50, "{}", all.len());
+    for grasp in &all {
+        let from_middle = between_pads(grasp) - Point3::new(0.1, 0.0, 0.0);
+        assert!(from_middle.dot(&closing(grasp)).abs() < 1e-3, "not midway: {from_middle}");
+        assert!(from_middle.norm() < 0.015, "past the ball's middle: {from_middle}");
+        assert!((0.043..0.0501).contains(&grasp.width), "{}", grasp.width);
+    }
+}
+
+#[test]
+fn a_standing_cylinder_is_held_across_its_axis_from_above() {
+    let cylinder = Convex::cylinder(0.03, 0.12, &Pose::identity()).unwrap();
+    let object = body(Role::Target, vec![cylinder], Pose::translation(0.4, 0.1, 0.06));
+    let all = found(&object, &[table()], &GraspOptions::default());
+    assert!(!all.is_empty());
+    for grasp in &all {
+        assert!(closing(grasp).z.abs() < 0.3, "{}", closing(grasp));
+        assert!((grasp.width - 0.06).abs() < 1e-3, "{}", grasp.width);
+        assert!(grasp.approach.z < 0.3);
+    }
+}
+
+#[test]
+fn thin_walls_are_held_from_both_sides() {
+    // Four walls, 4 mm thick, around a space of 100 mm, on a floor.
+    let wall = |x: f64, y: f64| {
+        let half = if x == 0.0 { [0.052, 0.002, 0.03] } else { [0.002, 0.052, 0.03] };
+        Convex::cuboid(half, &Pose::translation(x, y, 0.0)).unwrap()
+    };
+    let walls = vec![wall(0.052, 0.0), wall(-0.052, 0.0), wall(0.0, 0.052), wall(0.0, -0.052)];
+    let all =
+        found(&body(Role::Target, walls, Pose::translation(0.0, 0.0, 0.03)), &[table()], &GraspOptions::default());
+    assert!(!all.is_empty());
+    assert!(all.iter().any(|g| (g.width - 0.004).abs() < 1e-9 && g.approach.z < -0.99));
+}
+
+#[test]
+fn a_closed_mesh_is_held_like_its_hull() {
+    let half = [0.02, 0.05, 0.03];
+    let hull = cuboid(half, Pose::identity());
+    let triangles = hull.shapes[0].triangles();
+    // Shapes forget which side of a triangle is out.
+    let shapes = triangles.iter().map(|t| Convex::hull(t).unwrap()).collect();
+    let mesh = body(Role::Target, shapes, Pose::identity());
+    let options = GraspOptions { up: None, ..GraspOptions::default() };
+    let (from_hull, from_mesh) = (found(&hull, &[], &options), found(&mesh, &[], &options));
+    assert!(from_mesh.len() > 20 && from_mesh.len().abs_diff(from_hull.len()) < 10, "{}", from_mesh.len());
+    for grasp in &from_mesh {
+        assert!([0.04, 0.06].iter().any(|w| (grasp.width - w).abs() < 1e-9), "{}", grasp.width);
+    }
+}
+
+#[test]
+fn bad_input_names_its_field() {
+    let object = cuboid([0.02, 0.02, 0.02], Pose::identity());
+    let field = |options: GraspOptions| grasps(&object, None, &gripper(), &[], &options).unwrap_err().field;
+    assert_eq!(field(GraspOptions { count: 0, ..GraspOptions::default() }), "options.count");
+    assert_eq!(field(GraspOptions { samples: 0, ..GraspOptions::default() }), "options.samples");
+    assert_eq!(field(GraspOptions { trials: 0, ..GraspOptions::default() }), "options.trials");
+    assert_eq!(field(GraspOptions { friction: f64::NAN, ..GraspOptions::default() }), "options.friction");
+    assert_eq!(field(GraspOptions { approach: -0.1, ..GraspOptions::default() }), "options.approach");
+    assert_eq!(field(GraspOptions { clearance: 1.0, ..GraspOptions::default() }), "options.clearance");
+    assert_eq!(field(GraspOptions { up: Some([0.0; 3]), ..GraspOptions::default() }), "options.up");
+    let flat: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
+    let flat = body(Role::Target, vec![Convex::hull(&flat).unwrap()], Pose::identity());
+    let error = grasps(&flat, None, &gripper(), &[], &GraspOptions::default()).unwrap_err();
+    assert_eq!(error.field, "body.shapes");
+}
+
+/// Least distance of the hand from bodies, in small steps along its way and while the fingers close.
+fn least_distance(grasp: &Grasp, bodies: &[&Body], approach: f64) -> f64 {
+    let gripper = gripper();
+    let mut least = f64::INFINITY;
+    let mut look = |hand: &Pose, opening: f64, palm: bool| {
+        let finger = |side: f64| *hand * Translation3::new(side * 0.5 * opening, 0.0, 0.0);
+        let fingers = [finger(-1.0), finger(1.0)];
+        let moving =
+            gripper.fingers().iter().zip(&fingers).flat_map(|(shapes, pose)| shapes.iter().map(move |s| (s, pose)));
+        let still = gripper.palm().iter().filter(|_| palm).map(|s| (s, hand));
+        for (shape, pose) in moving.chain(still) {
+            let mine = Corners::of(shape.moved(pose).points());
+            for other in bodies.iter().flat_map(|b| b.shapes.iter().map(|s| s.moved(&b.pose))) {
+                let mut toward = other.center() - pose * shape.center();
+                let pair = ((&mine, 0.0), (&Corners::of(other.points()), other.radius()));
+                let contact = signed_distance(pair.0, pair.1, &mut toward, 10.0).unwrap();
+                least = least.min(contact.distance);
+            }
+        }
+    };
+    for step in 0..=20 {
+        let back = Vector3::new(0.0, 0.0, -approach * f64::from(step) / 20.0);
+        look(&(grasp.base_hand * Translation3::from(back)), grasp.opening, true);
+    }
+    for step in 0..20 {
+        let opening = grasp.opening + (grasp.width + 0.002 - grasp.opening) * f64::from(step) / 19.0;
+        look(&grasp.base_hand, opening.max(grasp.width + 0.002), false);
+    }
+    least
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn the_way_to_a_grasp_is_free_and_its_pads_fit(
+        half in prop::array::uniform3(0.008..0.045f64),
+        turn in prop::array::uniform3(-1.5..1.5f64),
+        neighbour in -0.12..0.12f64,
+        round in any::<bool>(),
+    ) {
+        let rotation = Rotation3::new(Vector3::from(turn));
+        let shape = if round {
+            Convex::capsule(half[0], 2.0 * half[1], &Pose::identity()).unwrap()
+        } else {
+            Convex::cuboid(half, &Pose::identity()).unwrap()
+        };
+        let low = shape.moved(&Pose::from_parts(Translation3::identity(), rotation)).aabb_at(&Pose::identity()).min.z;
+        let object = body(Role::Target, vec![shape], Pose::from_parts(Translation3::new(0.4, 0.0, -low), rotation));
+        let other = cuboid([0.01, 0.01, 0.06], Pose::translation(0.4 + neighbour, 0.1, 0.06));
+        let others = [table(), Body { name: "neighbour".into(), ..other }];
+        let options = GraspOptions { count: 20, trials: 300, ..GraspOptions::default() };
+        for grasp in found(&object, &others, &options) {
+            prop_assert!(grasp.width < grasp.opening && grasp.opening <= STROKE);
+            prop_assert!((grasp.base_hand.translation.vector
+                - (object.pose * grasp.object_hand).translation.vector).norm() < 1e-12);
+            prop_assert!((0.0..=1.0).contains(&grasp.score));
+            let kept = least_distance(&grasp, &[&others[0], &others[1]], options.approach);
+            prop_assert!(kept >= options.clearance - 1e-6, "{kept} from the scene: {grasp:?}");
+            let kept = least_distance(&grasp, &[&object], options.approach);
+            prop_assert!(kept >= 0.4e-3, "{kept} from the object: {grasp:?}");
+        }
+    }
+}
+
+#[test]
+fn the_same_question_has_the_same_answer() {
+    let object = cuboid([0.02, 0.03, 0.04], Pose::translation(0.4, 0.0, 0.04));
+    let ask = || serde_json::to_string(&found(&object, &[table()], &GraspOptions::default())).unwrap();
+    assert_eq!(ask(), ask());
+}

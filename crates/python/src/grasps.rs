@@ -1,0 +1,280 @@
+//! Grippers and grasps.
+
+use std::sync::Arc;
+
+use gensim2_kpam::grasp::{
+    Grasp, GraspOptions, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target, plan_grasp as plan_with_grasp,
+};
+use gensim2_kpam::{Options, StageTimes};
+use nalgebra::{Point3, Vector3};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::ProblemError;
+use crate::convert::{self, problem_error};
+use crate::geometry::{PyBody, PyRobot, PyShape};
+use crate::planning::PyPlan;
+
+pub(crate) fn keypoints(
+    head: &Bound<'_, PyAny>,
+    tail: &Bound<'_, PyAny>,
+    side: &Bound<'_, PyAny>,
+) -> PyResult<GripperKeypoints> {
+    Ok(GripperKeypoints {
+        head: convert::vector3(head, "tool_head")?,
+        tail: convert::vector3(tail, "tool_tail")?,
+        side: convert::vector3(side, "tool_side")?,
+    })
+}
+
+/// A gripper with two flat pads that move towards each other equally far. Pickles.
+#[pyclass(name = "ParallelGripper", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyParallelGripper(pub ParallelGripper);
+
+#[pymethods]
+impl PyParallelGripper {
+    #[new]
+    #[pyo3(signature = (tool_head, tool_tail, tool_side, *, pad, stroke, palm = Vec::new(), fingers = (Vec::new(), Vec::new())))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        tool_head: &Bound<'_, PyAny>,
+        tool_tail: &Bound<'_, PyAny>,
+        tool_side: &Bound<'_, PyAny>,
+        pad: &Bound<'_, PyAny>,
+        stroke: &Bound<'_, PyAny>,
+        palm: Vec<PyRef<'_, PyShape>>,
+        fingers: (Vec<PyRef<'_, PyShape>>, Vec<PyRef<'_, PyShape>>),
+    ) -> PyResult<Self> {
+        let two = |value, field| convert::vector(value, field, Some(2)).map(|v| [v[0], v[1]]);
+        let pad = two(pad, "pad")?.map(|whole| 0.5 * whole);
+        let stroke = two(stroke, "stroke")?;
+        let shapes = |list: &[PyRef<'_, PyShape>]| list.iter().flat_map(|s| s.0.iter().cloned()).collect::<Vec<_>>();
+        let fingers = [shapes(&fingers.0), shapes(&fingers.1)];
+        ParallelGripper::frame(&keypoints(tool_head, tool_tail, tool_side)?)
+            .and_then(|grip| ParallelGripper::new(grip, pad, stroke, shapes(&palm), fingers))
+            .map(Self)
+            .map_err(|e| ProblemError::new_err(e.to_string()))
+    }
+
+    #[staticmethod]
+    fn of_robot(
+        robot: &Bound<'_, PyRobot>,
+        tool_head: &Bound<'_, PyAny>,
+        tool_tail: &Bound<'_, PyAny>,
+        tool_side: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        ParallelGripper::of_robot(&robot.get().0, &keypoints(tool_head, tool_tail, tool_side)?)
+            .map(Self)
+            .map_err(|e| ProblemError::new_err(e.to_string()))
+    }
+
+    #[getter]
+    #[allow(non_snake_case)]
+    fn T_hand_grip<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, self.0.grip()).into_any()
+    }
+
+    #[getter]
+    fn pad(&self) -> (f64, f64) {
+        let [across, along] = self.0.pad();
+        (2.0 * across, 2.0 * along)
+    }
+
+    #[getter]
+    fn stroke(&self) -> (f64, f64) {
+        self.0.stroke().into()
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+
+    fn __repr__(&self) -> String {
+        let ([across, along], [least, most]) = (self.0.pad(), self.0.stroke());
+        let mm = |m: f64| 1e3 * m;
+        format!(
+            "ParallelGripper(pads {:.1} x {:.1} mm, opens {:.1} to {:.1} mm)",
+            mm(2.0 * across),
+            mm(2.0 * along),
+            mm(least),
+            mm(most)
+        )
+    }
+}
+
+/// A way to hold an object. Pickles.
+#[pyclass(name = "Grasp", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyGrasp(pub Grasp);
+
+#[pymethods]
+impl PyGrasp {
+    #[getter]
+    #[allow(non_snake_case)]
+    fn T_object_hand<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.object_hand).into_any()
+    }
+
+    #[getter]
+    #[allow(non_snake_case)]
+    fn T_base_hand<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.base_hand).into_any()
+    }
+
+    #[getter]
+    fn approach<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, self.0.approach.as_slice()).into_any()
+    }
+
+    #[getter]
+    fn width(&self) -> f64 {
+        self.0.width
+    }
+
+    #[getter]
+    fn opening(&self) -> f64 {
+        self.0.opening
+    }
+
+    #[getter]
+    fn score(&self) -> f64 {
+        self.0.score
+    }
+
+    #[getter]
+    fn quality<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (q, out) = (&self.0.quality, PyDict::new(py));
+        out.set_item("friction_margin", q.friction_margin)?;
+        out.set_item("contact", q.contact)?;
+        out.set_item("lever", q.lever)?;
+        out.set_item("clearance", q.clearance)?;
+        out.set_item("tilt", q.tilt)?;
+        Ok(out)
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Grasp(score {:.2}, width {:.1} mm)", self.0.score, 1e3 * self.0.width)
+    }
+}
+
+/// Grasp options from a mapping, or the defaults.
+pub(crate) fn options(value: Option<&Bound<'_, PyAny>>) -> PyResult<GraspOptions> {
+    match value {
+        None => Ok(GraspOptions::default()),
+        Some(o) => {
+            let value = convert::json(o, "options", 0)?;
+            serde_json::from_value(value).map_err(|e| problem_error("options", e))
+        }
+    }
+}
+
+/// Grasps of a body among others, best first. The GIL is released meanwhile.
+#[pyfunction]
+#[pyo3(signature = (body, gripper, *, bodies = Vec::new(), center_of_mass = None, options = None))]
+pub(crate) fn grasps(
+    py: Python<'_>,
+    body: &Bound<'_, PyBody>,
+    gripper: &Bound<'_, PyParallelGripper>,
+    bodies: Vec<PyRef<'_, PyBody>>,
+    center_of_mass: Option<&Bound<'_, PyAny>>,
+    options: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<PyGrasp>> {
+    let options = self::options(options)?;
+    let center = center_of_mass.map(|c| convert::vector3(c, "center_of_mass").map(Point3::from)).transpose()?;
+    let others: Vec<_> = bodies.iter().map(|b| b.0.clone()).collect();
+    let (body, gripper) = (&body.get().0, &gripper.get().0);
+    py.detach(|| gensim2_kpam::grasps(body, center, gripper, &others, &options))
+        .map(|found| found.into_iter().map(PyGrasp).collect())
+        .map_err(|e| ProblemError::new_err(e.to_string()))
+}
+
+/// A grasp with its motions, all of them solved.
+#[pyclass(name = "GraspPlan", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyGraspPlan(GraspPlan);
+
+#[pymethods]
+impl PyGraspPlan {
+    #[getter]
+    fn index(&self) -> usize {
+        self.0.index
+    }
+
+    #[getter]
+    #[allow(non_snake_case)]
+    fn T_object_hand<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::pose_array(py, &self.0.object_hand).into_any()
+    }
+
+    #[getter]
+    fn pick(&self) -> PyPlan {
+        PyPlan(self.0.pick.clone(), StageTimes::default())
+    }
+
+    #[getter]
+    fn carries(&self) -> Vec<PyPlan> {
+        self.0.carries.iter().map(|p| PyPlan(p.clone(), StageTimes::default())).collect()
+    }
+}
+
+/// The first of the grasps with which the body can be picked and brought to every target. The GIL is released
+/// meanwhile.
+#[pyfunction]
+#[pyo3(signature = (
+    robot, q_start, gripper, body, grasps, *, bodies = Vec::new(), targets = Vec::new(), approach = 0.1, lift = None,
+    options = None
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn plan_grasp(
+    py: Python<'_>,
+    robot: &Bound<'_, PyRobot>,
+    q_start: &Bound<'_, PyAny>,
+    gripper: &Bound<'_, PyParallelGripper>,
+    body: &Bound<'_, PyBody>,
+    grasps: Vec<PyRef<'_, PyGrasp>>,
+    bodies: Vec<PyRef<'_, PyBody>>,
+    targets: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+    approach: f64,
+    lift: Option<&Bound<'_, PyAny>>,
+    options: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Option<PyGraspPlan>> {
+    let lift = lift.map_or(Ok(Vector3::new(0.0, 0.0, 0.1)), |l| convert::vector3(l, "lift"))?;
+    if !(0.0..=1.0).contains(&approach) {
+        return Err(problem_error("approach", format!("must lie in 0 to 1 m, not {approach}")));
+    }
+    let options = match options {
+        None => Options::default(),
+        Some(o) => serde_json::from_value(convert::json(o, "options", 0)?).map_err(|e| problem_error("options", e))?,
+    };
+    let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
+        let free_axis = axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
+        Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
+    };
+    let task = GraspTask {
+        robot: Arc::clone(&robot.get().0),
+        gripper: gripper.get().0.clone(),
+        q_start: convert::vector(q_start, "q_start", None)?,
+        object: body.get().0.clone(),
+        bodies: bodies.iter().map(|b| b.0.clone()).collect(),
+        approach,
+        lift,
+        targets: targets.iter().enumerate().map(target).collect::<PyResult<_>>()?,
+        options,
+    };
+    let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
+    py.detach(|| plan_with_grasp(&task, &grasps))
+        .map(|found| found.map(PyGraspPlan))
+        .map_err(|e| ProblemError::new_err(e.to_string()))
+}
