@@ -6,7 +6,7 @@
 mod bands;
 mod descent;
 mod projection;
-mod starts;
+pub(crate) mod starts;
 
 use gensim2_geometry::Pose;
 
