@@ -7,27 +7,40 @@ use crate::model::{MOST_JOINTS, Row};
 const NEARBY: f64 = 0.4;
 /// Every so many starts one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
 const ANYWHERE: usize = 3;
+/// Where the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.
+const FURTHER: f64 = 2.0 * NEARBY;
 
 impl ActuationSearch<'_> {
     /// Start value number `index`: the present joints, then points about them and, every third, points all over the joint
     /// ranges. Each kind counts for itself: the odd points of a Halton sequence, say, lie in one half of the first joint's
     /// range.
     pub(super) fn start(&self, index: usize) -> Row {
-        let mut x = self.start;
         if index == 0 {
-            return x;
+            return self.start;
         }
-        let anywhere = index % ANYWHERE == 1;
         let so_far = index.div_ceil(ANYWHERE);
-        let number = if anywhere { so_far } else { index - so_far };
+        if index % ANYWHERE == 1 { self.anywhere(so_far) } else { self.near(index - so_far, NEARBY) }
+    }
+
+    /// Start value number `index` of those that are spent on other poses than the cheapest.
+    pub(super) fn further_start(&self, index: usize) -> Row {
+        if index.is_multiple_of(2) { self.anywhere(index / 2 + 1) } else { self.near(index / 2 + 1, FURTHER) }
+    }
+
+    fn anywhere(&self, number: usize) -> Row {
+        let mut x = self.start;
         for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
             let (low, high) = self.model.range(v);
-            let draw = halton(number, v);
-            *value = if anywhere {
-                low + (high - low) * draw
-            } else {
-                (*value + NEARBY * (high - low) * (draw - 0.5)).clamp(low, high)
-            };
+            *value = low + (high - low) * halton(number, v);
+        }
+        x
+    }
+
+    fn near(&self, number: usize, width: f64) -> Row {
+        let mut x = self.start;
+        for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
+            let (low, high) = self.model.range(v);
+            *value = (*value + width * (high - low) * (halton(number, v) - 0.5)).clamp(low, high);
         }
         x
     }
