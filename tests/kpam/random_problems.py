@@ -19,7 +19,6 @@ from gensim2 import seeding
 from .random_arms import RandomArm, random_arm
 
 Array = np.ndarray
-ACCELERATION, JERK = 8.0, 300.0
 
 
 @dataclass
@@ -72,6 +71,8 @@ class RandomProblem:
     joint: tuple[str, Array, Array, float, float, float] | None
     things: list[Thing]
     start_velocity: Array
+    acceleration: float
+    jerk: float
     options: dict[str, Any] = field(default_factory=dict)
 
     def ours(self, folder: Path) -> kpam.KeypointProblem:
@@ -97,8 +98,8 @@ class RandomProblem:
                 "velocity_scale": 1.0,
                 "acceleration_scale": 1.0,
                 "velocity_limits": self.mechanism.velocity,
-                "acceleration_limits": np.full(count, ACCELERATION),
-                "jerk_limits": np.full(count, JERK),
+                "acceleration_limits": np.full(count, self.acceleration),
+                "jerk_limits": np.full(count, self.jerk),
                 "workspace": None,
                 "starts": 12,
                 "candidates": 6,
@@ -116,8 +117,8 @@ class RandomProblem:
             self.mechanism,
             self.q_start,
             self.mechanism.velocity,
-            np.full(count, ACCELERATION),
-            np.full(count, JERK),
+            np.full(count, self.acceleration),
+            np.full(count, self.jerk),
             self.start_velocity,
             np.zeros(count),
             [Obstacle(thing.name, thing.role, [thing.solid.theirs()], thing.pose) for thing in self.things],
@@ -181,6 +182,8 @@ def random_problem(number: int) -> RandomProblem:
         things.append(Thing("goal", "target", solid(draw, 0.01, 0.04), at(point)))
     things += scene(draw, mechanism, q_start, q_goal)
     velocity = start_velocity(draw, mechanism, q_start)
+    acceleration = float(np.exp(draw.uniform(np.log(2.0), np.log(20.0))))
+    jerk = acceleration * float(np.exp(draw.uniform(np.log(5.0), np.log(300.0))))
     return RandomProblem(
         number,
         arm,
@@ -192,6 +195,8 @@ def random_problem(number: int) -> RandomProblem:
         joint,
         things,
         velocity,
+        acceleration,
+        jerk,
         options,
     )
 
