@@ -25,7 +25,7 @@ fn gripper() -> ParallelGripper {
 }
 
 fn body(role: Role, shapes: Vec<Convex>, pose: Pose) -> Body {
-    Body { name: format!("{role:?}"), role, shapes, pose }
+    Body { name: format!("{role:?}"), role, shapes: shapes.into(), pose, keypoints: Default::default() }
 }
 
 fn cuboid(half: [f64; 3], pose: Pose) -> Body {

@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
+use gensim2_kpam::StageTimes;
 use gensim2_kpam::grasp::{
-    Grasp, GraspOptions, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target, plan_grasp as plan_with_grasp,
+    Grasp, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target, plan_grasp as plan_with_grasp,
 };
-use gensim2_kpam::{Options, StageTimes};
 use nalgebra::{Point3, Vector3};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::ProblemError;
-use crate::convert::{self, problem_error};
+use crate::convert;
+use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyRobot, PyShape};
-use crate::planning::PyPlan;
+use crate::planning::{PyPlan, read_options};
 
 pub(crate) fn keypoints(
     head: &Bound<'_, PyAny>,
@@ -53,7 +53,7 @@ impl PyParallelGripper {
         ParallelGripper::frame(&keypoints(tool_head, tool_tail, tool_side)?)
             .and_then(|grip| ParallelGripper::new(grip, pad, stroke, shapes(&palm), fingers))
             .map(Self)
-            .map_err(|e| ProblemError::new_err(e.to_string()))
+            .map_err(|e| from_problem(&e))
     }
 
     #[staticmethod]
@@ -65,7 +65,7 @@ impl PyParallelGripper {
     ) -> PyResult<Self> {
         ParallelGripper::of_robot(&robot.get().0, &keypoints(tool_head, tool_tail, tool_side)?)
             .map(Self)
-            .map_err(|e| ProblemError::new_err(e.to_string()))
+            .map_err(|e| from_problem(&e))
     }
 
     #[getter]
@@ -170,17 +170,6 @@ impl PyGrasp {
     }
 }
 
-/// Grasp options from a mapping, or the defaults.
-pub(crate) fn options(value: Option<&Bound<'_, PyAny>>) -> PyResult<GraspOptions> {
-    match value {
-        None => Ok(GraspOptions::default()),
-        Some(o) => {
-            let value = convert::json(o, "options", 0)?;
-            serde_json::from_value(value).map_err(|e| problem_error("options", e))
-        }
-    }
-}
-
 /// Grasps of a body among others, best first. The GIL is released meanwhile.
 #[pyfunction]
 #[pyo3(signature = (body, gripper, *, bodies = Vec::new(), center_of_mass = None, options = None))]
@@ -192,13 +181,13 @@ pub(crate) fn grasps(
     center_of_mass: Option<&Bound<'_, PyAny>>,
     options: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Vec<PyGrasp>> {
-    let options = self::options(options)?;
+    let options = read_options(options)?;
     let center = center_of_mass.map(|c| convert::vector3(c, "center_of_mass").map(Point3::from)).transpose()?;
     let others: Vec<_> = bodies.iter().map(|b| b.0.clone()).collect();
     let (body, gripper) = (&body.get().0, &gripper.get().0);
     py.detach(|| gensim2_kpam::grasps(body, center, gripper, &others, &options))
         .map(|found| found.into_iter().map(PyGrasp).collect())
-        .map_err(|e| ProblemError::new_err(e.to_string()))
+        .map_err(|e| from_problem(&e))
 }
 
 /// A grasp with its motions, all of them solved.
@@ -254,10 +243,7 @@ pub(crate) fn plan_grasp(
     if !(0.0..=1.0).contains(&approach) {
         return Err(problem_error("approach", format!("must lie in 0 to 1 m, not {approach}")));
     }
-    let options = match options {
-        None => Options::default(),
-        Some(o) => serde_json::from_value(convert::json(o, "options", 0)?).map_err(|e| problem_error("options", e))?,
-    };
+    let options = read_options(options)?;
     let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
         let free_axis = axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
         Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
@@ -274,7 +260,5 @@ pub(crate) fn plan_grasp(
         options,
     };
     let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
-    py.detach(|| plan_with_grasp(&task, &grasps))
-        .map(|found| found.map(PyGraspPlan))
-        .map_err(|e| ProblemError::new_err(e.to_string()))
+    py.detach(|| plan_with_grasp(&task, &grasps)).map(|found| found.map(PyGraspPlan)).map_err(|e| from_problem(&e))
 }

@@ -3,8 +3,8 @@
 mod convert;
 mod errors;
 mod geometry;
-mod interrupt;
 mod grasps;
+mod interrupt;
 mod planning;
 mod scene;
 mod timing;

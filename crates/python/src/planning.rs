@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use gensim2_geometry::Robot;
 use gensim2_kpam::{
-    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Options, Plan, Request, SolverConfig, StageTimes,
+    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes,
 };
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
+use serde::de::DeserializeOwned;
 
 use crate::KpamError;
 use crate::convert;
@@ -63,6 +64,20 @@ pub(crate) fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTree
     Ok(out)
 }
 
+/// Options from a mapping, or the defaults; errors name the option.
+pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'_, PyAny>>) -> PyResult<O> {
+    match value {
+        None => Ok(O::default()),
+        Some(o) => {
+            let value = convert::json(o, "options", 0, problem_error)?;
+            serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
+                "." => problem_error("options", e.inner()),
+                path => problem_error(&format!("options.{path}"), e.inner()),
+            })
+        }
+    }
+}
+
 /// What a problem asks, beside what it is asked of.
 #[allow(non_snake_case)]
 pub(crate) struct Question<'a, 'py> {
@@ -80,16 +95,7 @@ pub(crate) struct Question<'a, 'py> {
 impl Question<'_, '_> {
     /// The problem that is asked of a robot among bodies, not checked yet.
     pub fn on(&self, robot: Arc<Robot>, bodies: Bodies, joint: Option<ObjectJoint>) -> PyResult<KeypointProblem> {
-        let options = match self.options {
-            None => Options::default(),
-            Some(o) => {
-                let value = convert::json(o, "options", 0, problem_error)?;
-                serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
-                    "." => problem_error("options", e.inner()),
-                    path => problem_error(&format!("options.{path}"), e.inner()),
-                })?
-            }
-        };
+        let options = read_options(self.options)?;
         let object_axis = match self.object_axis {
             "x" => 0,
             "y" => 1,

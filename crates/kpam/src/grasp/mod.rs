@@ -101,7 +101,7 @@ pub fn grasps(
         None => None,
     };
     let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
-    let others: Vec<(&[Convex], Pose)> = bodies.iter().map(|b| (b.shapes.as_slice(), object_base * b.pose)).collect();
+    let others: Vec<(&[Convex], Pose)> = bodies.iter().map(|b| (&b.shapes[..], object_base * b.pose)).collect();
     let around = clearance::Surroundings::new(&object.shapes, &others);
     let center_of_mass = center_of_mass.unwrap_or(surface.center);
     let physics = quality::Physics { cone: options.friction.atan(), up, center_of_mass };

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
 use crate::config::{Constraint, Frame, Motion, TargetAxis};
-use crate::options::ContactWindow;
 use crate::{Body, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, SolverConfig, Status, plan};
 
 /// Tolerances of the hand's pose (m, rad).
@@ -102,40 +101,20 @@ impl GraspTask {
         let mut q = self.q_start.clone();
         self.gripper.set_opening(&mut q, grasp.opening);
         let mut bodies = self.bodies.clone();
-        bodies.push(Body { role: Role::Target, ..self.object.clone() });
+        bodies.push(Body { role: Role::Rigid, ..self.object.clone() });
         let hand = self.object.pose * object_hand;
         let (pre, post) = (vec![Motion::Move(grasp.approach * -self.approach)], vec![Motion::Move(self.lift)]);
-        let mut problem = self.problem(q, bodies, &Pose::identity(), &hand, None, pre, post)?;
-        // Nothing touches the object on the way to where the straight approach begins.
-        let window = ContactWindow {
-            links: self.hand_links(),
-            bodies: vec![self.object.name.clone()],
-            from: "pre_0".to_owned(),
-            to: "end".to_owned(),
-        };
-        problem.options.contacts.get_or_insert_with(|| vec![window]);
-        problem.check()?;
-        Ok(problem)
+        // The hand may touch it on the straight approach alone; from the actuation on it is part of the hand.
+        let options = Options { pick: vec![self.object.name.clone()], ..self.options.clone() };
+        self.problem(q, bodies, &Pose::identity(), &hand, None, (pre, post), options)
     }
 
     fn carry(&self, target: &Target, object_hand: &Pose, q: Vec<f64>) -> Result<KeypointProblem, ProblemError> {
         let mut bodies = self.bodies.clone();
         let hand_object = object_hand.inverse();
         bodies.push(Body { role: Role::Attached, pose: hand_object, ..self.object.clone() });
-        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, vec![Motion::Move(self.lift)], vec![])
-    }
-
-    /// Names of the hand and of what hangs below it.
-    fn hand_links(&self) -> Vec<String> {
-        let links = self.robot.links();
-        let rides = |mut link: usize| loop {
-            if link == self.robot.hand() {
-                return true;
-            }
-            let Some(parent) = links[link].parent else { return false };
-            link = parent;
-        };
-        (0..links.len()).filter(|link| rides(*link)).map(|link| links[link].name.clone()).collect()
+        let motions = (vec![Motion::Move(self.lift)], vec![]);
+        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, self.options.clone())
     }
 
     /// Brings a frame that rides on the hand to a pose, up to turns about `free_axis`.
@@ -147,8 +126,8 @@ impl GraspTask {
         hand_frame: &Pose,
         target: &Pose,
         free_axis: Option<Vector3<f64>>,
-        pre: Vec<Motion>,
-        post: Vec<Motion>,
+        (pre, post): (Vec<Motion>, Vec<Motion>),
+        options: Options,
     ) -> Result<KeypointProblem, ProblemError> {
         let mut directions = vec![target.rotation * Vector3::x(), target.rotation * Vector3::z()];
         if let Some(axis) = free_axis {
@@ -198,8 +177,8 @@ impl GraspTask {
             object_axis: 1,
             object_yaw: 0.0,
             world: Pose::identity(),
-            bodies,
-            options: self.options.clone(),
+            bodies: bodies.into(),
+            options,
         };
         problem.check()?;
         Ok(problem)
