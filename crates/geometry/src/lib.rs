@@ -22,6 +22,7 @@ mod bvh;
 mod collision;
 mod convex;
 mod error;
+mod file;
 mod mesh;
 mod pose;
 mod robot;

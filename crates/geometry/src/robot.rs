@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Convex, Pose, UrdfError, rotation_about, urdf};
+use crate::{Convex, Pose, UrdfError, file, rotation_about, urdf};
 
 /// How a joint moves its child.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,8 +96,7 @@ impl Robot {
         hand_link: &str,
         base_link: Option<&str>,
     ) -> Result<Self, UrdfError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
+        let text = file::read_text(path.as_ref()).map_err(|e| UrdfError::new(path, "file", e))?;
         let mut robot = urdf::parse(&text, path, hand_link, base_link)?;
         if let Some(srdf) = srdf {
             robot.allowed = urdf::disabled_pairs(srdf, &robot.links)?;

@@ -1,12 +1,13 @@
 //! URDF and SRDF text to a [`Robot`].
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use crate::robot::{Joint, JointKind, Link, Mimic};
-use crate::{Convex, Pose, Robot, UrdfError, mesh, pose_from_xyz_rpy, xml};
+use crate::{Convex, Pose, Robot, UrdfError, file as files, mesh, pose_from_xyz_rpy, xml};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
@@ -19,6 +20,10 @@ pub(crate) fn parse(text: &str, file: &str, hand: &str, base: Option<&str>) -> R
     let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
     if model.links.is_empty() || model.links.len() > MOST_LINKS {
         return Err(fail("robot", format!("has {} links; expected 1 to {MOST_LINKS}", model.links.len())));
+    }
+    let mut names = HashSet::new();
+    if let Some(twice) = model.links.iter().find(|l| !names.insert(l.name.as_str())) {
+        return Err(fail(&format!("link {}", twice.name), "stands twice; names are unique".to_owned()));
     }
     let index_of = |name: &str| model.links.iter().position(|l| l.name == name);
     let mut parent_joint: Vec<Option<usize>> = vec![None; model.links.len()];
@@ -188,6 +193,9 @@ fn shape(geometry: &Geometry, pose: &Pose, folder: &Path, file: &str, field: &st
         Geometry::Mesh { filename, scale } => {
             let scale = scale.map_or([1.0; 3], |s| s.0);
             finite(file, field, &scale)?;
+            if scale.contains(&0.0) {
+                return Err(fail("scale: a factor is 0; it must not be".to_owned()));
+            }
             let vertices = mesh::read(&resolve(filename, folder)).map_err(fail)?;
             let points: Vec<_> =
                 vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
@@ -212,8 +220,7 @@ fn resolve(filename: &str, folder: &Path) -> PathBuf {
 }
 
 pub(crate) fn disabled_pairs(path: &str, links: &[Link]) -> Result<Vec<(usize, usize)>, UrdfError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|e| UrdfError::new(path, "file", format!("cannot be read: {e}")))?;
+    let text = files::read_text(path.as_ref()).map_err(|e| UrdfError::new(path, "file", e))?;
     disabled_pairs_in(&text, path, links)
 }
 
