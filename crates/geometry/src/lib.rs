@@ -23,6 +23,7 @@ mod collision;
 mod convex;
 mod error;
 mod facets;
+mod file;
 mod mesh;
 mod mimic;
 mod obstacles;

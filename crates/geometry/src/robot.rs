@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Convex, Pose, UrdfError, rotation_about, urdf};
+use crate::{Convex, Pose, UrdfError, file, rotation_about, urdf};
 
 /// How a joint moves its child.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -275,8 +275,7 @@ impl Robot {
 }
 
 fn read_text(path: &Path) -> Result<String, UrdfError> {
-    std::fs::read_to_string(path)
-        .map_err(|e| UrdfError::new(&path.display().to_string(), "file", format!("cannot be read: {e}")))
+    file::read_text(path).map_err(|e| UrdfError::new(&path.display().to_string(), "file", e))
 }
 
 /// One moving joint of a chain, with the fixed transforms before it folded in.

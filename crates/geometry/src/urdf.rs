@@ -1,5 +1,6 @@
 //! URDF and SRDF text to a [`Robot`].
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
@@ -21,6 +22,10 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
     let model = urdf_rs::read_from_string(&plain).map_err(|e| fail("XML", format!("is not a URDF: {e}")))?;
     if model.links.is_empty() || model.links.len() > MOST_LINKS {
         return Err(fail("robot", format!("has {} links; expected 1 to {MOST_LINKS}", model.links.len())));
+    }
+    let mut names = HashSet::new();
+    if let Some(twice) = model.links.iter().find(|l| !names.insert(l.name.as_str())) {
+        return Err(fail(&format!("link {}", twice.name), "stands twice; names are unique".to_owned()));
     }
     let index_of = |name: &str| model.links.iter().position(|l| l.name == name);
     let mut parent_joint: Vec<Option<usize>> = vec![None; model.links.len()];
@@ -195,6 +200,9 @@ fn shape(geometry: &Geometry, pose: &Pose, folder: &Path, file: &str, field: &st
         Geometry::Mesh { filename, scale } => {
             let scale = scale.map_or([1.0; 3], |s| s.0);
             finite(file, field, &scale)?;
+            if scale.contains(&0.0) {
+                return Err(fail("scale: a factor is 0; it must not be".to_owned()));
+            }
             let vertices = mesh::read(&resolve(filename, folder)).map_err(fail)?;
             let points: Vec<_> =
                 vertices.iter().map(|v| pose * Point3::new(v.x * scale[0], v.y * scale[1], v.z * scale[2])).collect();
