@@ -145,7 +145,7 @@ class SceneJoint:
 
 class Scene:
     """A robot and what stands about it, built once; every problem on it shares its shapes and its tree. What changes a
-    scene returns another one."""
+    scene returns another one. Pickles."""
 
     def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None: ...
     @property

@@ -30,7 +30,6 @@ pub(crate) fn read_text(path: &Path) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::Robot;
 
     fn refusal(mesh: &str, scale: &str) -> String {

@@ -51,7 +51,7 @@ impl PySceneJoint {
     }
 }
 
-/// A robot and what stands about it, built once and shared by every problem on it.
+/// A robot and what stands about it, built once and shared by every problem on it. Pickles.
 #[pyclass(name = "Scene", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyScene(pub Scene);
 
@@ -190,6 +190,15 @@ impl PyScene {
             out.append(listed(py, near)?)?;
         }
         Ok(out)
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(Self)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
     }
 
     fn __repr__(&self) -> String {

@@ -80,7 +80,7 @@ pub struct SceneJoint {
 }
 
 /// A robot and what stands about it. Clones share everything; what changes a scene returns another one.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scene {
     robot: Arc<Robot>,
     bodies: Bodies,

@@ -234,3 +234,46 @@ impl World<'_> {
         self.steps((a.x, a.travel), (b.x, b.travel))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    use gensim2_geometry::{Pose, Robot};
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::model::{MOST_JOINTS, Model};
+    use crate::{KeypointProblem, SolverConfig};
+
+    #[test]
+    fn sweeps_end_whatever_the_clearance() {
+        // In an empty world every gap is as long as sweeps look, however much of it a clearance takes.
+        let urdf = r#"<robot name="lever"><link name="base"/>
+            <link name="bar"><collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.02 0.02"/></geometry></collision></link>
+            <joint name="turn" type="revolute"><parent link="base"/><child link="bar"/><axis xyz="0 0 1"/>
+            <limit lower="-3" upper="3" effort="1" velocity="2"/></joint></robot>"#;
+        let robot = Arc::new(Robot::from_urdf_str(urdf, "lever.urdf", None, "bar", None).unwrap());
+        let config = SolverConfig::from_json(
+            r#"{"constraint_list": [{"type": "point2point_constraint", "keypoint_name": "tip",
+                "target_keypoint_name": "goal", "tolerance": 0.001}]}"#,
+        )
+        .unwrap();
+        let point = |name: &str| BTreeMap::from([(name.to_owned(), Vector3::new(0.4, 0.0, 0.0))]);
+        let (tip, goal, object) = (point("tip"), point("goal"), Pose::identity());
+        let problem = KeypointProblem::new(Arc::clone(&robot), config, vec![0.0], tip, goal, object).unwrap();
+        let model = Model::new(&robot, &[0.0]).unwrap();
+        let mut world = World::new(&problem, &model);
+        let row = |angle: f64| {
+            let mut x = [0.0; MOST_JOINTS];
+            x[0] = angle;
+            x
+        };
+        let waypoints: Vec<Row> = (0..5).map(|k| row(0.3 * f64::from(k))).collect();
+        for clearance in [0.0, 0.05, 0.12, 0.15, 0.2] {
+            let hit = world.sweep_along(Way::still(&waypoints), Leg::Approach, &Margins::plain(clearance));
+            assert!(hit.is_none(), "{clearance}");
+        }
+    }
+}
