@@ -25,7 +25,7 @@ const AIM: f64 = 0.998;
 /// Where the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
 /// A motion that starts under way may exceed limits by this share, the rounding of its start.
-const ROUNDING: f64 = 1e-6;
+const ROUNDING: f64 = 5e-7;
 /// Cells that take less time than this (s) are not told apart.
 const SHORTEST: f64 = 1e-7;
 

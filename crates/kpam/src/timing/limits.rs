@@ -8,7 +8,7 @@ use crate::{KeypointProblem, ProblemError};
 const GREATEST: f64 = 1e6;
 
 /// Most that the averaging which bounds jerk takes a joint off its path (rad or m), at the greatest acceleration.
-const AVERAGING_DEVIATION: f64 = 5e-4;
+const AVERAGING_DEVIATION: f64 = 1e-4;
 
 /// Velocity, acceleration and jerk limits of the moving joints.
 #[derive(Debug, Clone, Copy, PartialEq)]

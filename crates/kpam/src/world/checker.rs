@@ -53,9 +53,7 @@ impl<'s> Checker<'s> {
             Group::Riding(b) | Group::Moved(b) => &scene.bodies()[*b].shapes,
         }));
         let judged = |pair: &usize| match cast.pairs[*pair] {
-            (a, b) if matches!(cast.groups[b], Group::Riding(_)) => {
-                matches!(cast.groups[a], Group::Link(l) if !cast.gripper[l])
-            }
+            (a, b) if matches!(cast.groups[b], Group::Riding(_)) => !cast.holds(a),
             _ => true,
         };
         let grasps = cast

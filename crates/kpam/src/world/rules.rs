@@ -67,8 +67,7 @@ pub(crate) struct Cast<'p> {
     pub robot: &'p Robot,
     pub bodies: &'p [Body],
     pub groups: Vec<Group>,
-    /// Links that hold: the hand, its fingers, and what carries it where it has no shapes.
-    pub gripper: Vec<bool>,
+    hand: Hand,
     pub pairs: Vec<(usize, usize)>,
 }
 
@@ -86,7 +85,6 @@ impl<'p> Cast<'p> {
         let mut groups: Vec<Group> = (0..links).map(Group::Link).collect();
         groups.extend((0..bodies.len()).filter(|b| rides(&bodies[*b])).map(Group::Riding));
         groups.extend((0..bodies.len()).filter(|b| is_moved(&bodies[*b])).map(Group::Moved));
-        let gripper = gripper(robot);
         let mut pairs = judged_pairs(robot, changes);
         let bare = |g: usize| match groups[g] {
             Group::Link(l) => robot.links()[l].shapes.is_empty(),
@@ -100,11 +98,17 @@ impl<'p> Cast<'p> {
                 }
             }
         }
-        Self { robot, bodies, groups, gripper, pairs }
+        Self { robot, bodies, groups, hand: Hand::of(robot), pairs }
     }
 
-    fn is_gripper(&self, group: usize) -> bool {
-        matches!(self.groups[group], Group::Link(l) if self.gripper[l])
+    /// Whether a group is hand or finger, which may touch what they reach for.
+    fn touches(&self, group: usize) -> bool {
+        matches!(self.groups[group], Group::Link(l) if self.hand.touches[l])
+    }
+
+    /// Whether a group holds what rides.
+    pub fn holds(&self, group: usize) -> bool {
+        matches!(self.groups[group], Group::Link(l) if self.hand.holds[l])
     }
 
     /// Name of a group: that of the link or body.
@@ -116,22 +120,32 @@ impl<'p> Cast<'p> {
     }
 }
 
-/// Links that hold what is held: the hand and what hangs on it. A hand without shapes is a point of the link that
-/// carries it, so that link and all that hangs on it hold as well.
-fn gripper(robot: &Robot) -> Vec<bool> {
-    let links = robot.links();
-    let mut top = robot.hand();
-    while links[top].shapes.is_empty()
-        && links[top].joint.is_none()
-        && let Some(parent) = links[top].parent
-    {
-        top = parent;
+/// The hand as a body. A hand link without shapes is a point of the link that carries it.
+struct Hand {
+    /// What holds what is held: that link and all that hangs on it.
+    holds: Vec<bool>,
+    /// What may touch: the same, unless that link is one of the arm's own, which a joint carries.
+    touches: Vec<bool>,
+}
+
+impl Hand {
+    fn of(robot: &Robot) -> Self {
+        let links = robot.links();
+        let mut top = robot.hand();
+        while links[top].shapes.is_empty()
+            && links[top].joint.is_none()
+            && let Some(parent) = links[top].parent
+        {
+            top = parent;
+        }
+        // Where no shape is joined to the hand rigidly, the hand itself is all there is.
+        if links[top].shapes.is_empty() {
+            top = robot.hand();
+        }
+        let tool = if links[top].joint.is_none() { top } else { robot.hand() };
+        let below = |top: usize| (0..links.len()).map(|l| is_below(robot, l, top)).collect();
+        Self { holds: below(top), touches: below(tool) }
     }
-    // Where no shape is joined to the hand rigidly, the hand itself is all there is.
-    if links[top].shapes.is_empty() {
-        top = robot.hand();
-    }
-    (0..links.len()).map(|l| is_below(robot, l, top)).collect()
 }
 
 /// Compiles the rules of a problem.
@@ -248,7 +262,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
         if let Some(windows) = &self.windows {
             return if self.is_open(windows, group, body, leg) { Verdict::MayTouch } else { Verdict::Judged };
         }
-        let gripper = self.cast.is_gripper(group);
+        let gripper = self.cast.touches(group);
         let reaching = leg == self.course.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
@@ -283,10 +297,12 @@ impl<'c, 'p> Compiler<'c, 'p> {
         };
         if let Some(windows) = &self.windows {
             let open = |g: usize, other: usize| body_of(other).is_some_and(|o| self.is_open(windows, g, o, leg));
-            let holds = carriers[b] == Carrier::Hand && self.cast.is_gripper(a);
+            let holds = carriers[b] == Carrier::Hand && self.cast.holds(a);
             return if holds || open(a, b) || open(b, a) { Verdict::MayTouch } else { verdict };
         }
         // Hand and fingers hold what rides, leave what was placed, and push or pull what the joint moves.
-        if self.cast.is_gripper(a) { Verdict::MayTouch } else { verdict }
+        let may =
+            if matches!(self.cast.groups[b], Group::Riding(_)) { self.cast.holds(a) } else { self.cast.touches(a) };
+        if may { Verdict::MayTouch } else { verdict }
     }
 }
