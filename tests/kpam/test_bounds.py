@@ -152,7 +152,7 @@ def interrupted(call: Any) -> float:
 
 def test_ctrl_c_ends_a_batch(panda: kpam.Robot) -> None:
     scenes = [problem(panda)] * 100_000
-    assert interrupted(lambda: kpam.plan_batch(scenes, threads=2)) < 1.0
+    assert interrupted(lambda: kpam.plan_batch(scenes, threads=2)) < 2.0
 
 
 def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
@@ -160,9 +160,9 @@ def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
     plan = kpam.plan(scene)
     assert plan.trajectory is not None
     step = plan.trajectory.duration / 99_000
-    assert interrupted(lambda: [kpam.min_clearance(scene, plan, step) for _ in range(100)]) < 1.0
+    assert interrupted(lambda: [kpam.min_clearance(scene, plan, step) for _ in range(100)]) < 2.0
     many = np.repeat(Q_START[None], 1_000_000, axis=0)
-    assert interrupted(lambda: [scene.scene.in_collision(many) for _ in range(100)]) < 1.0
+    assert interrupted(lambda: [scene.scene.in_collision(many) for _ in range(100)]) < 2.0
 
 
 def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:

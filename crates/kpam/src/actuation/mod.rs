@@ -6,7 +6,7 @@
 mod bands;
 mod descent;
 mod projection;
-mod starts;
+pub(crate) mod starts;
 
 use gensim2_geometry::Pose;
 
@@ -34,8 +34,6 @@ pub(crate) struct Actuation {
     pub candidates: Vec<Candidate>,
     /// The pose that misses the constraints least, where none meets them.
     pub best_effort: Option<Row>,
-    /// Number of start values that were spent.
-    pub used: usize,
 }
 
 /// The least-squares weights of the original: the first joint of the chain costs ten times the others.
@@ -124,7 +122,7 @@ impl<'p> ActuationSearch<'p> {
         if !candidates.is_empty() {
             best_effort = None;
         }
-        Actuation { candidates, best_effort, used }
+        Actuation { candidates, best_effort }
     }
 
     /// A pose that meets the constraints, no further than half a turn from the start in joints without limits.
@@ -132,9 +130,9 @@ impl<'p> ActuationSearch<'p> {
         Candidate { x: self.model.unwound(x, &self.start), cost: self.cost(x) }
     }
 
-    /// The pose that start value number `index` projects to, where it meets the constraints.
+    /// The pose that further start value number `index` projects to, where it meets the constraints.
     pub fn sample(&mut self, index: usize) -> Option<Candidate> {
-        let mut x = self.start(index);
+        let mut x = self.further_start(index);
         (self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
     }
 

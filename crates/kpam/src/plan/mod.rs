@@ -186,12 +186,14 @@ pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTim
 pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
     let mut times = StageTimes::default();
     let clock = cpu_time::ThreadTime::now();
-    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
-    let resolved = problem.resolve()?;
-    let entry = entry(problem, request)?;
     if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
         return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
     }
+    // Fields can be set after the problem was built.
+    problem.check()?;
+    let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
+    let resolved = problem.resolve()?;
+    let entry = entry(problem, request)?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
     let mut planner = match Planner::new(problem, &model, &resolved, request, entry) {
         Ok(planner) => planner,
@@ -242,6 +244,8 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
 /// # Errors
 /// As [`KeypointProblem::check`].
 pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, ProblemError> {
+    // Fields can be set after the problem was built.
+    problem.check()?;
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);

@@ -149,7 +149,7 @@ impl<'p> Planner<'p> {
         self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for start in found.used..found.used + options.harvest {
+        for start in 0..options.harvest {
             if self.is_done(&trial) || extra > most {
                 break;
             }
