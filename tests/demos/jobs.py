@@ -68,8 +68,8 @@ def _panda() -> tuple[pin.Model, pin.Data, int]:
 def record(seed: int) -> EpisodeResult:
     """One recorded episode of ``HALFWAY``: the arm pushes on even seeds and stays still on odd ones."""
     from gensim2.demos.rollout import run_episode
-    from gensim2.sim.env import make_env
+    from gensim2.sim.lane import Lane
 
-    env = make_env(HALFWAY, assets="builtin")
-    env.reset(seed=seed)
-    return run_episode(env, hold() if seed % 2 else push(env.scene_state()), record=True)
+    lane = Lane(HALFWAY, assets="builtin")
+    lane.reset(seed)
+    return run_episode(lane, hold() if seed % 2 else push(lane.scene_state()), record=True)

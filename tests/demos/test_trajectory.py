@@ -15,6 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from gensim2.demos.pool import WorkerPool
 from jobs import HALFWAY, record
 
 from gensim2.demos.recording import Recording
@@ -22,7 +23,7 @@ from gensim2.demos.rollout import run_episode
 from gensim2.demos.trajectory import Provenance, TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.processes import WorkerPool, enumerated
-from gensim2.sim.env import make_env
+from gensim2.sim.lane import Lane
 from gensim2.sim.rendering import can_render
 from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -142,12 +143,12 @@ def test_the_json_file_carries_where_the_data_comes_from(store: TrajectoryStore)
 def test_reset_options_are_recorded_so_that_a_replay_starts_alike() -> None:
     import jobs
 
-    env = make_env(HALFWAY, assets="builtin")
+    lane = Lane(HALFWAY, assets="builtin")
     options = {"openness": np.float32(0.25), "offset": np.array([0.01, 0.0, 0.1]), "instance": "3"}
-    recording = run_episode(env, jobs.hold(), seed=3, options=options, record=True).recording
+    recording = run_episode(lane, jobs.hold(), seed=3, options=options, record=True).recording
     assert recording is not None
     told = json.loads(json.dumps(recording.reset_options))
-    again = run_episode(env, jobs.hold(), seed=recording.seed, options=told, record=True).recording
+    again = run_episode(lane, jobs.hold(), seed=recording.seed, options=told, record=True).recording
     assert again is not None
     assert np.array_equal(recording.obs, again.obs)
     assert told["openness"] == pytest.approx(0.25)

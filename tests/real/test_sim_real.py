@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gensim2.demos.rollout import still_arm
-from gensim2.sim.env import make_env
+from gensim2.sim.lane import Lane
 from gensim2.tasks.library import task_names
 
 pytestmark = pytest.mark.real
@@ -16,13 +16,12 @@ pytestmark = pytest.mark.real
 
 @pytest.mark.parametrize("name", task_names())
 def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(name: str, real_assets: Path) -> None:
-    env = make_env(name, assets=real_assets, obs_mode="none")
-    result = still_arm(env, 1, 100)
+    lane = Lane(name, assets=real_assets)
+    result = still_arm(lane, 1, 100)
     assert not result.success
     assert result.openness_end == pytest.approx(result.openness_start, abs=0.01)
-    scene = env.scene_state()
-    instance = env.instance
-    assert instance is not None
+    lane.reset(1)
+    scene, instance = lane.scene_state(), lane.instance
     assert instance.source == "real"
     assert sum(len(body.hulls) for body in scene.bodies) == 1 + sum(map(len, instance.hulls.values()))
     # Nothing reaches below the table's top, nothing floats.

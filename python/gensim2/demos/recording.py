@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from gensim2.sim.env import GenSim2Env
+    from gensim2.sim.lane import Lane
 
 Tree = dict[str, Any]
 """Arrays by name, nested; leaves are numpy arrays whose first axis is time."""
@@ -54,49 +54,42 @@ class Recorder:
     """Collects an episode from a fresh reset on.
 
     Args:
-        env: has just been reset; its observations are vectors (``obs_mode="state"``).
+        lane: has just been reset.
     """
 
-    def __init__(self, env: GenSim2Env) -> None:
-        self._env = env
-        self._obs = [_row(env.get_obs())]
-        self._states = [_to_numpy(env.get_state_dict())]
-        self._openness = [env.openness]
+    def __init__(self, lane: Lane) -> None:
+        self._lane = lane
+        self._obs = [lane.observation()]
+        self._states: list[Tree] = [lane.state()]
+        self._openness = [lane.openness]
         self._actions: list[npt.NDArray[np.float32]] = []
-        self._rewards: list[float] = []
-        self._flags: list[tuple[bool, bool, bool]] = []
+        self._success: list[bool] = []
+        self._truncated: list[bool] = []
 
-    def add(
-        self,
-        action: npt.NDArray[np.float32],
-        obs: Any,
-        reward: Any,
-        terminated: Any,
-        truncated: Any,
-        info: Any,
-    ) -> None:
-        """Take one step's outcome, as ``env.step`` returned it."""
+    def add(self, action: npt.NDArray[np.float32]) -> None:
+        """Take what came of one step."""
+        lane = self._lane
         self._actions.append(np.array(action, dtype=np.float32))
-        self._obs.append(_row(obs))
-        self._states.append(_to_numpy(self._env.get_state_dict()))
-        self._openness.append(self._env.openness)
-        self._rewards.append(float(reward[0]))
-        self._flags.append((bool(terminated[0]), bool(truncated[0]), bool(info["success"][0])))
+        self._obs.append(lane.observation())
+        self._states.append(lane.state())
+        self._openness.append(lane.openness)
+        self._success.append(lane.success)
+        self._truncated.append(lane.elapsed_steps >= lane.max_episode_steps)
 
     def finish(self) -> Recording:
-        """Return what was collected."""
-        flags = np.array(self._flags, dtype=bool)
+        """Return what was collected; rewards and ends are those of the registered environment."""
+        success = np.array(self._success, dtype=bool)
         return Recording(
-            seed=int(self._env._episode_seed[0]),
-            reset_options=_plain({**self._env.reset_options, "instance": self._env._require_instance().id}),
-            control_mode=self._env.control_mode,
+            seed=self._lane.seed,
+            reset_options=_plain({**self._lane.reset_options, "instance": self._lane.instance.id}),
+            control_mode=self._lane.control_mode,
             actions=np.stack(self._actions),
             obs=np.stack(self._obs),
             env_states=_stack(self._states),
-            rewards=np.array(self._rewards, dtype=np.float32),
-            terminated=flags[:, 0],
-            truncated=flags[:, 1],
-            success=flags[:, 2],
+            rewards=success.astype(np.float32),
+            terminated=success,
+            truncated=np.array(self._truncated, dtype=bool),
+            success=success,
             openness=np.array(self._openness, dtype=np.float32),
         )
 
@@ -107,16 +100,6 @@ def _plain(options: dict[str, Any]) -> dict[str, Any]:
         key: value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
         for key, value in options.items()
     }
-
-
-def _row(obs: Any) -> npt.NDArray[np.float32]:
-    return np.asarray(obs[0].numpy(), dtype=np.float32)
-
-
-def _to_numpy(tree: Any) -> Any:
-    if isinstance(tree, dict):
-        return {key: _to_numpy(value) for key, value in tree.items()}
-    return tree[0].numpy().astype(np.float32)
 
 
 def _stack(trees: list[Any]) -> Any:

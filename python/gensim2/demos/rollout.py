@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import InputError
-from gensim2.sim.robot import GRIPPER_OPEN, RESET_QPOS
 
 if TYPE_CHECKING:
     from gensim2.demos.recording import Recording
-    from gensim2.sim.env import GenSim2Env
+    from gensim2.sim.lane import Lane
 
 Actions = npt.NDArray[np.float32]
 
@@ -69,7 +68,7 @@ class EpisodeResult:
 
 
 def run_episode(
-    env: GenSim2Env,
+    lane: Lane,
     actions: npt.NDArray[np.floating[Any]],
     *,
     seed: int | None = None,
@@ -79,7 +78,7 @@ def run_episode(
     """Execute ``actions``, hold the last one until the object has settled, and judge.
 
     Args:
-        env: an environment without wrappers.
+        lane: where they are executed.
         actions: (N, 8) of the control mode ``pd_joint_pos``, N >= 1; rounded to float32, which is what a
             trajectory file keeps. The holding steps are part of the episode, so that a replay ends in the
             same state.
@@ -94,81 +93,95 @@ def run_episode(
 
     commands = check_actions(actions)
     if seed is not None:
-        env.reset(seed=seed, options=dict(options) if options else None)
+        lane.reset(seed, options)
     elif options:
         raise InputError("reset options need a seed", field="options")
-    elif int(env.elapsed_steps[0]) != 0:
-        raise InputError("the episode has already begun", field="env", remedy="reset the environment, or give a seed")
-    start = env.openness
-    recorder = Recorder(env) if record else None
-    once = False
+    elif lane.elapsed_steps != 0:
+        raise InputError("the episode has already begun", field="lane", remedy="reset it, or give a seed")
+    start = lane.openness
+    recorder = Recorder(lane) if record else None
+    success = once = False
     change = 0.0
-
-    def step(command: Actions) -> bool:
-        nonlocal change
-        before = env.openness
-        obs, reward, terminated, truncated, info = env.step(command)
-        if recorder is not None:
-            recorder.add(command, obs, reward, terminated, truncated, info)
-        change = abs(env.openness - before)
-        return bool(info["success"][0])
-
-    success = False
-    for command in commands:
-        success = step(command)
-        once |= success
-    for held in range(MAX_SETTLE_STEPS):
-        if held >= SETTLE_STEPS and change < SETTLED_CHANGE:
+    for index in range(len(commands) + MAX_SETTLE_STEPS):
+        if index >= len(commands) + SETTLE_STEPS and change < SETTLED_CHANGE:
             break
-        success = step(commands[-1])
+        command = commands[min(index, len(commands) - 1)]
+        before = lane.openness
+        lane.step(command)
+        if recorder is not None:
+            recorder.add(command)
+        change = abs(lane.openness - before)
+        success = lane.success
         once |= success
-    stable = is_stable(env)
-    steps = int(env.elapsed_steps[0])
-    truncated = steps > env.max_episode_steps
+    stable = is_stable(lane)
+    steps = lane.elapsed_steps
+    truncated = steps > lane.max_episode_steps
     return EpisodeResult(
-        seed=int(env._episode_seed[0]),
-        instance=env._require_instance().id,
+        seed=lane.seed,
+        instance=lane.instance.id,
         success=success and stable and not truncated,
         success_once=once,
         stable=stable,
         settled=change < SETTLED_CHANGE,
         truncated=truncated,
         openness_start=start,
-        openness_end=env.openness,
+        openness_end=lane.openness,
         steps=steps,
         recording=recorder.finish() if recorder is not None else None,
     )
 
 
-def still_arm(
-    env: GenSim2Env, seed: int, steps: int | None = None, *, options: Mapping[str, Any] | None = None
-) -> EpisodeResult:
-    """The episode of ``seed`` in which the arm holds its initial pose for ``steps`` control steps, then
-    settles.
+@dataclass(frozen=True)
+class StillResult:
+    """What the object did by itself.
 
-    A success counts only if this one fails: an object that swings by itself must not pass for a solved task.
+    Attributes:
+        success: the criteria hold at the end.
+        stable: as of an episode.
+        openness_start, openness_end: of the object's joint.
+    """
+
+    success: bool
+    stable: bool
+    openness_start: float
+    openness_end: float
+
+
+def still_arm(
+    lane: Lane, seed: int, steps: int | None = None, *, options: Mapping[str, Any] | None = None
+) -> StillResult:
+    """What becomes of the scene of ``seed`` where no arm moves, after ``steps`` control steps and the time to settle.
+
+    A success counts only if this one fails: an object that swings by itself must not pass for a solved task. The scene
+    is built without the arm: one that stands still touches nothing, and without it physics is ten times quicker.
     An object that has lain still for ``STILL_STEPS`` from the start will not start later, since nothing in
-    the scene moves; the episode then ends there.
+    the scene moves; it is left there.
 
     Args:
-        env: an environment without wrappers.
+        lane: is reset.
         seed: of the reset.
         steps: default ``task.max_episode_steps`` less the time to settle.
         options: of the reset.
     """
-    count = env.max_episode_steps - MAX_SETTLE_STEPS if steps is None else steps
-    command = np.array([*RESET_QPOS[:7], GRIPPER_OPEN], dtype=np.float32)[None]
-    first = run_episode(env, np.repeat(command, max(min(count, STILL_STEPS), 1), axis=0), seed=seed, options=options)
-    if count <= STILL_STEPS or abs(first.openness_end - first.openness_start) < STILL_CHANGE:
-        return first
-    return run_episode(env, np.repeat(command, count, axis=0), seed=seed, options=options)
+    count = lane.max_episode_steps - MAX_SETTLE_STEPS if steps is None else steps
+    lane.reset(seed, options, robot=False)
+    start = lane.openness
+    change = 0.0
+    for index in range(count + MAX_SETTLE_STEPS):
+        lies_still = abs(lane.openness - start) < STILL_CHANGE
+        if index == STILL_STEPS + SETTLE_STEPS and lies_still:
+            break
+        if index >= count + SETTLE_STEPS and change < SETTLED_CHANGE:
+            break
+        before = lane.openness
+        lane.wait()
+        change = abs(lane.openness - before)
+    return StillResult(lane.success, is_stable(lane), start, lane.openness)
 
 
-def is_stable(env: GenSim2Env) -> bool:
+def is_stable(lane: Lane) -> bool:
     """Whether physics holds together; once it has blown up, positions stay NaN or far out."""
-    openness = env.openness
-    measured = [openness, *env.agent.robot.get_qpos().flatten().tolist(), *env.object.pose.raw_pose.flatten().tolist()]
-    return bool(np.isfinite(measured).all()) and -LARGEST_OVERSHOOT <= openness <= 1 + LARGEST_OVERSHOOT
+    return lane.is_finite and -LARGEST_OVERSHOOT <= lane.openness <= 1 + LARGEST_OVERSHOOT
 
 
 def check_actions(actions: npt.NDArray[np.floating[Any]]) -> Actions:

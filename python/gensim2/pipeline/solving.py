@@ -63,16 +63,15 @@ def solve(
         check_writable(Path(out) / "plan.json")
     # Only now what takes seconds to import.
     from gensim2.pipeline.worker import plan_episode
-    from gensim2.sim.env import make_env
+    from gensim2.sim.lane import Lane
 
-    env = make_env(given.spec, assets=given.library, instances=given.instances, obs_mode="none")
-    env.reset(seed=seed)
-    plan, _ = plan_episode(env, given.config)
-    chosen = env.instance
-    assert chosen is not None  # the reset has just put it there
-    result = SolveResult(given.spec.name, given.spec.asset_class, chosen.id, plan.to_dict())
+    lane = Lane(given.spec, assets=given.library, instances=given.instances)
+    lane.reset(seed)
+    scene = lane.scene_state()
+    plan, _ = plan_episode(lane, given.config)
+    result = SolveResult(given.spec.name, given.spec.asset_class, lane.instance.id, plan.to_dict())
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None:
-        view(env.scene_state(), plan)
+        view(scene, plan)
     return result

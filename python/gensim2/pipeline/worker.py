@@ -15,8 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.assets.types import Instance
-from gensim2.errors import GenSim2Error
 from gensim2.pipeline.records import Attempt
 from gensim2.planning.actions import plan_actions
 from gensim2.planning.problem import SceneProblems
@@ -24,8 +22,8 @@ from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
     from gensim2.demos.recording import Recording
-    from gensim2.demos.rollout import EpisodeResult
-    from gensim2.sim.env import GenSim2Env
+    from gensim2.demos.rollout import StillResult
+    from gensim2.sim.lane import Lane
 
 #: What a worker needs and takes seconds to import.
 PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.env")
@@ -52,20 +50,14 @@ class Setting:
     task: str
     assets: str
     instances: str = "all"
-    obs_mode: str = "none"
 
 
 @lru_cache(maxsize=2)
-def environment(setting: Setting) -> GenSim2Env:
-    """Return the environment of a setting; the last two stay open, since jobs come task by task."""
-    from gensim2.sim.env import make_env
+def simulator(setting: Setting) -> Lane:
+    """Return the simulator of a setting; the last two are kept, since jobs come task by task."""
+    from gensim2.sim.lane import Lane
 
-    return make_env(
-        TaskSpec.model_validate_json(setting.task),
-        assets=setting.assets,
-        instances=setting.instances,
-        obs_mode=setting.obs_mode,
-    )
+    return Lane(TaskSpec.model_validate_json(setting.task), assets=setting.assets, instances=setting.instances)
 
 
 def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]) -> list[Screened]:
@@ -75,9 +67,9 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
         One (score, cause) a config: 1 and None where the plan is whole, 0.5 where the arm gets past the actuation pose
         but not to the end, 0 where it does not get there or the planner gives up with an error.
     """
-    env = environment(setting)
-    env.reset(seed=seed)
-    problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
+    lane = simulator(setting)
+    lane.reset(seed)
+    problems = SceneProblems(lane.scene_state(), lane.instance.object_axis)
     return [_screen(problems, config) for config in configs]
 
 
@@ -102,10 +94,10 @@ def _reaches_actuation(plan: kpam.Plan) -> bool:
     )
 
 
-def plan_episode(env: GenSim2Env, config: Mapping[str, Any]) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
+def plan_episode(lane: Lane, config: Mapping[str, Any]) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
     """Plan on the scene as it stands; the actions are None where there is no trajectory."""
     solver_config = kpam.SolverConfig(config)
-    problems = SceneProblems(env.scene_state(), _instance(env).object_axis)
+    problems = SceneProblems(lane.scene_state(), lane.instance.object_axis)
     plan = kpam.plan(problems.problem(solver_config, PLAN_OPTIONS))
     if plan.trajectory is None:
         return plan, None
@@ -119,15 +111,15 @@ def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:
 
 def demonstrate(setting: Setting, config: Mapping[str, Any], seed: int) -> tuple[Attempt, Recording | None]:
     """Run one episode as ``attempt`` does and keep its states; the recording is None where it did not hold."""
-    return _episode(replace(setting, obs_mode="state"), config, seed, record=True)
+    return _episode(setting, config, seed, record=True)
 
 
 def _episode(setting: Setting, config: Mapping[str, Any], seed: int, record: bool) -> tuple[Attempt, Recording | None]:
     from gensim2.demos.rollout import run_episode
 
-    env = environment(setting)
-    env.reset(seed=seed)
-    instance, start = _instance(env), env.openness
+    lane = simulator(setting)
+    lane.reset(seed)
+    instance, start = lane.instance, lane.openness
     unplanned = Attempt(
         seed=seed,
         instance=instance.id,
@@ -142,13 +134,13 @@ def _episode(setting: Setting, config: Mapping[str, Any], seed: int, record: boo
         plan_reason="",
     )
     try:
-        plan, actions = plan_episode(env, config)
+        plan, actions = plan_episode(lane, config)
     except kpam.KpamError as error:  # the config does not fit this object
         return replace(unplanned, cause="no plan: invalid problem", plan_reason=str(error)), None
     planned = replace(unplanned, plan_status=plan.status, plan_reason=plan.reason)
     if actions is None:
         return replace(planned, cause=f"no plan: {plan.status}"), None
-    episode = run_episode(env, actions, record=record)
+    episode = run_episode(lane, actions, record=record)
     still = still_episode(setting, seed) if episode.success else None
     stable = episode.stable and (still is None or still.stable)
     success = episode.success and stable and still is not None and not still.success
@@ -156,7 +148,7 @@ def _episode(setting: Setting, config: Mapping[str, Any], seed: int, record: boo
         cause: str | None = UNSTABLE
     else:
         moved_by_itself = still is not None and still.success
-        cause = None if success else _cause(env.task, plan, start, episode.openness_end, moved_by_itself)
+        cause = None if success else _cause(lane.task, plan, start, episode.openness_end, moved_by_itself)
     attempt = replace(
         planned,
         success=success,
@@ -173,18 +165,12 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _instance(env: GenSim2Env) -> Instance:
-    if env.instance is None:
-        raise GenSim2Error("the environment has not been reset yet")
-    return env.instance
-
-
 @lru_cache(maxsize=4096)
-def still_episode(setting: Setting, seed: int) -> EpisodeResult:
-    """The episode of this seed in which the arm stays still."""
+def still_episode(setting: Setting, seed: int) -> StillResult:
+    """What the object of this seed does by itself."""
     from gensim2.demos.rollout import still_arm
 
-    return still_arm(environment(setting), seed)
+    return still_arm(simulator(setting), seed)
 
 
 def _cause(task: TaskSpec, plan: kpam.Plan, start: float, end: float, still: bool) -> str:

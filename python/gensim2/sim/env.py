@@ -17,7 +17,7 @@ from gymnasium.utils.seeding import np_random
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Articulation
-from mani_skill.utils.structs.types import SceneConfig, SimConfig
+from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.assets.types import Instance
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
@@ -34,10 +34,12 @@ from gensim2.sim.arguments import (
     chosen_instances,
 )
 from gensim2.sim.objects import apply_friction, load_object
-from gensim2.sim.randomize import RESET_OPTIONS, Draw, check_options, draw_scene, openness_at_reset, placed
+from gensim2.sim.physics import sim_config
+from gensim2.sim.randomize import RESET_OPTIONS, check_options
 from gensim2.sim.registration import MODULE
 from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.sim.scene_state import read_scene
+from gensim2.sim.setup import SceneSetup, set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import succeeded
 from gensim2.tasks.spec import TaskSpec
@@ -103,7 +105,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         self._library = as_library(assets)
         self._instances = chosen_instances(self._library, self.task, instances)
         self.instance: Instance | None = None
-        self._draw: Draw | None = None
+        self._setup: SceneSetup | None = None
         self._spec: EnvSpec | None = None
         self.reset_options: dict[str, Any] = {}
         self._closed = False
@@ -156,13 +158,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(
-            sim_freq=100,
-            control_freq=20,
-            scene_config=SceneConfig(
-                enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
-            ),
-        )
+        return sim_config()
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -194,30 +190,14 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         super()._load_agent(options, sapien.Pose(p=list(BASE_POSITION)))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        chosen = options.get("instance")
-        self._draw = draw_scene(self.task, int(self._episode_seed[0]), self._instances)
-        known = self._library.instances(self.task.asset_class) if chosen is not None else ()
-        if chosen is not None and chosen not in known:
-            raise InputError(f"{self.task.asset_class} has no instance {chosen!r}", field="instance")
-        self.instance = self._library.load(self.task.asset_class, chosen or self._draw.instance)
-        placement = self.instance.placement
-        self.object_yaw = self._draw.yaw
-        if options.get("pose") is not None:
-            pose = np.asarray(options["pose"], dtype=np.float64)
-            position, quaternion, self.object_yaw = pose[:3], pose[3:], 0.0
-        else:
-            offset = options.get("offset")
-            x, y, yaw = (self._draw.x, self._draw.y, self._draw.yaw) if offset is None else map(float, offset)
-            position, quaternion = placed(placement.position, placement.quaternion, x, y, yaw)
-            self.object_yaw = yaw
-        self.table = build_table(self.scene)
+        seed = int(self._episode_seed[0])
+        setup = set_up(self.task, self._library, self._instances, seed, options)
+        self._setup, self.instance, self.object_yaw = setup, setup.instance, setup.yaw
+        self.initial_openness = setup.openness
+        self.table = build_table(self.scene, visible=self.scene.can_render())
         self.object: Articulation
-        pose = sapien.Pose(position, quaternion)
-        self.object, self.object_warnings = load_object(self.scene, self.instance, pose)
-        given = options.get("openness")
-        self.initial_openness = (
-            openness_at_reset(self.task, self._draw, self.instance.default_openness) if given is None else float(given)
-        )
+        pose = sapien.Pose(setup.position, setup.quaternion)
+        self.object, self.object_warnings = load_object(self.scene, setup.instance, pose)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
@@ -225,15 +205,14 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(RESET_QPOS, dtype=np.float32))
         self.agent.robot.set_pose(sapien.Pose(p=list(BASE_POSITION)))
-        joint = self._require_instance().joint
-        value = joint.lower + self.initial_openness * (joint.upper - joint.lower)
-        self.object.set_qpos(torch.tensor([[value]], dtype=torch.float32))
+        assert self._setup is not None
+        self.object.set_qpos(torch.tensor([[self._setup.joint_value]], dtype=torch.float32))
         self.object.set_qvel(torch.zeros((1, 1)))
 
     def _before_simulation_step(self) -> None:
         instance = self._require_instance()
         if instance.joint.damping > 0:
-            apply_friction(self.object, instance, float(self.object._objs[0].qvel[0]))
+            apply_friction(self.object._objs[0], instance, float(self.object._objs[0].qvel[0]))
 
     def _require_instance(self) -> Instance:
         self._require_open()
@@ -253,7 +232,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
         instance = self._require_instance()
-        return read_scene(self.agent.robot, self.object, instance, self.object_yaw)
+        return read_scene(self.agent.robot._objs[0], self.object._objs[0], instance, self.object_yaw)
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """``success`` (1,) bool: every criterion of the task holds now; ``openness`` (1,)."""

@@ -10,6 +10,7 @@ import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.building.urdf_loader import URDFLoader
 from mani_skill.utils.structs import Articulation
+from sapien import physx
 
 from gensim2.assets.types import Instance
 from gensim2.errors import InputError
@@ -54,12 +55,12 @@ def load_object(
     builder = loader.parse(str(instance.urdf))["articulation_builders"][0]
     builder.initial_pose = pose
     articulation = builder.build()
-    warnings = _check(articulation, instance)
-    apply_friction(articulation, instance)
+    warnings = check_object(articulation._objs[0], instance)
+    apply_friction(articulation._objs[0], instance)
     return articulation, warnings
 
 
-def apply_friction(articulation: Articulation, instance: Instance, speed: float = 0.0) -> None:
+def apply_friction(articulation: physx.PhysxArticulation, instance: Instance, speed: float = 0.0) -> None:
     """Give the joint Coulomb friction of ``instance.joint.friction`` N m (or N), plus viscous damping at
     ``speed``.
 
@@ -77,56 +78,73 @@ def apply_friction(articulation: Articulation, instance: Instance, speed: float 
     """
     joint = instance.joint
     limit = joint.friction + joint.damping * abs(speed)
-    for active in articulation._objs[0].active_joints:  # SAPIEN's own joints: ManiSkill's batching costs 10 us
+    for active in articulation.active_joints:
         active.set_friction(0.0)
         active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 
-def _check(articulation: Articulation, instance: Instance) -> tuple[str, ...]:
+def link_name(link: physx.PhysxArticulationLinkComponent) -> str:
+    """Name of a link in its URDF; ManiSkill puts the scene's and the object's before it."""
+    return str(link.entity.name)
+
+
+def check_object(articulation: physx.PhysxArticulation, instance: Instance) -> tuple[str, ...]:
+    """Make sure that the physics engine made of ``instance`` what it says.
+
+    Returns:
+        a warning for each hull that lost a part when it was cooked.
+
+    Raises:
+        InputError: SAPIEN dropped or replaced a collision hull, or the joint is not the one that the instance promises.
+    """
     warnings: list[str] = []
     where = instance.urdf
-    names = [joint.name for joint in articulation.active_joints]
+    names = [_joint_name(joint) for joint in articulation.active_joints]
     if names != [instance.joint.name]:
         raise InputError(f"must move at {instance.joint.name!r} only, moves at {names}", file=where)
-    limits = np.asarray(articulation.get_qlimits()[0, 0], dtype=np.float64)
+    limits = np.asarray(articulation.qlimits[0], dtype=np.float64)
     expected = np.array([instance.joint.lower, instance.joint.upper])
     if not np.allclose(limits, expected, atol=1e-5):
         raise InputError(f"limits are {limits}, not {expected}", file=where, field=instance.joint.name)
     for link in articulation.links:
-        promised = len(instance.hulls.get(link.name, ()))
-        present = len(link._bodies[0].get_collision_shapes())
+        name, shapes = link_name(link), link.collision_shapes
+        promised, present = len(instance.hulls.get(name, ())), len(shapes)
         if present != promised:
             raise InputError(
                 f"{promised - present} of {promised} collision hulls were dropped by the physics engine"
                 if present < promised
                 else f"has {present} collision hulls, {promised} were promised",
                 file=where,
-                field=link.name,
+                field=name,
                 remedy="the hull may be flat or tiny: see `gensim2 assets list`",
             )
-        for index, (hull, shape) in enumerate(
-            zip(instance.hulls.get(link.name, ()), link._bodies[0].get_collision_shapes(), strict=True)
-        ):
+        for index, (hull, shape) in enumerate(zip(instance.hulls.get(name, ()), shapes, strict=True)):
             lost, grown = cooking_misfit(hull, shape)
             if not cooking_is_fair(hull, lost, grown):
                 off = 1e3 * max(grown, lost)
                 raise InputError(
                     f"the physics engine made something else of collision hull {index} ({off:.1f} mm off)",
                     file=where,
-                    field=link.name,
+                    field=name,
                     remedy="the hull may be flat or tiny: leave it out or thicken it",
                 )
             if lost > HULL_TOLERANCE:
-                warnings.append(f"{link.name}: hull {index} lost {1e3 * lost:.1f} mm when it was cooked")
-    unknown = set(instance.hulls) - {link.name for link in articulation.links}
+                warnings.append(f"{name}: hull {index} lost {1e3 * lost:.1f} mm when it was cooked")
+    unknown = set(instance.hulls) - {link_name(link) for link in articulation.links}
     if unknown:
         raise InputError(f"has no links {sorted(unknown)}", file=where)
     return tuple(warnings)
 
 
-def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
+def _joint_name(joint: physx.PhysxArticulationJoint) -> str:
+    """Name of a joint in its URDF: links and joints get the same prefix."""
+    prefix = joint.child_link.name.removesuffix(link_name(joint.child_link))
+    return str(joint.name.removeprefix(prefix))
+
+
+def _corners(shape: physx.PhysxCollisionShape) -> npt.NDArray[np.float64]:
     """(N, 3) vertices of a collision shape in the frame of its link."""
-    if isinstance(shape, sapien.physx.PhysxCollisionShapeBox):
+    if isinstance(shape, physx.PhysxCollisionShapeBox):
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
         local = signs * shape.half_size
     else:
@@ -135,7 +153,7 @@ def _corners(shape: sapien.physx.PhysxCollisionShape) -> npt.NDArray[np.float64]
     return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
 
 
-def cooking_misfit(hull: npt.NDArray[np.float64], shape: sapien.physx.PhysxCollisionShape) -> tuple[float, float]:
+def cooking_misfit(hull: npt.NDArray[np.float64], shape: physx.PhysxCollisionShape) -> tuple[float, float]:
     """By how many metres the bounds of a collision shape fall short of those of the (N, 3) hull that it was made
     from, and reach beyond them."""
     cooked = _corners(shape)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from mani_skill.utils.structs import Articulation
+from sapien import physx
 
 from gensim2.assets.types import Instance
 from gensim2.planning.scene import JointState, Role, Scene, SceneBody
+from gensim2.sim.objects import link_name
 from gensim2.sim.robot import base_pose
 from gensim2.sim.table import HALF_SIZE, corners
 
 Array = npt.NDArray[np.float64]
 
 
-def read_scene(robot: Articulation, articulation: Articulation, instance: Instance, object_yaw: float) -> Scene:
+def read_scene(
+    robot: physx.PhysxArticulation, articulation: physx.PhysxArticulation, instance: Instance, object_yaw: float
+) -> Scene:
     """Read out where everything stands.
 
     Args:
@@ -25,8 +28,8 @@ def read_scene(robot: Articulation, articulation: Articulation, instance: Instan
     """
     T_world_base = base_pose()  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
-    T_base_link = {link.name: T_base_world @ _matrix(link) for link in articulation.links}
-    T_base_root = T_base_link[articulation.root.name]
+    T_base_link = {link_name(link): T_base_world @ _matrix(link) for link in articulation.links}
+    T_base_root = T_base_link[link_name(articulation.root)]
     joint = instance.joint
     moving = _moved_by(articulation, joint.child_link)
     bodies = [_table(T_base_world)]
@@ -35,7 +38,7 @@ def read_scene(robot: Articulation, articulation: Articulation, instance: Instan
             role: Role = "moving_link" if link in moving else "object_body"
             bodies.append(SceneBody(f"object/{link}", role, hulls, T_base_link[link]))
     return Scene(
-        q=np.asarray(robot.get_qpos()[0], dtype=np.float64),
+        q=np.asarray(robot.qpos, dtype=np.float64),
         T_world_base=T_world_base,
         T_base_object=T_base_link[joint.child_link] @ instance.T_link_object,
         object_keypoints={
@@ -45,7 +48,7 @@ def read_scene(robot: Articulation, articulation: Articulation, instance: Instan
             type=joint.type,
             origin=_transform(T_base_root, joint.origin),
             axis=_unit(T_base_root[:3, :3] @ joint.axis),
-            value=float(articulation.get_qpos()[0, 0]),
+            value=float(articulation.qpos[0]),
             lower=joint.lower,
             upper=joint.upper,
         ),
@@ -60,8 +63,8 @@ def _table(T_base_world: Array) -> SceneBody:
     return SceneBody("table", "table", (corners(),), T_base_world @ T_world_table)
 
 
-def _matrix(thing: Articulation) -> Array:
-    return np.asarray(thing.pose.sp.to_transformation_matrix(), dtype=np.float64)
+def _matrix(link: physx.PhysxArticulationLinkComponent) -> Array:
+    return np.asarray(link.entity.pose.to_transformation_matrix(), dtype=np.float64)
 
 
 def _transform(pose: Array, point: Array) -> Array:
@@ -72,11 +75,11 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
 
 
-def _moved_by(articulation: Articulation, link: str) -> set[str]:
+def _moved_by(articulation: physx.PhysxArticulation, link: str) -> set[str]:
     """Names of the link and of everything fixed beneath it."""
     moved = {link}
     for candidate in articulation.links:  # parents come before their children
-        parent = candidate._objs[0].parent
-        if parent is not None and articulation.links[parent.index].name in moved:
-            moved.add(candidate.name)
+        parent = candidate.parent
+        if parent is not None and link_name(parent) in moved:
+            moved.add(link_name(candidate))
     return moved

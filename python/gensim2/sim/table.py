@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.utils.structs import Actor
 
 HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
 """Metres; centred below the world's origin, its top at z = 0."""
@@ -15,15 +16,22 @@ _HEIGHT = 0.6
 _WOOD, _METAL, _FLOOR = (0.62, 0.47, 0.32, 1.0), (0.25, 0.25, 0.28, 1.0), (0.78, 0.78, 0.76, 1.0)
 
 
-def build_table(scene: ManiSkillScene) -> Actor:
+def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     """Build the table: one static box with static friction 1.0, dynamic 0.2, restitution 0.01.
 
     Legs and floor are for pictures only: what leaves the table falls for ever.
+
+    Args:
+        scene: ManiSkill's, or SAPIEN's own.
+        visible: give it legs and colours.
+
+    Returns:
+        what the scene's builder makes of it: an ``Actor`` or an ``Entity``.
     """
     builder = scene.create_actor_builder()
     material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)
     builder.add_box_collision(half_size=HALF_SIZE, material=material)
-    if scene.can_render():
+    if visible:
         _add_visuals(builder)
     builder.initial_pose = sapien.Pose(p=[0.0, 0.0, -HALF_SIZE[2]])
     return builder.build_static(name="table")
