@@ -15,7 +15,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from gensim2.demos.pool import WorkerPool
 from jobs import HALFWAY, record
 
 from gensim2.demos.recording import Recording

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gensim2.sim.lane import Lane
 
 #: What a worker needs and takes seconds to import.
-PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.env")
+PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.lane")
 
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
 PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}

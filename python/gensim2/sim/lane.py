@@ -96,7 +96,7 @@ class Lane:
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         setup = set_up(self.task, self._library, self.instance_ids, self.seed, self.reset_options)
         self._system = new_system()
-        scene = sapien.Scene([self._system])
+        scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
         self._robot = _build_robot(scene) if robot else None
         build_table(scene, visible=False)
