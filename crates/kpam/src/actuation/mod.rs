@@ -18,6 +18,8 @@ use crate::resolve::Resolved;
 
 /// Half as many starts again are spent while fewer than this many have led to the constraints.
 const ENOUGH: usize = 3;
+/// So many times as many are spent before it is said that none leads there.
+const PERSISTENCE: usize = 5;
 /// Poses closer than this in every joint are one (rad or m).
 const SAME: f64 = 0.02;
 
@@ -88,7 +90,7 @@ impl<'p> ActuationSearch<'p> {
     }
 
     /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
-    /// `starts` of them, half as many more where few lead to the constraints.
+    /// `starts` of them, half as many more where few lead to the constraints, and wider ones while none does.
     ///
     /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
     /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
@@ -99,8 +101,9 @@ impl<'p> ActuationSearch<'p> {
         let mut best_effort = None;
         let mut used = 0;
         let most = starts + starts / 2;
-        while used < starts || (used < most && poses.len() < ENOUGH) {
-            let mut x = self.start(used);
+        let last = PERSISTENCE * starts;
+        while used < starts || (used < most && poses.len() < ENOUGH) || (used < last && poses.is_empty()) {
+            let mut x = if used < most { self.start(used) } else { self.further_start(used - most) };
             let miss = self.project(&mut x);
             if miss <= 0.0 {
                 poses.push(self.candidate(&x));
