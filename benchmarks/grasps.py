@@ -29,9 +29,10 @@ from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
 from gensim2.assets.rigid import RigidObject, open_rigid_library
-from gensim2.demos.pool import WorkerPool
 from gensim2.planning.actions import CONTROL_HZ, LAG_STEPS
 from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.processes import WorkerPool, enumerated
+from gensim2.processes import results as run
 from gensim2.seeding import rng
 from gensim2.sim.rigid import load_rigid, resting_pose
 from gensim2.sim.robot import BASE_POSITION, RESET_QPOS, base_pose
@@ -261,10 +262,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     jobs = [(name, options.seed, pose) for pose in range(options.poses) for name in options.objects]
     with WorkerPool(options.workers) as pool:
-        results = []
-        for outcome in pool.map(lift, jobs):
-            results.append(outcome.unwrap())
-            print(f"{len(results)} of {len(jobs)}: {results[-1]['name']} {results[-1]['cause']}", file=sys.stderr)
+        found = {}
+        for index, result in run(pool.map_unordered(lift, enumerated(jobs)), "episodes"):
+            found[index] = result
+            print(f"{len(found)} of {len(jobs)}: {result['name']} {result['cause']}", file=sys.stderr)
+    results = [found[index] for index in sorted(found)]
     report(results)
     if options.json:
         options.json.write_text(json.dumps(results, indent=1))

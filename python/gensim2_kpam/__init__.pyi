@@ -357,6 +357,7 @@ def ik(problem: KeypointProblem, most: int = 10) -> list[dict[str, Any]]:
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
     """How far (rad or m) the planner takes the object's joint to have moved at times (N,) of a plan's motion: (N,)."""
+
 class ParallelGripper:
     """A gripper with two flat pads that move towards each other equally far. Pickles."""
 
