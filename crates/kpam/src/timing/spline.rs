@@ -2,6 +2,9 @@
 
 use crate::model::{MOST_JOINTS, Row};
 
+/// How far (rad or m) a motion in time may lie off its curve: on cubics in time between places on it, and averaged.
+const IN_TIME: f64 = 2e-4;
+
 /// Waypoints nearer to each other than this are one (rad or m).
 const SAME: f64 = 1e-9;
 
@@ -120,14 +123,14 @@ impl Spline {
         (low, high)
     }
 
-    /// Whether every joint stays between `lower` and `upper` in these intervals. Waypoints may lie outside, where the
-    /// start does; the curve between them lies no further out than they.
+    /// Whether every joint stays between `lower` and `upper` in these intervals, [`IN_TIME`] inside them. Waypoints may
+    /// lie outside, where the start does; the curve between them lies no further out than they.
     pub fn keeps_within(&self, mut intervals: std::ops::Range<usize>, lower: &Row, upper: &Row) -> bool {
         intervals.all(|i| {
             (0..self.joints).all(|v| {
                 let (low, high) = self.range(v, i);
                 let (from, to) = (self.values[i][v], self.values[i + 1][v]);
-                low >= lower[v].min(from).min(to) && high <= upper[v].max(from).max(to)
+                low >= (lower[v] + IN_TIME).min(from).min(to) && high <= (upper[v] - IN_TIME).max(from).max(to)
             })
         })
     }
