@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use gensim2_geometry::Robot;
-use gensim2_kpam::{
-    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes,
-};
+use gensim2_kpam::{Bodies, Body, Cancel, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes};
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
@@ -34,17 +32,13 @@ impl PySolverConfig {
 
     /// The config as it was given.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let value = serde_json::from_str(&self.0.source).map_err(|e| KpamError::new_err(e.to_string()))?;
+        let value = serde_json::from_str(self.0.source()).map_err(|e| KpamError::new_err(e.to_string()))?;
         convert::python(py, &value)
     }
 
     #[getter]
     fn gripper(&self) -> &'static str {
-        match self.0.gripper {
-            Gripper::Open => "open",
-            Gripper::Closed => "closed",
-            Gripper::Grasp => "grasp",
-        }
+        self.0.gripper().name()
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyAny>,))> {
@@ -371,7 +365,9 @@ pub(crate) fn plan(
     let problem = Arc::clone(&problem.get().0);
     let former = former.map(|plan| &plan.get().0);
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
-    let request = Request { former, resume, most_checks: max_checks, cancel: Some(cancel.clone()), explain };
+    let mut request = Request::default();
+    (request.former, request.resume, request.most_checks) = (former, resume, max_checks);
+    (request.cancel, request.explain) = (Some(cancel.clone()), explain);
     let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }

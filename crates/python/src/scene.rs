@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, Pose};
-use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, Scene, SceneJoint};
+use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, ProblemError, Scene, SceneJoint};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -217,7 +217,7 @@ impl PyScene {
         let robot = self.0.robot();
         let q = convert::vector(q, "q", Some(robot.joints().len()))?;
         let mut frames = ChainFrames::default();
-        robot.chain().forward(&q, &mut frames);
+        robot.chain().forward(&q, &mut frames).map_err(|e| problem_error("q", e))?;
         Ok(frames.tip)
     }
 
@@ -230,12 +230,16 @@ impl PyScene {
         &self,
         py: Python<'_>,
         q: &JointRows,
-        ask: impl Fn(&mut Checker<'_>, &[f64]) -> T + Sync,
+        ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Sync,
     ) -> PyResult<Vec<T>> {
-        interruptible(py, Cancel::new(), |cancel| {
+        let found = interruptible(py, Cancel::new(), |cancel| {
             let mut checker = self.0.checker();
-            q.rows().take_while(|_| !cancel.is_cancelled()).map(|row| ask(&mut checker, row)).collect()
-        })
+            q.rows()
+                .take_while(|_| !cancel.is_cancelled())
+                .map(|row| ask(&mut checker, row))
+                .collect::<Result<Vec<T>, _>>()
+        })?;
+        found.map_err(|e| from_problem(&e))
     }
 }
 
