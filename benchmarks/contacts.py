@@ -79,9 +79,9 @@ def judged_pairs(
     always = np.ones(len(times), dtype=bool)
     pairs = [("self", Pair(links[one], links[two], always)) for one, two in arm.self_pairs]
     carried = arm.movers(arm.hand_link)
-    free_links = [name for name in arm.parts if name not in arm.gripper_links]
     for body in held:
-        pairs += [("self", Pair(body, links[name], always)) for name in free_links if arm.movers(name) != carried]
+        apart = [name for name in arm.parts if name not in arm.holding_links and arm.movers(name) != carried]
+        pairs += [("self", Pair(body, links[name], always)) for name in apart]
     movers = [links[name] for name in arm.moving_links] + held
     for obstacle in obstacles:
         if obstacle.role == "attached":
@@ -89,16 +89,19 @@ def judged_pairs(
         still = Moved(obstacle.name, obstacle.parts, obstacle.pose[None])
         group = "table" if obstacle.role == "table" else "object"
         for body in movers:
-            grips = body.name in arm.gripper_links
-            if obstacle.role == "target" and (grips or body in held):
+            touches = body.name in arm.touching_links
+            if obstacle.role == "target" and (touches or body in held):
                 continue
             judged = always
             if obstacle.role == "moving_link":
-                judged = times < (clock.touching_from if grips else clock.moving_from)
+                judged = times < (clock.touching_from if touches else clock.moving_from)
             pairs.append((group, Pair(body, still, judged)))
         if obstacle.role == "moving_link" and clock.hinge is not None and clock.travel is not None:
             known = (times >= clock.moving_from) & ~np.isnan(clock.travel)
             poses = clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel))
             gone = Moved(obstacle.name, obstacle.parts, poses)
-            pairs += [(group, Pair(body, gone, known)) for body in [links[name] for name in free_links] + held]
+            pairs += [
+                (group, Pair(body, gone, known))
+                for body in [links[name] for name in arm.parts if name not in arm.touching_links] + held
+            ]
     return pairs

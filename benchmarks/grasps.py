@@ -90,7 +90,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         super()._load_agent(options, sapien.Pose(p=list(BASE_POSITION)))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        build_table(self.scene)
+        build_table(self.scene, visible=False)
         self.object = load_rigid(self.scene, self.rigid, self.start)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:

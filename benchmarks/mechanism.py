@@ -132,8 +132,11 @@ class Mechanism:
                 self.parts[link.get("name", "")] = parts
         #: links with shapes that some joint moves
         self.moving_links = [name for name in self.parts if self.movers(name)]
-        #: the hand and what is below it; where that is a bare frame, with the link that carries it
-        self.gripper_links = {link.name for link in self.links if self._holder() in self.above(link.name)}
+        #: what holds: the hand and what is below it; where that is a bare frame, with the link that carries it
+        self.holding_links = self.below(self._holder())
+        #: what may touch: the same, unless a joint carries that link, which makes it the arm's own
+        own = self.links[self.index[self._holder()]].joint >= 0
+        self.touching_links = self.below(hand) if own else self.holding_links
         self.self_pairs = self._judged_pairs(srdf)
 
     def above(self, name: str) -> list[str]:
@@ -143,6 +146,10 @@ class Mechanism:
             found.append(self.links[index].name)
             index = self.links[index].parent
         return found
+
+    def below(self, name: str) -> set[str]:
+        """A link and all that hangs on it."""
+        return {link.name for link in self.links if name in self.above(link.name)}
 
     def _holder(self) -> str:
         """The hand or, where that has no shapes, the link with shapes that carries it rigidly, if there is one."""

@@ -154,12 +154,18 @@ fn first(n: usize, v: [Number; 6]) -> Vec<f64> {
 
 fn motion(step: &Step) -> Value {
     match step {
-        Step::Translate(axis, by) => json!([["translate_x", "translate_y", "translate_z"][*axis as usize % 3], by.value()]),
-        Step::Move(way) => json!(["move-up", "move-down", "move-left", "move-right", "move-forward"][*way as usize % 5]),
+        Step::Translate(axis, by) => {
+            let name = ["translate_x", "translate_y", "translate_z"][*axis as usize % 3];
+            json!([name, by.value()])
+        }
+        Step::Move(way) => {
+            json!((["move-up", "move-down", "move-left", "move-right", "move-forward"][*way as usize % 5]))
+        }
         Step::Rotate(by) => json!(["rotate", by.value()]),
         Step::Follow(trace, to, by) => {
             let name = ["follow_joint", "trace_joint", "follow_joint_to", "trace_joint_to"];
-            json!([name[usize::from(*trace) + 2 * usize::from(*to)], by.value()])
+            let name = name[usize::from(*trace) + 2 * usize::from(*to)];
+            json!([name, by.value()])
         }
     }
 }
@@ -172,14 +178,15 @@ fn config(whole: &Whole) -> Option<SolverConfig> {
     if let Some((axis, frame, inner, tolerance)) = &whole.axis {
         constraints.push(json!({
             "type": "frame_axis_parallel", "axis_from_keypoint_name": "tip", "axis_to_keypoint_name": "origin",
-            "target_axis": vector(*axis).as_slice(), "target_axis_frame": ["world", "object", "joint"][*frame as usize % 3],
+            "target_axis": vector(*axis).as_slice(),
+            "target_axis_frame": (["world", "object", "joint"][*frame as usize % 3]),
             "target_inner_product": inner.value(), "tolerance": tolerance.value(),
         }));
     }
     let list = |steps: &[Step]| steps.iter().take(3).map(motion).collect::<Vec<_>>();
     let mut out = json!({
         "constraint_list": constraints, "pre_actuation_motions": list(&whole.before),
-        "post_actuation_motions": list(&whole.after), "gripper": ["open", "closed", "grasp"][whole.flags as usize % 3],
+        "post_actuation_motions": list(&whole.after), "gripper": (["open", "closed", "grasp"][whole.flags as usize % 3]),
     });
     if let (Some(times), Some(map)) = (&whole.times, out.as_object_mut()) {
         let mut at = 0.0;

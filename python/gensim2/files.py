@@ -67,20 +67,30 @@ def check_writable(path: Path) -> None:
 
 
 def write_atomic(path: Path, data: str | bytes) -> None:
-    """Write ``data`` to ``path`` as :func:`replacing` does; what is no regular file is written through.
+    """Write ``data`` to ``path`` as :func:`replacing` does.
 
     Raises:
         InputError: the folder cannot be written to.
     """
-    payload = data.encode() if isinstance(data, str) else data
+    with replacing(path) as temporary:
+        temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def write_output(path: Path, data: str | bytes) -> None:
+    """Write to a name that the user gave: as :func:`write_atomic`, but what is no regular file is written through.
+
+    Names of our own are replaced whatever stands there: a pipe would wait for a reader that nobody has promised.
+
+    Raises:
+        InputError: it cannot be written to, or is full.
+    """
     try:
         if is_special(path):
-            write_through(path, payload)
+            write_through(path, data.encode() if isinstance(data, str) else data)
             return
     except OSError as error:
         raise InputError(f"cannot write: {error.strerror}", file=path, remedy="choose another") from error
-    with replacing(path) as temporary:
-        temporary.write_bytes(payload)
+    write_atomic(path, data)
 
 
 def write_json(path: Path, value: Any) -> None:

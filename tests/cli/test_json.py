@@ -16,7 +16,7 @@ import pytest
 
 from gensim2.cli import main as cli
 from gensim2.cli import options
-from gensim2.files import write_atomic
+from gensim2.files import write_output
 from gensim2.special_files import descriptor
 
 LIST = ["tasks", "list", "--json"]
@@ -102,7 +102,7 @@ def test_a_device_stays_a_device(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_no_writer_replaces_a_device() -> None:
     """Pictures and plans go through the same function as documents."""
-    write_atomic(Path("/dev/null"), b"a picture")
+    write_output(Path("/dev/null"), b"a picture")
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
 

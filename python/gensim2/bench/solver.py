@@ -17,7 +17,7 @@ from gensim2.bench.convert import Frames, keypoint_problem
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.scene import check_assets, problem_scene
 from gensim2.errors import InputError
-from gensim2.files import check_writable, write_atomic
+from gensim2.files import check_writable, write_output
 from gensim2.planning.robot import panda
 from gensim2.progress import NULL_PROGRESS, Progress
 
@@ -122,7 +122,7 @@ def bench_solver(
     records = solve_problems(
         problems, assets=assets, frames=frames, threads=threads, sample_dt=sample_dt, progress=progress
     )
-    write_atomic(out, json_lines(records))
+    write_output(out, json_lines(records))
     return summary_of(records)
 
 

@@ -32,7 +32,7 @@ def render(object_: str, assets: str | None, seed: int, out: Path, size: int, js
 
         from gensim2.assets import open_library
         from gensim2.assets.selection import select_one
-        from gensim2.files import check_writable, write_atomic
+        from gensim2.files import check_writable, write_output
 
         library = open_library(assets)
         item = select_one(library, object_, seed=seed)
@@ -42,7 +42,7 @@ def render(object_: str, assets: str | None, seed: int, out: Path, size: int, js
         instance = library.load(*item)
         stream = io.BytesIO()
         strip(Studio(size), instance).save(stream, "PNG")
-        write_atomic(out, stream.getvalue())
+        write_output(out, stream.getvalue())
         give({"schema_version": 1, "class": instance.asset_class, "id": instance.id, "picture": str(out)})
 
 

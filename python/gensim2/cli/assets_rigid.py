@@ -135,7 +135,7 @@ def render(names: tuple[str, ...], assets: str | None, out: Path, size: int, jso
         import io
 
         from gensim2.assets.rigid import open_rigid_library
-        from gensim2.files import check_writable, write_atomic
+        from gensim2.files import check_writable, write_output
 
         library = open_rigid_library(assets)
         chosen = library.chosen(names)
@@ -147,5 +147,5 @@ def render(names: tuple[str, ...], assets: str | None, out: Path, size: int, jso
         sheet = rigid_strip(studio, subjects[0]) if len(subjects) == 1 else contact_sheet(studio, subjects, columns=9)
         stream = io.BytesIO()
         sheet.save(stream, "PNG")
-        write_atomic(out, stream.getvalue())
+        write_output(out, stream.getvalue())
         give({"schema_version": 1, "objects": [s.name for s in subjects], "picture": str(out)})

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gensim2.errors import InputError
-from gensim2.files import check_writable, write_atomic
+from gensim2.files import check_writable, write_output
 from gensim2.progress import ConsoleProgress
 from gensim2.special_files import descriptor
 
@@ -68,7 +68,7 @@ def report(
             show(result)  # first: a file that cannot be written takes nothing from whoever looks
             if json_file is not None:
                 with _said_of_json(json_file):
-                    write_atomic(Path(json_file), text(result))
+                    write_output(Path(json_file), text(result))
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, title: str | None = None) -> None:

@@ -22,9 +22,12 @@ impl ActuationSearch<'_> {
         if index % ANYWHERE == 1 { self.anywhere(so_far) } else { self.near(index - so_far, NEARBY) }
     }
 
-    /// Start value number `index` of those that are spent on other poses than the cheapest.
+    /// Start value number `index` of those that are spent on other poses than the cheapest. They go on where the first
+    /// ones ended: the same points again would lead to the same poses.
     pub(super) fn further_start(&self, index: usize) -> Row {
-        if index.is_multiple_of(2) { self.anywhere(index / 2 + 1) } else { self.near(index / 2 + 1, FURTHER) }
+        let first = self.problem.options.starts + self.problem.options.starts / 2;
+        let number = first.div_ceil(ANYWHERE) + 1 + index / 2;
+        if index.is_multiple_of(2) { self.anywhere(number) } else { self.near(number, FURTHER) }
     }
 
     fn anywhere(&self, number: usize) -> Row {

@@ -99,7 +99,7 @@ pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
 }
 
 fn resting(grid: &Grid) -> Node {
-    Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MOST_JOINTS] }
+    Node { time: 0.0, position: grid.stations[0].position, velocity: [0.0; MOST_JOINTS], acceleration: None }
 }
 
 /// Nodes in time of a course of x over the stations; `None` where it stands still on the way.
@@ -119,7 +119,7 @@ fn in_time(grid: &Grid, squares: &[f64], begin: &Row) -> Option<Vec<Node>> {
         for v in 0..grid.joints {
             velocity[v] = station.first[v] * speed;
         }
-        out.push(Node { time, position: station.position, velocity });
+        out.push(Node { time, position: station.position, velocity, acceleration: None });
     }
     out[0].velocity = *begin;
     if let Some(last) = out.last_mut() {

@@ -12,6 +12,8 @@ pub(crate) struct Node {
     pub time: f64,
     pub position: Row,
     pub velocity: Row,
+    /// Acceleration right after it, where that is known: between nodes that are close in time, positions tell it badly.
+    pub acceleration: Option<Row>,
 }
 
 /// The cubic between two nodes: position, velocity and halves and sixths of the derivatives that follow, at its start.
@@ -22,9 +24,14 @@ impl Cubic {
         let h = b.time - a.time;
         let mut out = [a.position, a.velocity, [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]];
         for v in 0..joints {
-            let slope = (b.position[v] - a.position[v]) / h;
-            out[2][v] = (3.0 * slope - 2.0 * a.velocity[v] - b.velocity[v]) / h;
-            out[3][v] = (a.velocity[v] + b.velocity[v] - 2.0 * slope) / (h * h);
+            if let Some(acceleration) = &a.acceleration {
+                out[2][v] = 0.5 * acceleration[v];
+                out[3][v] = (b.velocity[v] - a.velocity[v] - acceleration[v] * h) / (3.0 * h * h);
+            } else {
+                let slope = (b.position[v] - a.position[v]) / h;
+                out[2][v] = (3.0 * slope - 2.0 * a.velocity[v] - b.velocity[v]) / h;
+                out[3][v] = (a.velocity[v] + b.velocity[v] - 2.0 * slope) / (h * h);
+            }
         }
         Self(out)
     }
@@ -91,6 +98,8 @@ pub(crate) struct Piece {
     times: Vec<f64>,
     /// Positions and velocities of the nodes, joint by joint.
     states: Vec<f64>,
+    /// Accelerations right after the nodes, joint by joint; empty where they follow from the states.
+    accelerations: Vec<f64>,
     /// Places among the nodes that a reader should not miss.
     marks: Vec<usize>,
 }
@@ -127,11 +136,17 @@ impl Piece {
 
     fn new(start: f64, width: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
         let mut states = Vec::with_capacity(2 * joints * nodes.len());
+        let known = nodes.iter().map_while(|n| n.acceleration);
+        let mut accelerations: Vec<f64> = known.flat_map(|row| row.into_iter().take(joints)).collect();
+        if accelerations.len() < joints * nodes.len() {
+            accelerations.clear();
+        }
         for node in nodes {
             states.extend_from_slice(&node.position[..joints]);
             states.extend_from_slice(&node.velocity[..joints]);
         }
-        Self { start, width, joints, times: nodes.iter().map(|n| n.time).collect(), states, marks: marks.to_vec() }
+        let times = nodes.iter().map(|n| n.time).collect();
+        Self { start, width, joints, times, states, accelerations, marks: marks.to_vec() }
     }
 
     /// s.
@@ -167,10 +182,14 @@ impl Piece {
     fn node(&self, i: usize) -> Node {
         let n = self.joints;
         let state = &self.states[2 * n * i..2 * n * (i + 1)];
-        let mut out = Node { time: self.times[i], position: [0.0; MOST_JOINTS], velocity: [0.0; MOST_JOINTS] };
-        out.position[..n].copy_from_slice(&state[..n]);
-        out.velocity[..n].copy_from_slice(&state[n..]);
-        out
+        let row = |values: &[f64]| {
+            let mut out = [0.0; MOST_JOINTS];
+            out[..n].copy_from_slice(values);
+            out
+        };
+        let acceleration =
+            self.accelerations.get(n * i..n * (i + 1)).map(row);
+        Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
     }
 
     /// Position, velocity and acceleration at a time of the trajectory (s), as at the start before it and as at the end

@@ -74,18 +74,21 @@ fn nodes(limits: &Limits, start: &[State], phases: &[[Phase; 3]]) -> Vec<Node> {
     times
         .iter()
         .map(|time| {
-            let mut node = Node { time: *time, position: [0.0; MOST_JOINTS], velocity: [0.0; MOST_JOINTS] };
+            let [mut position, mut velocity, mut acceleration] = [[0.0; MOST_JOINTS]; 3];
             for v in 0..limits.joints() {
-                let (mut state, mut left) = (start[v], *time);
+                let (mut state, mut left, mut whole) = (start[v], *time, 0.0);
                 for (duration, jerk) in phases[v] {
                     let t = duration.min(left);
                     state = go_on(state, jerk, t);
                     left -= t;
+                    whole += duration;
                 }
-                state = go_on([state[0], state[1], 0.0], 0.0, left);
-                (node.position[v], node.velocity[v]) = (state[0], state[1]);
+                if *time >= whole {
+                    state = go_on([state[0], state[1], 0.0], 0.0, left);
+                }
+                [position[v], velocity[v], acceleration[v]] = state;
             }
-            node
+            Node { time: *time, position, velocity, acceleration: Some(acceleration) }
         })
         .collect()
 }
