@@ -12,7 +12,7 @@ use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::interrupt::interruptible;
-use crate::planning::{PyKeypointProblem, PySolverConfig, Question};
+use crate::planning::{PyKeypointProblem, PySolverConfig, Question, bodies_listed};
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
@@ -202,11 +202,14 @@ impl PyScene {
     }
 
     fn __repr__(&self) -> String {
+        let joints: Vec<String> =
+            self.0.joints().iter().map(|j| format!("{} at {:.3}", j.name, j.joint.value)).collect();
         format!(
-            "Scene({:?}, {} bodies, {} joints)",
+            "Scene({:?} with {} joints; bodies: {}; joints: {})",
             self.0.robot().name(),
-            self.0.bodies().len(),
-            self.0.joints().len()
+            self.0.robot().joints().len(),
+            bodies_listed(self.0.bodies()),
+            if joints.is_empty() { "none".to_owned() } else { joints.join(", ") }
         )
     }
 }

@@ -187,8 +187,7 @@ impl Piece {
             out[..n].copy_from_slice(values);
             out
         };
-        let acceleration =
-            self.accelerations.get(n * i..n * (i + 1)).map(row);
+        let acceleration = self.accelerations.get(n * i..n * (i + 1)).map(row);
         Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
     }
 
