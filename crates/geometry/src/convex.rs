@@ -231,7 +231,8 @@ impl Corners {
     /// Replaces the corners by points moved by a pose.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
-        let mut bounded = true;
+        // A sum keeps what is not finite, and needs no branch.
+        let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
         for chunk in points.chunks(LANES) {
             let mut block = [[0.0; LANES]; 3];
@@ -242,10 +243,12 @@ impl Corners {
                     block[k][lane] = moved[k];
                 }
             }
-            bounded &= block.iter().flatten().all(|c| c.abs() <= FURTHEST);
+            for lane in 0..LANES {
+                total[lane] += block[0][lane].abs() + block[1][lane].abs() + block[2][lane].abs();
+            }
             self.blocks.push(block);
         }
-        self.unbounded = !bounded;
+        self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
     /// The corner furthest along `direction`; the first of several.
