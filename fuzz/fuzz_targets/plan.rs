@@ -243,28 +243,27 @@ fn options(whole: &Whole, n: usize) -> Options {
         from: label(from),
         to: label(to),
     };
-    Options {
-        velocity_scale: if flag(3) { 1.0 } else { whole.scales[0].value() },
-        acceleration_scale: if flag(3) { 1.0 } else { whole.scales[1].value() },
-        velocity_limits: limits(0),
-        acceleration_limits: limits(1),
-        jerk_limits: limits(2),
-        start_velocity: whole.velocity.map(|v| first(n, v)),
-        start_acceleration: whole.acceleration.map(|v| first(n, v)),
-        contact_speed: whole.contact_speed.map(Number::value),
-        workspace: whole.workspace.map(|corners| corners.map(|c| c.map(Number::value))),
-        margin: if flag(4) { 0.005 } else { whole.margin.value() },
-        allow_partial: flag(5),
-        avoid_collisions: !flag(6),
-        finger_width: whole.finger_width.map(Number::value),
-        starts: 1 + whole.budgets[0] as usize % 8,
-        candidates: 1 + whole.budgets[1] as usize % 4,
-        harvest: whole.budgets[2] as usize % 4,
-        samples: whole.budgets[3] as usize % 32,
-        contacts: whole.window.map(|w| vec![window(w)]),
-        pick: if flag(7) { vec!["thing0".to_owned()] } else { Vec::new() },
-        ..Options::default()
-    }
+    let mut options = Options::default();
+    options.velocity_scale = if flag(3) { 1.0 } else { whole.scales[0].value() };
+    options.acceleration_scale = if flag(3) { 1.0 } else { whole.scales[1].value() };
+    options.velocity_limits = limits(0);
+    options.acceleration_limits = limits(1);
+    options.jerk_limits = limits(2);
+    options.start_velocity = whole.velocity.map(|v| first(n, v));
+    options.start_acceleration = whole.acceleration.map(|v| first(n, v));
+    options.contact_speed = whole.contact_speed.map(Number::value);
+    options.workspace = whole.workspace.map(|corners| corners.map(|c| c.map(Number::value)));
+    options.margin = if flag(4) { 0.005 } else { whole.margin.value() };
+    options.allow_partial = flag(5);
+    options.avoid_collisions = !flag(6);
+    options.finger_width = whole.finger_width.map(Number::value);
+    options.starts = 1 + whole.budgets[0] as usize % 8;
+    options.candidates = 1 + whole.budgets[1] as usize % 4;
+    options.harvest = whole.budgets[2] as usize % 4;
+    options.samples = whole.budgets[3] as usize % 32;
+    options.contacts = whole.window.map(|w| vec![window(w)]);
+    options.pick = if flag(7) { vec!["thing0".to_owned()] } else { Vec::new() };
+    options
 }
 
 fuzz_target!(|whole: Whole| {
@@ -294,7 +293,8 @@ fuzz_target!(|whole: Whole| {
         return;
     }
     let resume = whole.resume.map(|k| ["pre_0", "actuation", "post_0"][k as usize % 3]);
-    let request = Request { resume, most_checks: Some(2000), ..Request::default() };
+    let mut request = Request::default();
+    (request.resume, request.most_checks) = (resume, Some(2000));
     let Ok((plan, _)) = plan_with(&problem, &request) else { return };
     let Some(trajectory) = plan.trajectory else { return };
     let start = &problem.q_start;

@@ -10,8 +10,8 @@ fuzz_target!(|data: &[u8]| {
         if let Ok(robot) = Robot::from_urdf_str(text, "fuzz.urdf", srdf, "hand", None) {
             let q = vec![0.1; robot.joints().len()];
             let mut poses = Vec::new();
-            robot.link_poses(&q, &mut poses);
-            robot.chain().forward(&q, &mut ChainFrames::default());
+            robot.link_poses(&q, &mut poses).unwrap();
+            robot.chain().forward(&q, &mut ChainFrames::default()).unwrap();
         }
     }
 });

@@ -35,16 +35,20 @@ from ._native import (
     refine,
     retime,
 )
+from .options import ContactWindow, GraspOptions, Options
 
 __all__ = [
     "Body",
     "Cancel",
     "ConfigError",
+    "ContactWindow",
     "Grasp",
+    "GraspOptions",
     "GraspPlan",
     "Joint",
     "KeypointProblem",
     "KpamError",
+    "Options",
     "ParallelGripper",
     "Plan",
     "ProblemError",

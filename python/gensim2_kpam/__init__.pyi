@@ -7,6 +7,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from .options import ContactWindow as ContactWindow
+from .options import GraspOptions as GraspOptions
+from .options import Options as Options
+
 Array = npt.NDArray[np.float64]
 Numbers = npt.ArrayLike
 File = str | os.PathLike[str]
@@ -179,7 +183,7 @@ class Scene:
         object_axis: Literal["x", "y", "z"] = "y",
         object_yaw: float = 0.0,
         T_base_world: Numbers | None = None,
-        options: Mapping[str, Any] | None = None,
+        options: Options | None = None,
     ) -> KeypointProblem:
         """A problem on this scene, as KeypointProblem makes it; the keypoints of its bodies are added to those given.
         ``joint`` names the joint that the config is about: what that moves is the moving link."""
@@ -218,36 +222,11 @@ class KeypointProblem:
         object_yaw: float = 0.0,
         T_base_world: Numbers | None = None,
         bodies: Sequence[Body] = (),
-        options: Mapping[str, Any] | None = None,
+        options: Options | None = None,
     ) -> None:
         """``q_start`` (n,); ``tool_keypoints`` in the hand frame, ``object_keypoints`` in the base frame, each (3,).
 
-        ``options`` (unknown keys raise ProblemError); n is the number of the robot's joints:
-            timing: "limits" (as fast as the limits allow) or "config" (the config's clock; the default where the
-                config sets a time). start_time: of the first waypoint on that clock, s.
-            velocity_scale, acceleration_scale: fractions of the limits, 0.001 to 1, 0.5 each; the second scales jerk.
-            velocity_limits, acceleration_limits, jerk_limits: (n,) from 0.001; default the URDF's velocities and those
-                of `limits`.
-            limits: "panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default
-                "panda" for an arm whose planned joints are named panda_joint1 to 7 (or fer_joint1 to 7), else "plain".
-            start_velocity: (n,), default at rest.
-            frames: "object" (list-type translations are in the hand frame) or "original" (turned by object_yaw).
-            rotate_path: "arc" or "chord".
-            workspace: [[x, y, z], [x, y, z]] that holds the hand's origin at the actuation pose, or None.
-            margin: clearance wished for on the free approach, 0 to 0.2 m (0.005).
-            avoid_collisions: True; False only reports them. allow_partial: False; True takes the longest part of the
-                motion after the actuation pose, with status "partial".
-            finger_width: value of the finger joints (those below the hand) while planning, m or rad, within their
-                limits; mimic joints among them follow; default as in q_start.
-            starts, descents, candidates, harvest, samples: budgets (start values, poses moved to their optimum, poses
-                tried, further starts, tree growths).
-            contacts: list of {links, bodies, from, to} windows in place of the default contact rules; in time the
-                keyframes are "start", ..., "pre_1", "pre_0", "actuation", "post_0", ..., "end". ``links`` may name what
-                rides on the hand.
-            pick: names of bodies that ride on the hand from the actuation on.
-            release: names of attached bodies that stand where they are from the actuation on.
-            joint_travel: (motions after the actuation,) by how much each moves the joint (rad or m); default: motions
-                that follow or trace the joint say so, others take it along with the contact point.
+        ``options``: :class:`Options`; unknown keys raise ProblemError.
         """
     def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
         """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
@@ -424,16 +403,13 @@ def grasps(
     *,
     bodies: Sequence[Body] = (),
     center_of_mass: Numbers | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: GraspOptions | None = None,
 ) -> list[Grasp]:
     """Grasps of ``body`` (convex hulls, or closed meshes) among ``bodies``, best first, the same every time.
 
     ``center_of_mass`` (3,) in the object frame, m; default: the centre of its volume (of a mesh: of its box).
 
-    ``options`` (unknown keys raise ProblemError): count (most grasps, 100), samples (points of the surface, 256),
-    trials (hand poses that are looked at closely, 2000), friction (coefficient between pads and object, 0.6),
-    approach (straight way of the open hand, 0.1 m), clearance (kept by the open hand, 0.001 m), up (against gravity
-    in the base frame, [0, 0, 1]; None: no gravity).
+    ``options``: :class:`GraspOptions`; unknown keys raise ProblemError.
     """
 
 class GraspPlan:
@@ -463,7 +439,7 @@ def plan_grasp(
     targets: Sequence[tuple[Numbers, Numbers | None]] = (),
     approach: float = 0.1,
     lift: Numbers | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: Options | None = None,
 ) -> GraspPlan | None:
     """The first of ``grasps`` with which ``body`` can be picked and brought to every target; None where none will do.
 

@@ -112,11 +112,10 @@ impl<'a> MovingShapes<'a> {
     }
 
     fn shapes_of(&self, group: usize) -> &[Piece<'a>] {
-        let (start, end) = self.ranges[group];
-        &self.pieces[start..end]
+        self.ranges.get(group).map_or(&[], |(start, end)| &self.pieces[*start..*end])
     }
 
-    /// Whether a group has no shapes.
+    /// Whether a group has no shapes, or is none.
     #[must_use]
     pub fn is_bare(&self, group: usize) -> bool {
         self.shapes_of(group).is_empty()
@@ -146,16 +145,19 @@ impl<'a> MovingShapes<'a> {
     }
 
     /// Poses groups for the queries that follow: `poses` writes one for each group (base frame), of which `present`
-    /// names those that are there. What is not may not be asked for.
+    /// names those that are there. What is not there, or has no pose, is near nothing.
     pub fn place(&self, present: &[usize], scratch: &mut Scratch, poses: impl FnOnce(&mut Vec<Pose>)) {
         poses(&mut scratch.poses);
         scratch.boxes.resize(self.pieces.len(), Aabb::EMPTY);
+        scratch.group_boxes.clear();
         scratch.group_boxes.resize(self.ranges.len(), Aabb::EMPTY);
         for &group in present {
-            let (start, end) = self.ranges[group];
+            let (Some(&(start, end)), Some(pose)) = (self.ranges.get(group), scratch.poses.get(group)) else {
+                continue;
+            };
             let mut around = Aabb::EMPTY;
             for piece in start..end {
-                let bounds = self.pieces[piece].shape.aabb_at(&scratch.poses[group]);
+                let bounds = self.pieces[piece].shape.aabb_at(pose);
                 around = around.union(&bounds);
                 scratch.boxes[piece] = bounds;
             }
@@ -164,6 +166,15 @@ impl<'a> MovingShapes<'a> {
         scratch.placed.clear();
         scratch.placed.resize(self.pieces.len(), false);
         scratch.corners.resize_with(self.pieces.len(), Corners::default);
+    }
+
+    /// The pieces of a group as placed; none where it was not, or where the memory was placed by other shapes.
+    fn placed(&self, group: usize, scratch: &Scratch) -> std::ops::Range<usize> {
+        let same = scratch.boxes.len() == self.pieces.len() && scratch.group_boxes.len() == self.ranges.len();
+        match self.ranges.get(group) {
+            Some(&(start, end)) if same && scratch.group_boxes[group] != Aabb::EMPTY => start..end,
+            _ => 0..0,
+        }
     }
 
     fn ensure(&self, piece: usize, scratch: &mut Scratch) {
@@ -191,8 +202,8 @@ impl<'a> MovingShapes<'a> {
         let mut best = std::mem::take(&mut scratch.best);
         let mut whole = true;
         for &group in groups {
-            let (start, end) = self.ranges[group];
-            if start == end {
+            let pieces = self.placed(group, scratch);
+            if pieces.is_empty() {
                 continue;
             }
             best.clear();
@@ -202,7 +213,7 @@ impl<'a> MovingShapes<'a> {
                 continue;
             }
             let mut any = false;
-            for piece in start..end {
+            for piece in pieces {
                 let bounds = scratch.boxes[piece];
                 obstacles.tree.near(&bounds, furthest.max(0.0), |e| {
                     let element = &obstacles.elements[e];
@@ -266,7 +277,7 @@ impl<'a> MovingShapes<'a> {
         mut visit: impl FnMut(usize, Proximity) -> bool,
     ) -> bool {
         for &index in which {
-            let (a, b) = pairs[index];
+            let Some(&(a, b)) = pairs.get(index) else { continue };
             if let Some(contact) = self.nearest_of(a, b, scratch, coarse, reach(index))
                 && !visit(index, Proximity { group: a, target: Target::Group(b), contact })
             {
@@ -281,6 +292,10 @@ impl<'a> MovingShapes<'a> {
         if limit == f64::NEG_INFINITY {
             return None;
         }
+        let (mine, theirs) = (self.placed(a, scratch), self.placed(b, scratch));
+        if mine.is_empty() || theirs.is_empty() {
+            return None;
+        }
         let (one, two) = (scratch.group_boxes[a], scratch.group_boxes[b]);
         let apart = one.distance_squared(&two).sqrt();
         if apart > 0.0 && apart >= limit {
@@ -290,13 +305,13 @@ impl<'a> MovingShapes<'a> {
             return Some(between_boxes(&one, &two, apart));
         }
         let mut nearest = None;
-        for i in self.ranges[a].0..self.ranges[a].1 {
+        for i in mine {
             let mine = scratch.boxes[i];
             let apart = mine.distance_squared(&two).sqrt();
             if apart > 0.0 && apart >= limit {
                 continue;
             }
-            for j in self.ranges[b].0..self.ranges[b].1 {
+            for j in theirs.clone() {
                 let theirs = scratch.boxes[j];
                 let apart = mine.distance_squared(&theirs).sqrt();
                 if apart > 0.0 && apart >= limit {
@@ -358,14 +373,14 @@ pub fn judged_pairs(robot: &Robot, changes: impl Fn(usize, usize) -> bool) -> Ve
     pairs
 }
 
-/// Pairs of links that overlap at `q`.
-pub(crate) fn overlapping_pairs(robot: &Robot, q: &[f64]) -> Vec<(usize, usize)> {
+/// Pairs of links that overlap where `poses` puts them.
+pub(crate) fn overlapping_pairs(robot: &Robot, poses: Vec<Pose>) -> Vec<(usize, usize)> {
     let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes.as_slice()));
     let pairs = judged_pairs(robot, |_, _| true);
     let all: Vec<usize> = (0..shapes.len()).collect();
     let every: Vec<usize> = (0..pairs.len()).collect();
     let mut scratch = Scratch::default();
-    shapes.place(&all, &mut scratch, |poses| robot.link_poses(q, poses));
+    shapes.place(&all, &mut scratch, |placed| *placed = poses);
     let mut out = Vec::new();
     shapes.near_pairs(
         &pairs,

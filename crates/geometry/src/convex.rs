@@ -203,6 +203,9 @@ pub struct Contact {
     pub normal: Vector3<f64>,
 }
 
+/// Coordinates up to this can be squared and added up.
+const FURTHEST: f64 = 1e100;
+
 /// Corners that are looked at in one go.
 const LANES: usize = 4;
 
@@ -212,6 +215,8 @@ const LANES: usize = 4;
 pub struct Corners {
     /// Blocks of x, y and z; the last one is filled up with copies of its first corner.
     blocks: Vec<[[f64; LANES]; 3]>,
+    /// Whether a coordinate is not finite, or so large that its square is not.
+    unbounded: bool,
 }
 
 impl Corners {
@@ -226,6 +231,8 @@ impl Corners {
     /// Replaces the corners by points moved by a pose.
     pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
         self.blocks.clear();
+        // A sum keeps what is not finite, and needs no branch.
+        let mut total = [0.0; LANES];
         let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
         for chunk in points.chunks(LANES) {
             let mut block = [[0.0; LANES]; 3];
@@ -236,8 +243,12 @@ impl Corners {
                     block[k][lane] = moved[k];
                 }
             }
+            for lane in 0..LANES {
+                total[lane] += block[0][lane].abs() + block[1][lane].abs() + block[2][lane].abs();
+            }
             self.blocks.push(block);
         }
+        self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
     /// The corner furthest along `direction`; the first of several.
@@ -269,7 +280,8 @@ impl SupportMap for Corners {
     }
 }
 
-/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
+/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`, or one
+/// of them has no points, or a number beyond 1e100.
 ///
 /// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
 /// after a small motion, it often shows at once that the two are out of reach. Any vector will do: whether and how far
@@ -283,6 +295,11 @@ pub fn signed_distance(
 ) -> Option<Contact> {
     let (a, b) = (first.0, second.0);
     let rounding = first.1 + second.1;
+    let measurable = |corners: &Corners| !corners.blocks.is_empty() && !corners.unbounded;
+    if !(measurable(a) && measurable(b) && rounding.abs() <= FURTHEST && !reach.is_nan()) {
+        return None;
+    }
+    let reach = reach.min(FURTHEST);
     let same = Isometry3::identity();
     let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
     // Their ends along any direction tell how far apart they are at least.

@@ -4,6 +4,7 @@ use std::fmt;
 
 /// A robot description that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct UrdfError {
     /// File, as the caller named it.
     pub file: String,
@@ -29,6 +30,7 @@ impl std::error::Error for UrdfError {}
 
 /// A shape that has no extent, no points or a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ShapeError {
     /// Which argument.
     pub field: String,
@@ -49,3 +51,27 @@ impl fmt::Display for ShapeError {
 }
 
 impl std::error::Error for ShapeError {}
+
+/// A joint vector of the wrong length.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct JointCountError {
+    /// Joints of the robot.
+    pub joints: usize,
+    /// Entries of the vector.
+    pub entries: usize,
+}
+
+impl JointCountError {
+    pub(crate) fn check(joints: usize, q: &[f64]) -> Result<(), Self> {
+        if q.len() == joints { Ok(()) } else { Err(Self { joints, entries: q.len() }) }
+    }
+}
+
+impl fmt::Display for JointCountError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the joint vector has {} entries; the robot has {} joints", self.entries, self.joints)
+    }
+}
+
+impl std::error::Error for JointCountError {}

@@ -1,6 +1,7 @@
 //! Robots from URDF, forward kinematics and Jacobians, convex shapes and signed distances.
 //!
 //! Metres, radians, seconds. `T_a_b` maps coordinates in `b` to `a`. Nothing here knows tasks, keypoints or Python.
+//! No function panics: what does not fit is an error, `None`, or left out, as each says.
 //!
 //! ```
 //! use gensim2_geometry::Robot;
@@ -13,9 +14,9 @@
 //!   </joint>
 //! </robot>"#;
 //! let robot = Robot::from_urdf_str(urdf, "pendulum.urdf", None, "bob", None)?;
-//! let pose = robot.link_pose(&[0.5], robot.hand());
+//! let pose = robot.link_pose(&[0.5], robot.hand()).ok_or("one joint")?;
 //! assert!((pose.translation.vector.z - 1.0).abs() < 1e-12);
-//! # Ok::<(), gensim2_geometry::UrdfError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod bvh;
@@ -35,7 +36,7 @@ mod xml;
 pub use bvh::{Aabb, Bvh};
 pub use collision::{MovingShapes, Proximity, Scratch, Target, judged_pairs};
 pub use convex::{Contact, Convex, Corners, signed_distance};
-pub use error::{ShapeError, UrdfError};
+pub use error::{JointCountError, ShapeError, UrdfError};
 pub use obstacles::Obstacles;
 pub use pose::{Pose, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about};
 pub use robot::{Chain, ChainFrames, Joint, JointKind, Link, Mimic, Robot};

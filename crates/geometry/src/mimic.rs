@@ -66,7 +66,7 @@ mod tests {
         robot.apply_mimic(&mut q);
         assert!((q[1] - (-0.3 + 0.1)).abs() < 1e-12 && (q[2] - (2.0 * -0.2 + 0.5)).abs() < 1e-12, "{q:?}");
         // j0 = -6 j2 + 0.7 and j1 = -3 j2 + 0.1, each in [-2, 1].
-        let (lower, upper) = robot.range(0);
+        let (lower, upper) = robot.range(0).unwrap();
         assert!((lower - -0.05).abs() < 1e-12 && (upper - 0.45).abs() < 1e-12, "{lower} {upper}");
     }
 

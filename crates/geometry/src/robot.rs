@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Convex, Pose, UrdfError, file, rotation_about, urdf};
+use crate::{Convex, JointCountError, Pose, UrdfError, file, rotation_about, urdf};
 
 /// How a joint moves its child.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -148,7 +148,9 @@ impl Robot {
         if and_overlapping {
             let mut middle: Vec<f64> = (0..self.joints.len()).map(|j| self.middle_of_range(j)).collect();
             self.apply_mimic(&mut middle);
-            let overlapping = crate::collision::overlapping_pairs(self, &middle);
+            let mut poses = Vec::new();
+            self.place_links(&middle, &mut poses);
+            let overlapping = crate::collision::overlapping_pairs(self, poses);
             self.allowed.extend(overlapping);
         }
         self.allowed.sort_unstable();
@@ -159,7 +161,7 @@ impl Robot {
     fn middle_of_range(&self, j: usize) -> f64 {
         let joint = &self.joints[j];
         let (lower, upper) = match self.range(j) {
-            (lower, upper) if lower <= upper => (lower, upper),
+            Some((lower, upper)) if lower <= upper => (lower, upper),
             _ => (joint.lower, joint.upper),
         };
         if lower.is_finite() && upper.is_finite() { 0.5 * (lower + upper) } else { 0.0_f64.max(lower).min(upper) }
@@ -195,10 +197,10 @@ impl Robot {
         &self.chain
     }
 
-    /// The chain from base to any link.
+    /// The chain from base to any link; `None` where there is no such link.
     #[must_use]
-    pub fn chain_to(&self, link: usize) -> Chain {
-        Chain::new(&self.links, &self.joints, link)
+    pub fn chain_to(&self, link: usize) -> Option<Chain> {
+        (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
     }
 
     /// Pairs of links that are never judged against each other.
@@ -213,37 +215,52 @@ impl Robot {
         self.links.iter().position(|l| l.name == name)
     }
 
-    /// The independent joint that moves joint `j`, with factor and summand: `value = factor * source + offset`.
+    /// The independent joint that moves joint `j`, with factor and summand: `value = factor * source + offset`;
+    /// `None` where there is no such joint.
     #[must_use]
-    pub fn drive(&self, j: usize) -> Mimic {
-        self.joints[j].mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 })
+    pub fn drive(&self, j: usize) -> Option<Mimic> {
+        let joint = self.joints.get(j)?;
+        Some(joint.mimic.unwrap_or(Mimic { source: j, multiplier: 1.0, offset: 0.0 }))
     }
 
-    /// Sets mimic joints to what their sources make of them; entries of independent joints stay.
+    /// Sets mimic joints to what their sources make of them; entries of independent joints stay, and so do those of
+    /// mimics whose source `q` does not reach.
     pub fn apply_mimic(&self, q: &mut [f64]) {
-        for (i, joint) in self.joints.iter().enumerate() {
-            if let Some(m) = joint.mimic {
-                q[i] = m.multiplier * q[m.source] + m.offset;
+        for (i, joint) in self.joints.iter().enumerate().take(q.len()) {
+            if let Some(m) = joint.mimic
+                && let Some(source) = q.get(m.source)
+            {
+                q[i] = m.multiplier * source + m.offset;
             }
         }
     }
 
     /// Range (rad or m) in which an independent joint keeps its own limits and those of all joints that follow it. It
-    /// is empty (lower above upper) where they contradict each other.
+    /// is empty (lower above upper) where they contradict each other, and `None` where there is no such joint.
     #[must_use]
-    pub fn range(&self, source: usize) -> (f64, f64) {
-        let (mut lower, mut upper) = (self.joints[source].lower, self.joints[source].upper);
+    pub fn range(&self, source: usize) -> Option<(f64, f64)> {
+        let own = self.joints.get(source)?;
+        let (mut lower, mut upper) = (own.lower, own.upper);
         for joint in &self.joints {
             let Some(m) = joint.mimic.filter(|m| m.source == source && m.multiplier != 0.0) else { continue };
             let ends = [joint.lower, joint.upper].map(|limit| (limit - m.offset) / m.multiplier);
             lower = lower.max(ends[0].min(ends[1]));
             upper = upper.min(ends[0].max(ends[1]));
         }
-        (lower, upper)
+        Some((lower, upper))
     }
 
     /// Pose of every link in the base frame, written into `out`; `q` has one entry a joint.
-    pub fn link_poses(&self, q: &[f64], out: &mut Vec<Pose>) {
+    ///
+    /// # Errors
+    /// `q` has another length; `out` is as it was then.
+    pub fn link_poses(&self, q: &[f64], out: &mut Vec<Pose>) -> Result<(), JointCountError> {
+        JointCountError::check(self.joints.len(), q)?;
+        self.place_links(q, out);
+        Ok(())
+    }
+
+    fn place_links(&self, q: &[f64], out: &mut Vec<Pose>) {
         out.clear();
         for link in &self.links {
             let pose = match link.parent {
@@ -260,17 +277,17 @@ impl Robot {
         }
     }
 
-    /// Pose of one link in the base frame.
+    /// Pose of one link in the base frame; `q` has one entry a joint. `None` where it has another length, or where there
+    /// is no such link.
     #[must_use]
-    pub fn link_pose(&self, q: &[f64], link: usize) -> Pose {
-        if link == self.hand {
-            let mut frames = ChainFrames::default();
-            self.chain.forward(q, &mut frames);
-            return frames.tip;
-        }
+    pub fn link_pose(&self, q: &[f64], link: usize) -> Option<Pose> {
         let mut frames = ChainFrames::default();
-        self.chain_to(link).forward(q, &mut frames);
-        frames.tip
+        let moved = if link == self.hand {
+            self.chain.forward(q, &mut frames)
+        } else {
+            self.chain_to(link)?.forward(q, &mut frames)
+        };
+        moved.ok().map(|()| frames.tip)
     }
 }
 
@@ -293,6 +310,8 @@ pub struct Chain {
     joints: Vec<ChainJoint>,
     tail: Pose,
     link: usize,
+    /// Entries of a joint vector.
+    entries: usize,
 }
 
 /// What a forward pass along a chain leaves behind: enough for the Jacobian of any point on its last link.
@@ -319,7 +338,7 @@ impl Chain {
             path.push(parent);
         }
         path.reverse();
-        let mut chain = Self { joints: Vec::new(), tail: Pose::identity(), link };
+        let mut chain = Self { joints: Vec::new(), tail: Pose::identity(), link, entries: joints.len() };
         for &l in path.iter().skip(1) {
             chain.tail *= links[l].origin;
             if let Some(j) = links[l].joint {
@@ -348,14 +367,18 @@ impl Chain {
         self.joints.iter().map(|j| j.joint)
     }
 
-    /// Kind of each chain joint.
+    /// Kind of chain joint `i`; `None` where the chain is shorter.
     #[must_use]
-    pub fn kind(&self, i: usize) -> JointKind {
-        self.joints[i].kind
+    pub fn kind(&self, i: usize) -> Option<JointKind> {
+        self.joints.get(i).map(|j| j.kind)
     }
 
     /// Forward pass at the full joint vector `q`.
-    pub fn forward(&self, q: &[f64], out: &mut ChainFrames) {
+    ///
+    /// # Errors
+    /// `q` has another length than the robot's joint vectors; `out` is as it was then.
+    pub fn forward(&self, q: &[f64], out: &mut ChainFrames) -> Result<(), JointCountError> {
+        JointCountError::check(self.entries, q)?;
         out.axes.clear();
         out.origins.clear();
         let mut r = Rotation3::identity();
@@ -375,24 +398,28 @@ impl Chain {
         p += r * self.tail.translation.vector;
         r *= self.tail.rotation;
         out.tip = Pose::from_parts(Translation3::from(p), r);
+        Ok(())
     }
 
-    /// Linear velocity of a point fixed to the chain's link per unit of chain joint `i`.
+    /// Linear velocity of a point fixed to the chain's link per unit of chain joint `i`; `None` where the chain, or what
+    /// a forward pass left in `frames`, is shorter.
     #[must_use]
-    pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Vector3<f64> {
-        match self.joints[i].kind {
-            JointKind::Revolute => frames.axes[i].cross(&(point - frames.origins[i])),
-            JointKind::Prismatic => frames.axes[i],
-        }
+    pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);
+        Some(match self.kind(i)? {
+            JointKind::Revolute => axis.cross(&(point - origin)),
+            JointKind::Prismatic => *axis,
+        })
     }
 
-    /// Angular velocity of the chain's link per unit of chain joint `i`.
+    /// Angular velocity of the chain's link per unit of chain joint `i`; `None` as for [`Chain::linear`].
     #[must_use]
-    pub fn angular(&self, frames: &ChainFrames, i: usize) -> Vector3<f64> {
-        match self.joints[i].kind {
-            JointKind::Revolute => frames.axes[i],
+    pub fn angular(&self, frames: &ChainFrames, i: usize) -> Option<Vector3<f64>> {
+        let axis = frames.axes.get(i)?;
+        Some(match self.kind(i)? {
+            JointKind::Revolute => *axis,
             JointKind::Prismatic => Vector3::zeros(),
-        }
+        })
     }
 }
 

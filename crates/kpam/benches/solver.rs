@@ -7,9 +7,8 @@ use std::sync::Arc;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use gensim2_geometry::{Convex, Pose, Robot};
-use gensim2_kpam::model::{MOST_JOINTS, Row};
 use gensim2_kpam::qp::{ActiveSet, Bound, InteriorPoint, Qp, QpSolver};
-use gensim2_kpam::{Body, KeypointProblem, Role, SolverConfig, plan};
+use gensim2_kpam::{Body, KeypointProblem, MOST_JOINTS, Role, Row, SolverConfig, plan};
 use nalgebra::Vector3;
 
 /// A step of the actuation pose: three point rows, a cone of sixteen sides, seven joints within a trust region.

@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use gensim2_geometry::{Pose, Robot};
+use gensim2_kpam::config::{Constraint, Motion};
 use gensim2_kpam::{KeypointProblem, SolverConfig, plan};
 use nalgebra::Vector3;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let urdf = std::env::args().nth(1).ok_or("usage: reach PANDA_URDF")?;
     let robot = Arc::new(Robot::from_urdf(&urdf, None, "panda_hand", None)?);
-    let config = SolverConfig::from_json(
-        r#"{"constraint_list": [{"type": "point2point_constraint", "keypoint_name": "tip",
-                                 "target_keypoint_name": "handle", "tolerance": 0.001}],
-            "pre_actuation_motions": [["translate_z", -0.1]], "post_actuation_motions": ["move-up"]}"#,
-    )?;
+    let config = SolverConfig::builder()
+        .constraint(Constraint::point("tip", "handle", 0.001))
+        .pre(Motion::Translate { axis: 2, distance: -0.1 })
+        .post(Motion::Move(Vector3::new(0.0, 0.0, 0.06)))
+        .build()?;
     let start = vec![0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04];
     let tool = BTreeMap::from([("tip".to_owned(), Vector3::new(0.0, 0.0, 0.105))]);
     let handle = BTreeMap::from([("handle".to_owned(), Vector3::new(0.5, 0.2, 0.15))]);

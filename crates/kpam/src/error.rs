@@ -6,6 +6,7 @@ macro_rules! field_error {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Eq)]
+        #[non_exhaustive]
         pub struct $name {
             /// Path of the field, e.g. `constraint_list[2].tolerance`.
             pub field: String,

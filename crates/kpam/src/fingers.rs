@@ -35,10 +35,7 @@ pub(crate) fn resting_joints(problem: &KeypointProblem) -> Result<Vec<f64>, Prob
         return Err(fail(format!("is {width}, but no joint below {hand:?} moves; leave it out")));
     }
     for &finger in &fingers {
-        let drive = robot.drive(finger);
-        if !fingers.contains(&drive.source) {
-            continue;
-        }
+        let Some(drive) = robot.drive(finger).filter(|d| fingers.contains(&d.source)) else { continue };
         let value = drive.multiplier * width + drive.offset;
         let joint = &robot.joints()[finger];
         if value.is_nan() || value < joint.lower - ROUNDING || value > joint.upper + ROUNDING {

@@ -35,7 +35,7 @@ impl JointMap {
     pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
         let mut driven = Vec::new();
         for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint?))) {
-            let drive = robot.drive(joint);
+            let Some(drive) = robot.drive(joint) else { continue };
             let variable = indices.iter().position(|i| *i == drive.source);
             if let (Some(variable), true) = (variable, drive.multiplier != 0.0) {
                 let (factor, offset) = (drive.multiplier, drive.offset);

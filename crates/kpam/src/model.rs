@@ -6,7 +6,7 @@ use gensim2_geometry::{ChainFrames, JointKind, Pose, Robot};
 use nalgebra::Vector3;
 
 use crate::ProblemError;
-pub use crate::joint_map::{DrivenJoint, JointMap};
+pub(crate) use crate::joint_map::{DrivenJoint, JointMap};
 
 /// Most joints that planning moves at once; buffers of this length live on the stack.
 pub const MOST_JOINTS: usize = 12;
@@ -25,11 +25,10 @@ pub struct Model {
     pub upper: Row,
     /// Velocity limits (rad/s or m/s), those of joints that follow included.
     pub velocity: Row,
+    /// Variables of which a whole turn changes nothing, so that they count modulo one turn.
     endless: [bool; MOST_JOINTS],
     /// Half of the range drawn from where limits are open (rad or m).
     reach: Row,
-    /// For each link the joints above it that variables drive, as places in the map's list, base first.
-    above: Vec<Vec<usize>>,
     /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
     columns: Vec<(usize, usize, f64)>,
 }
@@ -45,7 +44,7 @@ impl Model {
         if rest.len() != joints.len() {
             return Err(ProblemError::new("q_start", format!("has {} entries, not {}", rest.len(), joints.len())));
         }
-        let on_chain: Vec<_> = robot.chain().joint_indices().map(|j| robot.drive(j)).collect();
+        let on_chain: Vec<_> = robot.chain().joint_indices().filter_map(|j| robot.drive(j)).collect();
         let mut indices: Vec<usize> = Vec::new();
         for drive in on_chain.iter().filter(|d| d.multiplier != 0.0) {
             if !indices.contains(&drive.source) {
@@ -68,7 +67,7 @@ impl Model {
         let (mut lower, mut upper, mut reach) = ([0.0; MOST_JOINTS], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]);
         let mut endless = [false; MOST_JOINTS];
         for (v, j) in map.indices().iter().enumerate() {
-            (lower[v], upper[v]) = robot.range(*j);
+            (lower[v], upper[v]) = robot.range(*j).unwrap_or((joints[*j].lower, joints[*j].upper));
             if lower[v] > upper[v] {
                 let message =
                     format!("no value of {} meets its limits and those of the joints that mimic it", joints[*j].name);
@@ -82,14 +81,8 @@ impl Model {
                 joint.kind == JointKind::Revolute && open && d.factor.fract() == 0.0
             });
         }
-        let mut above: Vec<Vec<usize>> = Vec::new();
-        for (l, link) in robot.links().iter().enumerate() {
-            let mut mine = link.parent.map_or_else(Vec::new, |p| above[p].clone());
-            mine.extend(map.driven().iter().position(|d| d.link == l));
-            above.push(mine);
-        }
         let velocity = map.least(|j| joints[j].velocity);
-        Ok(Self { map, lower, upper, velocity, endless, reach, above, columns })
+        Ok(Self { map, lower, upper, velocity, endless, reach, columns })
     }
 
     /// How full joint vectors follow from variables.
@@ -116,22 +109,11 @@ impl Model {
         self.map.pick(self.map.rest())
     }
 
-    /// The driven joints between the base and a link, base first. Each moves the link, by its factor times its variable;
-    /// what two links have in common there moves neither against the other.
-    pub fn movers(&self, link: usize) -> impl ExactSizeIterator<Item = &DrivenJoint> + '_ {
-        self.above[link].iter().map(|i| &self.map.driven()[*i])
-    }
-
     /// Hand frames at `x`.
     pub fn forward(&self, robot: &Robot, x: &Row, q: &mut Vec<f64>, frames: &mut ChainFrames) {
         self.map.positions(x, q);
-        robot.chain().forward(q, frames);
-    }
-
-    /// Whether a whole turn of a variable changes nothing, so that it counts modulo one turn.
-    #[must_use]
-    pub fn endless(&self, v: usize) -> bool {
-        self.endless[v]
+        let placed = robot.chain().forward(q, frames);
+        debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
     }
 
     /// Range of a variable to draw values from: its limits; where those are open, half a turn (or half a metre) to
@@ -204,8 +186,8 @@ impl Placed {
         for &(i, variable, factor) in &model.columns {
             let axis = self.frames.axes[i] * factor;
             let (turn, shift) = match chain.kind(i) {
-                JointKind::Revolute => (axis, self.frames.origins[i].cross(&axis)),
-                JointKind::Prismatic => (Vector3::zeros(), axis),
+                Some(JointKind::Revolute) => (axis, self.frames.origins[i].cross(&axis)),
+                Some(JointKind::Prismatic) | None => (Vector3::zeros(), axis),
             };
             self.columns.push(Column { variable, turn, shift });
         }

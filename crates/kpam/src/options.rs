@@ -19,6 +19,7 @@ const HARDEST: f64 = 1e4;
 /// How keyframes get their times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Timing {
     /// As fast as velocity, acceleration and jerk limits allow.
     Limits,
@@ -29,6 +30,7 @@ pub enum Timing {
 /// Acceleration and jerk limits of an arm, of which its URDF says nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum LimitSet {
     /// As Franka publishes them for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
     Panda,
@@ -39,6 +41,7 @@ pub enum LimitSet {
 /// How list-type translations after the actuation are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Frames {
     /// In the hand frame.
     Object,
@@ -49,6 +52,7 @@ pub enum Frames {
 /// How "rotate" moves the hand between its keyframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum RotatePath {
     /// On the arc about the object's axis.
     Arc,
@@ -73,6 +77,7 @@ pub struct ContactWindow {
 /// Options of a problem. Fields that are not set take the defaults below; unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct Options {
     /// Keyframe times; by default the config's clock where it sets times, else the limits.
     pub timing: Option<Timing>,

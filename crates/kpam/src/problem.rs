@@ -14,6 +14,7 @@ use crate::{Bodies, Options, ProblemError, Scene, SolverConfig};
 /// What the default contact rules go by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Role {
     /// The table.
     Table,
@@ -27,6 +28,21 @@ pub enum Role {
     Target,
     /// Rides on the hand; its pose is in the hand frame.
     Attached,
+}
+
+impl Role {
+    /// Name, as in Python.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Table => "table",
+            Self::ObjectBody => "object_body",
+            Self::MovingLink => "moving_link",
+            Self::Rigid => "rigid",
+            Self::Target => "target",
+            Self::Attached => "attached",
+        }
+    }
 }
 
 /// An obstacle.
@@ -162,6 +178,7 @@ impl KeypointProblem {
                 return fail(&format!("q_start[{i}]"), message);
             }
         }
+        self.config.check().map_err(|e| ProblemError::new(format!("config.{}", e.field), e.message))?;
         let model = Model::new(&self.robot, &self.q_start)?;
         self.check_mimics(&model)?;
         for (field, map) in [("tool_keypoints", &self.tool_keypoints), ("object_keypoints", &self.object_keypoints)] {
@@ -260,7 +277,8 @@ impl KeypointProblem {
         for (i, (given, follows)) in self.q_start.iter().zip(&q).enumerate() {
             if (given - follows).abs() > SLACK {
                 let joints = self.robot.joints();
-                let (name, source) = (&joints[i].name, &joints[self.robot.drive(i).source].name);
+                let name = &joints[i].name;
+                let source = joints[i].mimic.map_or(name, |m| &joints[m.source].name);
                 let message = format!("{given} is not where {name} stands as it follows {source}: {follows}");
                 return Err(ProblemError::new(format!("q_start[{i}]"), message));
             }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use gensim2_geometry::{ChainFrames, Convex, Pose, Robot, ShapeError};
+use gensim2_geometry::{Chain, ChainFrames, Convex, Pose, Robot, ShapeError};
 use gensim2_kpam::{Body, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray2, PyArray3, ndarray};
@@ -66,11 +66,11 @@ impl PyRobot {
         link: Option<&str>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let q = JointRows::of(q, self.0.joints().len())?;
-        let chain = self.0.chain_to(self.link(link)?);
+        let chain = self.chain(link)?;
         let mut frames = ChainFrames::default();
         let mut out = Vec::with_capacity(q.rows().len() * 16);
         for row in q.rows() {
-            chain.forward(row, &mut frames);
+            chain.forward(row, &mut frames).map_err(|e| problem_error("q", e))?;
             push_rows(&frames.tip, &mut out);
         }
         let Some(count) = q.count else { return Ok(convert::pose_array(py, &frames.tip).into_any()) };
@@ -83,17 +83,17 @@ impl PyRobot {
     fn jacobian<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, link: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let n = self.0.joints().len();
         let q = JointRows::of(q, n)?;
-        let chain = self.0.chain_to(self.link(link)?);
+        let chain = self.chain(link)?;
         let columns: Vec<usize> = chain.joint_indices().collect();
         let mut frames = ChainFrames::default();
         let count = q.rows().len();
         let mut out = vec![0.0; count * 6 * n];
         for (r, row) in q.rows().enumerate() {
-            chain.forward(row, &mut frames);
+            chain.forward(row, &mut frames).map_err(|e| problem_error("q", e))?;
             let tip = frames.tip.translation.vector;
             let block = &mut out[r * 6 * n..(r + 1) * 6 * n];
             for (i, j) in columns.iter().enumerate() {
-                let (v, w) = (chain.linear(&frames, i, &tip), chain.angular(&frames, i));
+                let (Some(v), Some(w)) = (chain.linear(&frames, i, &tip), chain.angular(&frames, i)) else { continue };
                 for k in 0..3 {
                     block[k * n + j] = v[k];
                     block[(k + 3) * n + j] = w[k];
@@ -124,6 +124,10 @@ impl PyRobot {
 }
 
 impl PyRobot {
+    fn chain(&self, link: Option<&str>) -> PyResult<Chain> {
+        self.0.chain_to(self.link(link)?).ok_or_else(|| problem_error("link", "is not a link"))
+    }
+
     fn link(&self, name: Option<&str>) -> PyResult<usize> {
         let Some(name) = name else { return Ok(self.0.hand()) };
         self.0.link_index(name).ok_or_else(|| {
@@ -278,14 +282,7 @@ impl PyBody {
     /// Role, as given.
     #[getter]
     fn role(&self) -> &'static str {
-        match self.0.role {
-            Role::Table => "table",
-            Role::ObjectBody => "object_body",
-            Role::MovingLink => "moving_link",
-            Role::Rigid => "rigid",
-            Role::Target => "target",
-            Role::Attached => "attached",
-        }
+        self.0.role.name()
     }
 
     /// (4, 4) in the base frame, of an attached body in the hand frame.

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use gensim2_geometry::Robot;
-use gensim2_kpam::{
-    Bodies, Body, Cancel, Gripper, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes,
-};
+use gensim2_kpam::config::Constraint;
+use gensim2_kpam::{Bodies, Body, Cancel, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes};
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
@@ -34,22 +33,43 @@ impl PySolverConfig {
 
     /// The config as it was given.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let value = serde_json::from_str(&self.0.source).map_err(|e| KpamError::new_err(e.to_string()))?;
+        let value = serde_json::from_str(self.0.source()).map_err(|e| KpamError::new_err(e.to_string()))?;
         convert::python(py, &value)
     }
 
     #[getter]
     fn gripper(&self) -> &'static str {
-        match self.0.gripper {
-            Gripper::Open => "open",
-            Gripper::Closed => "closed",
-            Gripper::Grasp => "grasp",
-        }
+        self.0.gripper().name()
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyAny>,))> {
         Ok((py.get_type::<Self>().into_any(), (self.to_dict(py)?,)))
     }
+
+    fn __repr__(&self) -> String {
+        let config = &self.0;
+        let constraints: Vec<String> = config.constraints().iter().map(Constraint::name).collect();
+        format!(
+            "SolverConfig({}; {} motions before and {} after; gripper {})",
+            constraints.join(", "),
+            config.pre().len(),
+            config.post().len(),
+            config.gripper().name()
+        )
+    }
+}
+
+/// Names of bodies with their roles; the first of many.
+pub(crate) fn bodies_listed(bodies: &[Body]) -> String {
+    const MOST: usize = 10;
+    if bodies.is_empty() {
+        return "none".to_owned();
+    }
+    let mut listed: Vec<String> = bodies.iter().take(MOST).map(|b| format!("{} ({})", b.name, b.role.name())).collect();
+    if bodies.len() > MOST {
+        listed.push(format!("{} more", bodies.len() - MOST));
+    }
+    listed.join(", ")
 }
 
 pub(crate) fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTreeMap<String, Vector3<f64>>> {
@@ -188,6 +208,22 @@ impl PyKeypointProblem {
     #[staticmethod]
     fn _thaw(bytes: &[u8]) -> PyResult<Self> {
         convert::thaw(bytes).map(|p| Self(Arc::new(p)))
+    }
+
+    fn __repr__(&self) -> String {
+        let problem = &self.0;
+        let names = |points: &BTreeMap<String, Vector3<f64>>| points.keys().cloned().collect::<Vec<_>>().join(", ");
+        let constraints: Vec<String> = problem.config.constraints().iter().map(Constraint::name).collect();
+        format!(
+            "KeypointProblem({:?} with {} joints; {}; tool keypoints: {}; object keypoints: {}; {}; bodies: {})",
+            problem.robot.name(),
+            problem.q_start.len(),
+            constraints.join(", "),
+            names(&problem.tool_keypoints),
+            names(&problem.object_keypoints),
+            problem.joint.map_or_else(|| "no joint".to_owned(), |j| format!("joint at {:.3}", j.value)),
+            bodies_listed(&problem.bodies)
+        )
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
@@ -350,7 +386,15 @@ impl PyPlan {
     }
 
     fn __repr__(&self) -> String {
-        format!("Plan({}: {})", self.0.status.name(), self.0.reason)
+        let plan = &self.0;
+        let motion = plan.trajectory.as_ref().map_or_else(
+            || "no motion".to_owned(),
+            |t| {
+                let met = plan.keyframes.iter().filter(|k| k.time.is_some()).map(|k| k.label.as_str());
+                format!("{:.2} s by {}", t.end() - t.start(), met.collect::<Vec<_>>().join(", "))
+            },
+        );
+        format!("Plan({}: {}; {motion})", plan.status.name(), plan.reason)
     }
 }
 
@@ -371,7 +415,9 @@ pub(crate) fn plan(
     let problem = Arc::clone(&problem.get().0);
     let former = former.map(|plan| &plan.get().0);
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
-    let request = Request { former, resume, most_checks: max_checks, cancel: Some(cancel.clone()), explain };
+    let mut request = Request::default();
+    (request.former, request.resume, request.most_checks) = (former, resume, max_checks);
+    (request.cancel, request.explain) = (Some(cancel.clone()), explain);
     let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, Pose};
-use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, Scene, SceneJoint};
+use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, ProblemError, Scene, SceneJoint};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -12,7 +12,7 @@ use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::interrupt::interruptible;
-use crate::planning::{PyKeypointProblem, PySolverConfig, Question};
+use crate::planning::{PyKeypointProblem, PySolverConfig, Question, bodies_listed};
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
@@ -202,11 +202,14 @@ impl PyScene {
     }
 
     fn __repr__(&self) -> String {
+        let joints: Vec<String> =
+            self.0.joints().iter().map(|j| format!("{} at {:.3}", j.name, j.joint.value)).collect();
         format!(
-            "Scene({:?}, {} bodies, {} joints)",
+            "Scene({:?} with {} joints; bodies: {}; joints: {})",
             self.0.robot().name(),
-            self.0.bodies().len(),
-            self.0.joints().len()
+            self.0.robot().joints().len(),
+            bodies_listed(self.0.bodies()),
+            if joints.is_empty() { "none".to_owned() } else { joints.join(", ") }
         )
     }
 }
@@ -217,7 +220,7 @@ impl PyScene {
         let robot = self.0.robot();
         let q = convert::vector(q, "q", Some(robot.joints().len()))?;
         let mut frames = ChainFrames::default();
-        robot.chain().forward(&q, &mut frames);
+        robot.chain().forward(&q, &mut frames).map_err(|e| problem_error("q", e))?;
         Ok(frames.tip)
     }
 
@@ -230,12 +233,16 @@ impl PyScene {
         &self,
         py: Python<'_>,
         q: &JointRows,
-        ask: impl Fn(&mut Checker<'_>, &[f64]) -> T + Sync,
+        ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Sync,
     ) -> PyResult<Vec<T>> {
-        interruptible(py, Cancel::new(), |cancel| {
+        let found = interruptible(py, Cancel::new(), |cancel| {
             let mut checker = self.0.checker();
-            q.rows().take_while(|_| !cancel.is_cancelled()).map(|row| ask(&mut checker, row)).collect()
-        })
+            q.rows()
+                .take_while(|_| !cancel.is_cancelled())
+                .map(|row| ask(&mut checker, row))
+                .collect::<Result<Vec<T>, _>>()
+        })?;
+        found.map_err(|e| from_problem(&e))
     }
 }
 

@@ -85,6 +85,11 @@ impl PyTrajectory {
         convert::thaw(bytes).map(Self)
     }
 
+    fn __repr__(&self) -> String {
+        let (start, end) = (self.0.start(), self.0.end());
+        format!("Trajectory({} joints, {start:.2} to {end:.2} s)", self.0.joints())
+    }
+
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
         Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
     }

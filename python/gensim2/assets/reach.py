@@ -19,7 +19,11 @@ from gensim2.sim.table import HALF_SIZE
 SHARES = (0.0, 0.5, 1.0)  # openness
 FINGERTIPS = 0.01  # m from the keypoint
 HEAD = "articulated_object_head"
-BUDGET = {"candidates": 4, "samples": 50, "harvest": 0}  # none is used up: every motion is short or hopeless
+BUDGET: kpam.Options = {
+    "candidates": 4,
+    "samples": 50,
+    "harvest": 0,
+}  # none is used up: every motion is short or hopeless
 
 
 def reach_findings(instance: Instance) -> list[Finding]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +27,7 @@ def keypoint_problem(
     robot: kpam.Robot,
     *,
     frames: Frames = "original",
-    options: Mapping[str, Any] | None = None,
+    options: kpam.Options | None = None,
 ) -> kpam.KeypointProblem:
     """Return what the solver is asked.
 
@@ -43,6 +42,16 @@ def keypoint_problem(
         InputError: the config or a number is one that the solver refuses; names the problem.
     """
     joint = scene.joint
+    recorded: kpam.Options = {
+        "timing": "config",
+        "frames": frames,
+        "start_time": problem.start_time,
+        "velocity_scale": 1.0,
+        "acceleration_scale": 1.0,
+        "allow_partial": True,
+    }
+    if options is not None:
+        recorded.update(options)
     try:
         return kpam.KeypointProblem(
             robot,
@@ -58,15 +67,7 @@ def keypoint_problem(
             object_yaw=problem.object_yaw,
             T_base_world=np.asarray(np.linalg.inv(problem.pose("T_world_base")), dtype=np.float64),
             bodies=[_body(obstacle) for obstacle in scene.obstacles],
-            options={
-                "timing": "config",
-                "frames": frames,
-                "start_time": problem.start_time,
-                "velocity_scale": 1.0,
-                "acceleration_scale": 1.0,
-                "allow_partial": True,
-                **(options or {}),
-            },
+            options=recorded,
         )
     except kpam.KpamError as error:
         raise InputError(

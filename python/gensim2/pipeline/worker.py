@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 PRELOAD: Sequence[str] = ("gensim2.pipeline.worker", "gensim2.demos.rollout", "gensim2.sim.lane")
 
 #: Planner options of the pipeline: the longest part of a motion that can be done is taken; physics judges it.
-PLAN_OPTIONS: Mapping[str, Any] = {"allow_partial": True}
+PLAN_OPTIONS: kpam.Options = {"allow_partial": True}
 
 #: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
 #: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
-SCREEN_OPTIONS: Mapping[str, Any] = {**PLAN_OPTIONS, "harvest": 0, "candidates": 6, "samples": 200}
+SCREEN_OPTIONS: kpam.Options = {**PLAN_OPTIONS, "harvest": 0, "candidates": 6, "samples": 200}
 
 
 #: Cause of an episode in which positions became NaN, infinite or absurd: no word on the task.

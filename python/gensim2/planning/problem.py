@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 import gensim2_kpam as kpam
@@ -36,7 +33,7 @@ class SceneProblems:
         joint = scene.joint
         self._joint = kpam.Joint(joint.type, joint.origin, joint.axis, joint.value, joint.lower, joint.upper)
 
-    def problem(self, config: kpam.SolverConfig, options: Mapping[str, Any] | None = None) -> kpam.KeypointProblem:
+    def problem(self, config: kpam.SolverConfig, options: kpam.Options | None = None) -> kpam.KeypointProblem:
         """Return the problem that ``config`` poses on this scene.
 
         The fingers stand as the config wants them during the approach: closed to push, open to hook or to grasp.

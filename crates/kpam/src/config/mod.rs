@@ -6,10 +6,14 @@ use serde_json::Value;
 
 use crate::ConfigError;
 
+mod build;
 mod read;
+
+pub use build::SolverConfigBuilder;
 
 /// Frame in which a config writes a direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Frame {
     /// World axes.
     World,
@@ -21,6 +25,7 @@ pub enum Frame {
 
 /// Direction on the object that an axis constraint speaks of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum TargetAxis {
     /// Unit direction in a frame.
     Fixed {
@@ -40,6 +45,7 @@ pub enum TargetAxis {
 
 /// One entry of `constraint_list`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Constraint {
     /// `point2point_constraint`: each base coordinate of the keypoint within `tolerance` (m) of the target's.
     Point {
@@ -123,6 +129,7 @@ impl Frame {
 
 /// One entry of a motion list.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Motion {
     /// Translation along axis 0, 1 or 2 of the hand (m).
     Translate {
@@ -155,6 +162,7 @@ impl Motion {
 
 /// What the fingers do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Gripper {
     /// Open throughout.
     Open,
@@ -164,26 +172,38 @@ pub enum Gripper {
     Grasp,
 }
 
-/// A validated solver config.
+impl Gripper {
+    /// Name, as in configs.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Closed => "closed",
+            Self::Grasp => "grasp",
+        }
+    }
+}
+
+/// A validated solver config: read from JSON, or built.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SolverConfig {
     /// Constraints and costs of the actuation pose.
-    pub constraints: Vec<Constraint>,
+    pub(crate) constraints: Vec<Constraint>,
     /// Motions before the actuation pose, chained outwards from it: the first one is next to it, the last comes first
     /// in time.
-    pub pre: Vec<Motion>,
+    pub(crate) pre: Vec<Motion>,
     /// Motions after it.
-    pub post: Vec<Motion>,
+    pub(crate) post: Vec<Motion>,
     /// Time of the actuation pose (s).
-    pub actuation_time: Option<f64>,
+    pub(crate) actuation_time: Option<f64>,
     /// Times of the pre-actuation keyframes (s), one each, increasing: the last is that of the first motion in `pre`.
-    pub pre_times: Option<Vec<f64>>,
+    pub(crate) pre_times: Option<Vec<f64>>,
     /// Times of the post-actuation keyframes (s), one each.
-    pub post_times: Option<Vec<f64>>,
+    pub(crate) post_times: Option<Vec<f64>>,
     /// Fingers.
-    pub gripper: Gripper,
+    pub(crate) gripper: Gripper,
     /// The config as JSON text, as it was given.
-    pub source: String,
+    pub(crate) source: String,
 }
 
 type Result<T> = std::result::Result<T, ConfigError>;
@@ -201,6 +221,55 @@ impl SolverConfig {
     pub fn from_json(text: &str) -> Result<Self> {
         let value: Value = serde_json::from_str(text).map_err(|e| ConfigError::new("config", format!("{e}")))?;
         Self::from_value(&value)
+    }
+
+    /// A config from code.
+    ///
+    /// ```
+    /// use gensim2_kpam::SolverConfig;
+    /// use gensim2_kpam::config::{Constraint, Motion};
+    ///
+    /// let config = SolverConfig::builder()
+    ///     .constraint(Constraint::point("tip", "handle", 0.001))
+    ///     .pre(Motion::Translate { axis: 2, distance: -0.1 })
+    ///     .build()?;
+    /// assert_eq!(config.pre().len(), 1);
+    /// let wrong = SolverConfig::builder().constraint(Constraint::point("tip", "handle", -1.0)).build();
+    /// assert_eq!(wrong.unwrap_err().field, "constraint_list[0].tolerance");
+    /// # Ok::<(), gensim2_kpam::ConfigError>(())
+    /// ```
+    pub fn builder() -> SolverConfigBuilder {
+        SolverConfigBuilder::new()
+    }
+
+    /// Constraints and costs of the actuation pose.
+    #[must_use]
+    pub fn constraints(&self) -> &[Constraint] {
+        &self.constraints
+    }
+
+    /// Motions before the actuation pose; the first one is next to it.
+    #[must_use]
+    pub fn pre(&self) -> &[Motion] {
+        &self.pre
+    }
+
+    /// Motions after the actuation pose.
+    #[must_use]
+    pub fn post(&self) -> &[Motion] {
+        &self.post
+    }
+
+    /// What the fingers do.
+    #[must_use]
+    pub fn gripper(&self) -> Gripper {
+        self.gripper
+    }
+
+    /// The config as JSON text, as it was given; empty where it was built.
+    #[must_use]
+    pub fn source(&self) -> &str {
+        &self.source
     }
 
     /// Whether the config sets any time.

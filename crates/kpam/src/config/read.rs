@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use serde_json::{Map, Value};
 
+use super::build::{LARGEST, MOST_ENTRIES};
 use super::{Constraint, Frame, Gripper, Motion, Result, SolverConfig, TargetAxis};
 use crate::ConfigError;
 
@@ -28,9 +29,6 @@ const NAMED: &[(&str, [f64; 3])] = &[
     ("move-forward", [0.1, 0.0, 0.0]),
     ("move-backward", [-0.1, 0.0, 0.0]),
 ];
-
-/// Entries that a list may have; longer ones are taken for damage.
-const MOST_ENTRIES: usize = 200;
 
 impl SolverConfig {
     /// Reads a JSON value.
@@ -60,18 +58,11 @@ impl SolverConfig {
             .enumerate()
             .map(|(i, e)| constraint(e, &format!("constraint_list[{i}]")))
             .collect::<Result<Vec<_>>>()?;
-        if !constraints.iter().any(|c| matches!(c, Constraint::Point { .. } | Constraint::Axis { .. })) {
-            return Err(ConfigError::new("constraint_list", "holds no constraint; add a point2point_constraint"));
-        }
         let pre = motions(top, "pre_actuation_motions")?;
         let post = motions(top, "post_actuation_motions")?;
-        if let Some(i) = pre.iter().position(Motion::follows_joint) {
-            let message = "cannot follow the joint before the actuation pose; move it to post_actuation_motions";
-            return Err(ConfigError::new(format!("pre_actuation_motions[{i}]"), message));
-        }
         let actuation_time = present(top, "actuation_time").map(|v| number(v, "actuation_time")).transpose()?;
-        let pre_times = times(top, "pre_actuation_times", pre.len())?;
-        let post_times = times(top, "post_actuation_times", post.len())?;
+        let pre_times = times(top, "pre_actuation_times")?;
+        let post_times = times(top, "post_actuation_times")?;
         let gripper = match present(top, "gripper") {
             None => Gripper::Open,
             Some(v) => match text(v, "gripper")? {
@@ -85,9 +76,7 @@ impl SolverConfig {
         };
         let source = value.to_string();
         let config = Self { constraints, pre, post, actuation_time, pre_times, post_times, gripper, source };
-        if config.has_times() {
-            config.clock(0.0)?;
-        }
+        config.check()?;
         Ok(config)
     }
 }
@@ -96,16 +85,8 @@ fn constraint(value: &Value, at: &str) -> Result<Constraint> {
     let map = object(value, at)?;
     let kind = text(required(map, "type", at)?, &format!("{at}.type"))?;
     let name = |field: &str| text(required(map, field, at)?, &format!("{at}.{field}")).map(str::to_owned);
-    let tolerance = || {
-        let field = format!("{at}.tolerance");
-        let t = number(required(map, "tolerance", at)?, &field)?;
-        if t <= 0.0 { Err(ConfigError::new(field, format!("must be positive, not {t}"))) } else { Ok(t) }
-    };
-    let weight = || {
-        let field = format!("{at}.penalty_weight");
-        let w = present(map, "penalty_weight").map_or(Ok(1.0), |v| number(v, &field))?;
-        if w < 0.0 { Err(ConfigError::new(field, format!("must not be negative, not {w}"))) } else { Ok(w) }
-    };
+    let tolerance = || number(required(map, "tolerance", at)?, &format!("{at}.tolerance"));
+    let weight = || present(map, "penalty_weight").map_or(Ok(1.0), |v| number(v, &format!("{at}.penalty_weight")));
     match kind {
         "point2point_constraint" => {
             let known = [
@@ -153,22 +134,11 @@ fn constraint(value: &Value, at: &str) -> Result<Constraint> {
             } else {
                 let from = name("target_axis_from_keypoint_name")?;
                 let to = name("target_axis_to_keypoint_name")?;
-                if from == to {
-                    let field = format!("{at}.target_axis_to_keypoint_name");
-                    return Err(ConfigError::new(field, "is where the axis begins; name another keypoint"));
-                }
                 TargetAxis::Keypoints { from, to }
             };
             let field = format!("{at}.target_inner_product");
             let inner = number(required(map, "target_inner_product", at)?, &field)?;
-            if !(-1.0..=1.0).contains(&inner) {
-                return Err(ConfigError::new(field, format!("must lie between -1 and 1, not {inner}")));
-            }
             let (from, to) = (name("axis_from_keypoint_name")?, name("axis_to_keypoint_name")?);
-            if from == to {
-                let field = format!("{at}.axis_to_keypoint_name");
-                return Err(ConfigError::new(field, "is where the axis begins; name another keypoint"));
-            }
             Ok(Constraint::Axis { kind: kind.to_owned(), from, to, target, inner, tolerance: tolerance()? })
         }
         "point2point_cost" => {
@@ -271,13 +241,9 @@ fn motion(value: &Value, at: &str) -> Result<Motion> {
     }
 }
 
-fn times(map: &Map<String, Value>, name: &str, motions: usize) -> Result<Option<Vec<f64>>> {
+fn times(map: &Map<String, Value>, name: &str) -> Result<Option<Vec<f64>>> {
     let Some(value) = present(map, name) else { return Ok(None) };
     let entries = list(value, name)?;
-    if entries.len() != motions {
-        let message = format!("has {} times for {motions} motions; give one each", entries.len());
-        return Err(ConfigError::new(name, message));
-    }
     entries.iter().enumerate().map(|(i, v)| number(v, &format!("{name}[{i}]"))).collect::<Result<Vec<_>>>().map(Some)
 }
 
@@ -320,9 +286,6 @@ fn text<'a>(value: &'a Value, at: &str) -> Result<&'a str> {
         None => Err(ConfigError::new(at, format!("must be text, not {}", kind_of(value)))),
     }
 }
-
-/// Numbers beyond this are taken for damage: metres, radians and seconds of a table-top scene are far smaller.
-const LARGEST: f64 = 1e6;
 
 fn number(value: &Value, at: &str) -> Result<f64> {
     match value {

@@ -102,7 +102,10 @@ impl ParallelGripper {
         let mut joints = Vec::new();
         let mut range = f64::INFINITY;
         let mut poses = Vec::new();
-        robot.link_poses(&q, &mut poses);
+        let place = |q: &[f64], poses: &mut Vec<Pose>| {
+            robot.link_poses(q, poses).map_err(|e| ProblemError::new("robot", e.to_string()))
+        };
+        place(&q, &mut poses)?;
         for (index, link) in robot.links().iter().enumerate() {
             let Some(joint) = link.joint.filter(|_| below(robot, index, robot.hand())) else { continue };
             let slide = &robot.joints()[joint];
@@ -128,7 +131,7 @@ impl ParallelGripper {
                            give the gripper by its numbers";
             return Err(ProblemError::new("robot", message));
         };
-        robot.link_poses(&q, &mut poses);
+        place(&q, &mut poses)?;
         let grip_from_hand = grip.inverse();
         let placed = |finger: usize| -> Vec<Convex> {
             let hand_from_link = |l: usize| poses[robot.hand()].inverse() * poses[l];

@@ -25,6 +25,7 @@ use crate::{Body, ProblemError};
 /// What a search for grasps may set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct GraspOptions {
     /// Most grasps that are returned.
     pub count: usize,
@@ -59,6 +60,7 @@ impl Default for GraspOptions {
 
 /// A way to hold an object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Grasp {
     /// The hand in the object frame.
     pub object_hand: Pose,

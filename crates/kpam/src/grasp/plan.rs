@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
-use crate::config::{Constraint, Frame, Motion, TargetAxis};
+use crate::config::{Constraint, Frame, Motion, SolverConfigBuilder, TargetAxis};
 use crate::{Body, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, SolverConfig, Status, plan};
 
 /// Tolerances of the hand's pose (m, rad).
@@ -51,6 +51,7 @@ pub struct GraspTask {
 
 /// A grasp with its motions, all of them solved.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct GraspPlan {
     /// Number of the grasp in the list.
     pub index: usize,
@@ -136,36 +137,18 @@ impl GraspTask {
         }
         let origin = hand_frame.translation.vector;
         let mut tool_keypoints = BTreeMap::from([(String::from("origin"), origin)]);
-        let mut constraints = vec![Constraint::Point {
-            keypoint: "origin".to_owned(),
-            target: "origin".to_owned(),
-            offset: Vector3::zeros(),
-            frame: Frame::World,
-            tolerance: PLACE,
-        }];
+        let mut config =
+            SolverConfig::builder().constraint(Constraint::point("origin", "origin", PLACE)).gripper(Gripper::Grasp);
         for (i, axis) in directions.into_iter().enumerate() {
             let name = format!("along_{i}");
             let on_hand = hand_frame.rotation * (target.rotation.inverse() * axis);
             tool_keypoints.insert(name.clone(), origin + on_hand * ARM);
-            constraints.push(Constraint::Axis {
-                kind: "frame_axis_parallel".to_owned(),
-                from: "origin".to_owned(),
-                to: name,
-                target: TargetAxis::Fixed { axis, frame: Frame::World },
-                inner: 1.0,
-                tolerance: DIRECTION,
-            });
+            let target = TargetAxis::Fixed { axis, frame: Frame::World };
+            config = config.constraint(Constraint::axis("origin", name, target, 1.0, DIRECTION));
         }
-        let config = SolverConfig {
-            constraints,
-            pre,
-            post,
-            actuation_time: None,
-            pre_times: None,
-            post_times: None,
-            gripper: Gripper::Grasp,
-            source: String::new(),
-        };
+        let config = pre.into_iter().fold(config, SolverConfigBuilder::pre);
+        let config = post.into_iter().fold(config, SolverConfigBuilder::post);
+        let config = config.build().map_err(|e| ProblemError::new(e.field, e.message))?;
         let problem = KeypointProblem {
             robot: Arc::clone(&self.robot),
             config,

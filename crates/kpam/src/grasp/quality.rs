@@ -8,6 +8,7 @@ use super::hold::Hold;
 
 /// What a grasp's rank is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Quality {
     /// Angle (rad) by which the line between the touched places stays inside both friction cones.
     pub friction_margin: f64,

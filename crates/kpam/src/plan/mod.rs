@@ -23,6 +23,7 @@ use resume::former_pose;
 /// How planning ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Status {
     /// The whole motion is reachable and free.
     Solved,
@@ -64,6 +65,7 @@ impl Status {
 
 /// How one constraint is met.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Residual {
     /// Type and what it binds.
     pub name: String,
@@ -77,6 +79,7 @@ pub struct Residual {
 
 /// A keyframe of the motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct KeyframeReport {
     /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...; numbers are places in the config's lists.
     pub label: String,
@@ -90,6 +93,7 @@ pub struct KeyframeReport {
 
 /// Two bodies too near each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Collision {
     /// Link and body, or two links.
     pub bodies: [String; 2],
@@ -105,6 +109,7 @@ pub struct Collision {
 
 /// What became of an actuation pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct TriedPose {
     /// The pose, one entry a joint.
     pub q: Vec<f64>,
@@ -118,6 +123,7 @@ pub struct TriedPose {
 
 /// What was solved, each residual, and what failed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Plan {
     /// Version of this value's layout.
     pub schema_version: u32,
@@ -157,6 +163,7 @@ pub struct Plan {
 
 /// CPU time of the planning thread in the two stages (s); beside the plan, because a plan is the same on every run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[non_exhaustive]
 pub struct StageTimes {
     /// Actuation pose.
     pub actuation: f64,
@@ -260,6 +267,7 @@ pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, Pro
 
 /// A pose that meets the constraints.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct IkSolution {
     /// Joint values, one entry a joint.
     pub q: Vec<f64>,

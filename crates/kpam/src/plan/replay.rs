@@ -25,10 +25,7 @@ impl<'p> Replay<'p> {
     /// `None` where the plan has no motion, or one of another robot.
     fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
         let (trajectory, q) = (plan.trajectory.as_ref()?, plan.q_plan.as_ref()?);
-        if q.len() != problem.robot.joints().len() {
-            return None;
-        }
-        let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand()));
+        let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand())?);
         let act = motions.actuation;
         let mut before = vec![0.0; motions.paths.len() + 1];
         for i in act..motions.paths.len() {
@@ -53,7 +50,7 @@ impl<'p> Replay<'p> {
         }
         let Some(i) = self.toward(t).checked_sub(1).filter(|i| *i >= act) else { return 0.0 };
         let robot = &self.problem.robot;
-        let hand = robot.link_pose(&self.trajectory.sample(t).position, robot.hand());
+        let Some(hand) = robot.link_pose(&self.trajectory.sample(t).position, robot.hand()) else { return 0.0 };
         let (path, before) = (&self.motions.paths[i], self.before[i]);
         let done = Rest::new(path, &hand).begin;
         travel_over(self.problem, i - act, path, before, 0.0..done)

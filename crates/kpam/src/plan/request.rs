@@ -5,6 +5,7 @@ use crate::Cancel;
 
 /// What a caller may ask of planning beside the problem; the default asks for nothing.
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct Request<'a> {
     /// An earlier plan of this or a similar problem: its pose and its way are tried first.
     pub former: Option<&'a Plan>,

@@ -202,6 +202,9 @@ impl ActiveSet {
 
 impl QpSolver for ActiveSet {
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
+        if !qp.fits() {
+            return QpOutcome::Failed;
+        }
         let n = qp.n;
         let Some(mut x) = self.start(qp) else { return QpOutcome::Failed };
         let is_equality = |b: &Bound| b.high - b.low <= EQUALITY;

@@ -14,6 +14,10 @@ pub struct InteriorPoint;
 
 impl QpSolver for InteriorPoint {
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome {
+        // Clarabel takes neither a program without variables nor numbers that are not finite.
+        if !qp.fits() || qp.n == 0 || !qp.is_finite() {
+            return QpOutcome::Failed;
+        }
         let n = qp.n;
         // Rows of A x + s = b: equalities first, then upper ends, then lower ends with their sign turned.
         let mut rows: Vec<(usize, f64, f64)> = Vec::new();

@@ -8,7 +8,7 @@ pub use active_set::ActiveSet;
 pub(crate) use equalities::smallest_step;
 pub use interior_point::InteriorPoint;
 
-use crate::model::Row;
+use crate::model::{MOST_JOINTS, Row};
 
 /// `low <= row . d <= high`; equal ends make an equality, infinite ends are left out.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +36,7 @@ pub struct Qp<'a> {
 
 /// How a QP ended.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum QpOutcome {
     /// Solved.
     Solved {
@@ -46,7 +47,8 @@ pub enum QpOutcome {
     },
     /// No point satisfies the bounds.
     Infeasible,
-    /// The Hessian is not positive definite, or the iteration limit was met.
+    /// The Hessian is not positive definite, or the iteration limit was met; or there are more than [`MOST_JOINTS`]
+    /// variables, or more than rows of the Hessian, or numbers that are not finite.
     Failed,
 }
 
@@ -54,6 +56,21 @@ pub enum QpOutcome {
 pub trait QpSolver {
     /// Solves one QP.
     fn solve(&mut self, qp: &Qp<'_>) -> QpOutcome;
+}
+
+impl Qp<'_> {
+    /// Whether rows and Hessian hold all variables.
+    fn fits(&self) -> bool {
+        self.n <= MOST_JOINTS && self.n <= self.hessian.len()
+    }
+
+    /// Whether all numbers are finite; ends may be infinite.
+    fn is_finite(&self) -> bool {
+        let finite = |row: &Row| row[..self.n].iter().all(|v| v.is_finite());
+        finite(self.gradient)
+            && self.hessian[..self.n].iter().all(finite)
+            && self.bounds.iter().all(|b| finite(&b.row) && !b.low.is_nan() && !b.high.is_nan())
+    }
 }
 
 fn dot(n: usize, a: &Row, b: &Row) -> f64 {
@@ -67,7 +84,6 @@ fn dot(n: usize, a: &Row, b: &Row) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::MOST_JOINTS;
     use proptest::prelude::*;
 
     fn row(values: &[f64]) -> Row {

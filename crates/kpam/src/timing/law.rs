@@ -10,6 +10,7 @@ use crate::model::{MOST_JOINTS, Row};
 
 /// How the speed along a path is found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Method {
     /// Reachability analysis.
     #[default]

@@ -7,6 +7,7 @@ use crate::model::{MOST_JOINTS, Row};
 
 /// A joint that leaves its limits however it moves on.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct CannotStop {
     /// Number of the joint among those that move.
     pub joint: usize,

@@ -20,6 +20,7 @@ pub struct Trajectory {
 
 /// Position, velocity and acceleration at one time, each one entry a joint.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Sample {
     /// rad or m.
     pub position: Vec<f64>,

@@ -6,10 +6,12 @@ use nalgebra::{Point3, center};
 use super::movers::is_below;
 use super::rules::{Cast, Group};
 use super::{EXACT, Scene};
+use crate::ProblemError;
 use crate::problem::Role;
 
 /// Two bodies near each other, or overlapping.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Nearness {
     /// Link or attached body.
     pub first: String,
@@ -33,7 +35,6 @@ pub struct Checker<'s> {
     pairs: Vec<usize>,
     grasps: Vec<Pose>,
     scratch: Scratch,
-    q: Vec<f64>,
 }
 
 impl<'s> Checker<'s> {
@@ -73,24 +74,33 @@ impl<'s> Checker<'s> {
             obstacles: scene.bodies().obstacles(),
             grasps,
             scratch: Scratch::remembering(),
-            q: Vec::new(),
         }
     }
 
     /// Visits what comes within `reach` (m) at `q`; `visit` says whether to go on.
-    fn look(&mut self, q: &[f64], reach: f64, mut visit: impl FnMut(&Cast<'s>, &Proximity) -> bool) -> bool {
+    fn look(
+        &mut self,
+        q: &[f64],
+        reach: f64,
+        mut visit: impl FnMut(&Cast<'s>, &Proximity) -> bool,
+    ) -> Result<bool, ProblemError> {
         let robot = self.cast.robot;
-        self.q.clear();
-        self.q.extend_from_slice(q);
-        self.q.resize(robot.joints().len(), 0.0);
+        let joints = robot.joints().len();
+        if q.len() != joints {
+            return Err(ProblemError::new("q", format!("has {} entries; the robot has {joints} joints", q.len())));
+        }
+        if let Some(i) = q.iter().position(|v| !v.is_finite()) {
+            return Err(ProblemError::new(format!("q[{i}]"), format!("{} is not finite", q[i])));
+        }
         self.shapes.place(&self.all, &mut self.scratch, |poses| {
-            robot.link_poses(&self.q, poses);
+            let posed = robot.link_poses(q, poses);
+            debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");
             for group in poses.len()..self.cast.groups.len() {
                 poses.push(poses[robot.hand()] * self.grasps[group]);
             }
         });
         let cast = &self.cast;
-        self.shapes.near_bodies(
+        Ok(self.shapes.near_bodies(
             &self.moving,
             self.obstacles,
             &mut self.scratch,
@@ -104,18 +114,22 @@ impl<'s> Checker<'s> {
             EXACT,
             |_| reach,
             |_, p| visit(cast, &p),
-        )
+        ))
     }
 
-    /// Whether anything overlaps at the full joint vector `q`; joints that it does not hold are at 0.
-    #[must_use]
-    pub fn hits(&mut self, q: &[f64]) -> bool {
-        !self.look(q, 0.0, |_, _| false)
+    /// Whether anything overlaps at the full joint vector `q`.
+    ///
+    /// # Errors
+    /// `q` has another number of entries than the robot has joints, or one that is not finite.
+    pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
+        Ok(!self.look(q, 0.0, |_, _| false)?)
     }
 
     /// Everything that comes within `reach` (m) at `q`, nearest first; a pair once.
-    #[must_use]
-    pub fn near(&mut self, q: &[f64], reach: f64) -> Vec<Nearness> {
+    ///
+    /// # Errors
+    /// As [`Checker::hits`].
+    pub fn near(&mut self, q: &[f64], reach: f64) -> Result<Vec<Nearness>, ProblemError> {
         let mut out = Vec::new();
         self.look(q, reach, |cast, p| {
             let second = match p.target {
@@ -129,19 +143,21 @@ impl<'s> Checker<'s> {
                 point: center(&p.contact.on_first, &p.contact.on_second),
             });
             true
-        });
+        })?;
         out.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        out
+        Ok(out)
     }
 
     /// Smallest signed distance (m) at `q`, `most` where nothing is nearer than that.
-    #[must_use]
-    pub fn distance(&mut self, q: &[f64], most: f64) -> f64 {
+    ///
+    /// # Errors
+    /// As [`Checker::hits`].
+    pub fn distance(&mut self, q: &[f64], most: f64) -> Result<f64, ProblemError> {
         let mut least = most;
         self.look(q, most, |_, p| {
             least = least.min(p.contact.distance);
             true
-        });
-        least
+        })?;
+        Ok(least)
     }
 }

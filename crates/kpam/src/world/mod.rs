@@ -215,7 +215,8 @@ impl<'p> World<'p> {
         let table = &self.legs[self.course.number(leg)];
         let moved = self.problem.joint.map_or_else(Pose::identity, |j| joint_motion(&j, state.travel));
         self.shapes.place(&table.present, &mut self.scratch, |poses| {
-            robot.link_poses(&self.q, poses);
+            let posed = robot.link_poses(&self.q, poses);
+            debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");
             for group in poses.len()..self.cast.groups.len() {
                 let pose = match (table.carriers[group], self.cast.groups[group]) {
                     (Carrier::Hand, _) => poses[robot.hand()] * self.grasps[group],

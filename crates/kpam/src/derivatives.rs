@@ -4,9 +4,10 @@
 use std::sync::Arc;
 
 use gensim2_geometry::Robot;
-use gensim2_kpam::model::{Model, Placed};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+
+use crate::model::{Model, Placed};
 
 /// An arm with revolute, prismatic and mimic joints about skew axes.
 const ARM: &str = r#"<robot name="arm">
@@ -54,20 +55,17 @@ fn a_mimic_joint_is_no_variable() {
 }
 
 #[test]
-fn every_link_knows_the_joints_that_move_it() {
+fn every_driven_joint_knows_its_variable() {
     let robot = tangled_arm();
     let model = Model::new(&robot, &[0.0; 6]).unwrap();
     // j5 drives j1 and j4; j2 stands alone; the flap's joint drives j3.
     assert_eq!(model.map().indices(), [4, 1, 5]);
-    let moved = |name: &str| -> Vec<(usize, usize)> {
-        let link = robot.link_index(name).unwrap();
-        model.movers(link).map(|d| (d.joint, d.variable)).collect()
-    };
-    assert_eq!(moved("base"), []);
-    assert_eq!(moved("a"), [(0, 0)]);
-    assert_eq!(moved("hand"), [(0, 0), (1, 1), (2, 2), (3, 0), (4, 0)]);
-    assert_eq!(moved("flap"), [(5, 2)]);
-    let factors: Vec<f64> = model.movers(robot.hand()).map(|d| d.factor).collect();
+    let driven: Vec<(&str, usize, usize)> =
+        model.map().driven().iter().map(|d| (robot.links()[d.link].name.as_str(), d.joint, d.variable)).collect();
+    // In the order of the links that they carry, the flap's own joint last.
+    let carried = [("a", 0, 0), ("b", 1, 1), ("c", 2, 2), ("d", 3, 0), ("hand", 4, 0), ("flap", 5, 2)];
+    assert_eq!(driven, carried);
+    let factors: Vec<f64> = model.map().driven().iter().map(|d| d.factor).collect();
     assert!((factors[0] - 1.5 * -0.7).abs() < 1e-12 && factors[2] == 2.0, "{factors:?}");
     // j1 = -1.05 j5 + 0.25 in [-2, 2] at 1 rad/s binds j5.
     assert!((model.lower[0] - -1.75 / 1.05).abs() < 1e-12, "{}", model.lower[0]);
@@ -93,7 +91,7 @@ proptest! {
         let (on_hand, direction) = (Vector3::from(on_hand), Vector3::from(direction));
         let mut x = model.start();
         x[..model.n()].copy_from_slice(&values[..model.n()]);
-        let at = |x: &gensim2_kpam::model::Row| {
+        let at = |x: &crate::model::Row| {
             let mut placed = Placed::default();
             placed.place(&robot, &model, x);
             placed

@@ -1,0 +1,91 @@
+"""Options of problems and of searches for grasps, as types: mappings whose keys and values a type checker knows."""
+
+from collections.abc import Sequence
+from typing import Literal, TypedDict
+
+import numpy.typing as npt
+
+ContactWindow = TypedDict("ContactWindow", {"links": Sequence[str], "bodies": Sequence[str], "from": str, "to": str})
+"""Links (and bodies that ride on the hand) that may overlap bodies of the scene between two keyframes: in time "start",
+..., "pre_1", "pre_0", "actuation", "post_0", ..., "end"."""
+
+
+class Options(TypedDict, total=False):
+    """Options of a problem; n is the number of the robot's joints. What is left out takes its default."""
+
+    timing: Literal["limits", "config"] | None
+    """"limits": as fast as they allow. "config": on the config's clock; the default where the config sets a time."""
+    start_time: float
+    """Time of the first waypoint on that clock, s (0)."""
+    velocity_scale: float
+    """Fraction of the velocity limits, 0.001 to 1 (0.5)."""
+    acceleration_scale: float
+    """Fraction of the acceleration and jerk limits, 0.001 to 1 (0.5)."""
+    velocity_limits: npt.ArrayLike | None
+    """(n,) from 0.001 rad/s or m/s; default the URDF's."""
+    acceleration_limits: npt.ArrayLike | None
+    """(n,) from 0.001 per second squared; default those of ``limits``."""
+    jerk_limits: npt.ArrayLike | None
+    """(n,) from 0.001 per second cubed; default those of ``limits``."""
+    limits: Literal["panda", "plain"] | None
+    """"panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default "panda" for an arm
+    whose planned joints are named panda_joint1 to 7 (or fer_joint1 to 7), else "plain"."""
+    start_velocity: npt.ArrayLike | None
+    """(n,) rad/s or m/s, within 100; default at rest."""
+    start_acceleration: npt.ArrayLike | None
+    """(n,) rad/s^2 or m/s^2, within 1e4; default none."""
+    contact_speed: float | None
+    """Greatest speed (m/s) of the point that touches, from the actuation on, 0.001 to 1,000; default: no limit."""
+    frames: Literal["object", "original"]
+    """"object": list-type translations are in the hand frame. "original": turned by the object's yaw."""
+    rotate_path: Literal["arc", "chord"]
+    """How "rotate" moves the hand between its keyframes ("arc")."""
+    workspace: npt.ArrayLike | None
+    """[[x, y, z], [x, y, z]] (m) that holds the hand's origin at the actuation pose; None for no bounds."""
+    margin: float
+    """Clearance wished for on the free approach, 0 to 0.2 m (0.005)."""
+    avoid_collisions: bool
+    """False only reports them (True)."""
+    allow_partial: bool
+    """True takes the longest part of the motion after the actuation pose, with status "partial" (False)."""
+    finger_width: float | None
+    """Value of the finger joints (those below the hand) while planning, m or rad, within their limits; mimic joints
+    among them follow; default as in q_start."""
+    starts: int
+    """Start values of the actuation pose, 1 to 1,000 (48)."""
+    descents: int
+    """Poses on the constraints that are moved to their optimum, 1 to 1,000 (3)."""
+    candidates: int
+    """Most poses that are tried for the whole motion, 1 to 1,000 (40)."""
+    harvest: int
+    """Further start values where none of those allows the motion, at most 100,000 (200)."""
+    samples: int
+    """Most samples of the free-space planner a pose, at most 1,000,000 (2,000)."""
+    contacts: Sequence[ContactWindow] | None
+    """Windows in place of the default contact rules."""
+    pick: Sequence[str]
+    """Names of bodies that ride on the hand from the actuation on."""
+    release: Sequence[str]
+    """Names of attached bodies that stand where they are from the actuation on."""
+    joint_travel: npt.ArrayLike | None
+    """(motions after the actuation,) by how much each moves the joint (rad or m); default: motions that follow or trace
+    the joint say so, others take it along with the contact point."""
+
+
+class GraspOptions(TypedDict, total=False):
+    """Options of a search for grasps. What is left out takes its default."""
+
+    count: int
+    """Most grasps (100)."""
+    samples: int
+    """Points of the surface that are looked at (256)."""
+    trials: int
+    """Hand poses that are looked at closely (2,000)."""
+    friction: float
+    """Coefficient between pads and object (0.6)."""
+    approach: float
+    """Straight way of the open hand, m (0.1)."""
+    clearance: float
+    """Kept by the open hand, m (0.001)."""
+    up: npt.ArrayLike | None
+    """Direction (3,) against gravity in the base frame ([0, 0, 1]); None: no gravity."""

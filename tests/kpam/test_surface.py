@@ -1,0 +1,115 @@
+"""The solver's Python surface: stubs that say what is there, typed options that are the solver's, readable values."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+
+import gensim2_kpam as kpam
+
+STUB = Path(kpam.__file__).with_suffix(".pyi")
+
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="bob"/>
+  <joint name="hinge" type="revolute"><parent link="base"/><child link="bob"/><origin xyz="0.3 0 0.3"/>
+  <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="2"/></joint></robot>"""
+
+CONSTRAINTS = [
+    {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal", "tolerance": 0.001}
+]
+
+
+def stubbed() -> dict[str, ast.stmt]:
+    """Public names of the stub, with what defines them."""
+    out: dict[str, ast.stmt] = {}
+    for node in ast.parse(STUB.read_text()).body:
+        match node:
+            case ast.ClassDef() | ast.FunctionDef():
+                out[node.name] = node
+            case ast.AnnAssign(target=ast.Name(id=name)):
+                out[name] = node
+            case ast.ImportFrom(level=1):
+                out.update({alias.asname: node for alias in node.names if alias.asname})
+            case _:
+                pass
+    return out
+
+
+def test_the_stub_names_what_is_there() -> None:
+    assert sorted(stubbed()) == sorted(kpam.__all__)
+
+
+@pytest.mark.parametrize("name", [n for n, node in stubbed().items() if isinstance(node, ast.ClassDef)])
+def test_classes_have_what_the_stub_says(name: str) -> None:
+    node, real = stubbed()[name], getattr(kpam, name)
+    assert isinstance(node, ast.ClassDef)
+    members = {n.name for n in node.body if isinstance(n, ast.FunctionDef)} - {"__init__"}
+    if issubclass(real, BaseException):
+        return
+    assert members == {n for n in vars(real) if not n.startswith("_")} | {n for n in members if n.startswith("__")}
+
+
+@pytest.mark.parametrize("name", [n for n, node in stubbed().items() if isinstance(node, ast.FunctionDef)])
+def test_functions_take_what_the_stub_says(name: str) -> None:
+    node = stubbed()[name]
+    assert isinstance(node, ast.FunctionDef)
+    stub = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    assert list(inspect.signature(getattr(kpam, name)).parameters) == stub
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> kpam.Robot:
+    path = tmp_path_factory.mktemp("robot") / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    return kpam.Robot.from_urdf(path, hand_link="bob")
+
+
+def problem(robot: kpam.Robot, options: Any = None) -> kpam.KeypointProblem:
+    return kpam.KeypointProblem(
+        robot,
+        kpam.SolverConfig({"constraint_list": CONSTRAINTS}),
+        [0.0],
+        tool_keypoints={"tip": [0.2, 0.0, 0.0]},
+        object_keypoints={"goal": [0.3, 0.0, 0.1]},
+        T_base_object=np.eye(4),
+        bodies=[kpam.Body("post", "rigid", [kpam.Shape.sphere(0.02)], np.eye(4))],
+        options=options,
+    )
+
+
+def test_typed_options_are_those_of_the_solver(pendulum: kpam.Robot) -> None:
+    with pytest.raises(kpam.ProblemError) as refused:
+        problem(pendulum, {"no_such_option": 1})
+    known = {word.strip(" `.,") for word in str(refused.value).split("expected one of")[1].split(",")}
+    assert known == set(get_type_hints(kpam.Options))
+
+
+def test_values_are_readable(pendulum: kpam.Robot) -> None:
+    asked = problem(pendulum)
+    plan = kpam.plan(asked)
+    assert plan.status == "solved", plan.reason
+    for value, parts in (
+        (asked, ("pendulum", "point2point_constraint(tip, goal)", "no joint", "post (rigid)")),
+        (asked.scene, ("pendulum", "post (rigid)", "joints: none")),
+        (plan, ("solved", "actuation", " s by ")),
+        (kpam.SolverConfig({"constraint_list": CONSTRAINTS}), ("point2point_constraint(tip, goal)", "gripper open")),
+        (plan.trajectory, ("1 joints", " s)")),
+    ):
+        text = repr(value)
+        assert all(part in text for part in parts), text
+        assert len(text) < 400, text
+
+
+def test_a_trajectory_is_sampled_at_many_times_at_once(pendulum: kpam.Robot) -> None:
+    trajectory = kpam.plan(problem(pendulum)).trajectory
+    assert trajectory is not None
+    times = np.linspace(-0.1, trajectory.duration + 0.1, 50)
+    together = trajectory.sample(times)
+    alone = [trajectory.sample(t) for t in times]
+    for part in range(3):
+        assert together[part].shape == (50, 1)
+        assert np.array_equal(together[part], np.stack([a[part] for a in alone]))
