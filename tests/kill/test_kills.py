@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import os
 import signal
@@ -40,7 +41,8 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     out = tmp_path / "run"
-    command = kill_runs.COMMANDS[0].line(out, "fake", resume=False)
+    # Long enough that it is not done before it is stopped.
+    command = dataclasses.replace(kill_runs.COMMANDS[0], episodes=500).line(out, "fake", resume=False)
     process = kill_runs.start(command, tmp_path / "log")
     attempts = out / "tasks/PushDrawerClose/attempts.jsonl"
     deadline = time.monotonic() + 120
