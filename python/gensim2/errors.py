@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+#: Characters of the longest message.
+LONGEST_LINE = 1500
+
 #: Characters of the longest word that an error echoes whole: more tells nobody more. Paths are words too.
 LONGEST_WORD = 300
 
@@ -15,7 +18,10 @@ def one_line(text: str) -> str:
     """``text`` as one line that a terminal can show: no line breaks, no control characters, no endless words."""
     words = " ".join(text.split())
     shown = words if words.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
-    return _LONG_WORD.sub(_shortened, shown)
+    line = _LONG_WORD.sub(_shortened, shown)
+    if len(line) <= LONGEST_LINE:
+        return line
+    return f"{line[: LONGEST_LINE - 300]} ... {line[-200:]} ({len(line)} characters)"
 
 
 def brief(number: int) -> str:

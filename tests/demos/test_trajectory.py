@@ -41,6 +41,10 @@ def _provenance(task: TaskSpec | None = None) -> Provenance:
     )
 
 
+def _digests(store: TrajectoryStore) -> dict[int, str | None]:
+    return {index: store.digest(index) for index in store.indices()}
+
+
 def _collect(folder: Path, workers: int) -> TrajectoryStore:
     store = TrajectoryStore(folder)
     with WorkerPool(workers) as pool:
@@ -48,7 +52,7 @@ def _collect(folder: Path, workers: int) -> TrajectoryStore:
             recording = outcome.unwrap().recording
             assert recording is not None
             store.add(outcome.index, recording)
-    store.merge(_provenance(), range(len(SEEDS)))
+    store.merge(_provenance(), _digests(store))
     return store
 
 
@@ -78,7 +82,7 @@ def replayed(store: TrajectoryStore, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_the_episodes_are_of_different_objects_and_of_both_outcomes(store: TrajectoryStore) -> None:
-    entries = [store.entry(index) for index in store.indices()]
+    entries = [store.entry(index, store.digest(index)) for index in store.indices()]
     assert len({entry["instance"] for entry in entries}) > 1
     assert {entry["success"] for entry in entries} == {True, False}
 
@@ -114,7 +118,7 @@ def test_maniskills_dataset_reads_the_file(store: TrajectoryStore) -> None:
     from mani_skill.trajectory.dataset import ManiSkillTrajectoryDataset
 
     data = ManiSkillTrajectoryDataset(str(store.h5_path))
-    assert len(data) == sum(store.entry(index)["elapsed_steps"] for index in store.indices())
+    assert len(data) == sum(store.entry(index, store.digest(index))["elapsed_steps"] for index in store.indices())
     assert data[0]["obs"].ndim == 1
 
 
@@ -177,7 +181,7 @@ def test_finished_episodes_outlive_an_interruption_and_are_merged_in_order(tmp_p
     second = TrajectoryStore(tmp_path)  # the run was interrupted here
     assert second.indices() == (2, 5)
     second.add(3, _blank(seed=3))
-    second.merge(_provenance(load_task("OpenDrawer")), second.indices())
+    second.merge(_provenance(load_task("OpenDrawer")), _digests(second))
     document = json.loads((tmp_path / "trajectory.json").read_text())
     assert [entry["episode_seed"] for entry in document["episodes"]] == [2, 3, 5]
     assert document["episodes"][0]["note"] == "kept"
@@ -192,10 +196,11 @@ def test_a_broken_episode_file_is_named(tmp_path: Path) -> None:
     store = TrajectoryStore(tmp_path)
     store.add(0, _blank())
     (tmp_path / "episodes" / "000001.h5").write_bytes(b"not hdf5")
-    with pytest.raises(InputError, match=r"000001\.h5: is not a finished episode"):
-        store.merge(_provenance(), [0, 1])
+    for broken in (_digests(store), {**_digests(store), 1: "ab"}, {1: None}, {7: "ab"}):
+        with pytest.raises(InputError, match=r"00000[17]\.h5: is not a finished episode"):
+            store.merge(_provenance(), broken)
     with pytest.raises(InputError, match="no finished episode"):
-        TrajectoryStore(tmp_path / "empty").merge(_provenance(), [])
+        TrajectoryStore(tmp_path / "empty").merge(_provenance(), {})
 
 
 def test_nothing_is_written_where_it_may_not_be(tmp_path: Path) -> None:
@@ -218,7 +223,7 @@ def test_a_film_shows_the_recorded_episode(store: TrajectoryStore, tmp_path: Pat
 
     cut = {name: getattr(recording, name)[:8] for name in ("actions", "rewards", "terminated", "truncated", "success")}
     short.add(0, dataclasses.replace(recording, **cut))
-    trajectory = short.merge(_provenance(), [0])
+    trajectory = short.merge(_provenance(), _digests(short))
     result = film(trajectory, tmp_path / "video.mp4", still=tmp_path / "still.png")
     assert result.frames == 9
     frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]

@@ -115,7 +115,7 @@ def good_folder(folder: Path, problems: str) -> None:
         for index, attempt in enumerate(attempts):
             digest = store.add(index, _recording(attempt.seed))
             log.add(LoggedAttempt.of(attempt, index, digest))
-        store.merge(_provenance(), range(len(SEEDS)))
+        store.merge(_provenance(), {index: store.digest(index) for index in store.indices()})
         run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
 
 
@@ -219,8 +219,10 @@ def _verification(folder: Path) -> None:
 
 
 def _merge(folder: Path) -> None:
-    store = TrajectoryStore(folder / "run" / "tasks" / TASK)
-    store.merge(_provenance(), store.indices())
+    """As a run does at its end: what was recorded is in its log."""
+    task = folder / "run" / "tasks" / TASK
+    logged = AttemptLog(task / "attempts.jsonl", SEEDS).done
+    TrajectoryStore(task).merge(_provenance(), {index: entry.episode_digest for index, entry in logged.items()})
 
 
 def _task_reader(name: str) -> Callable[[Path], object]:

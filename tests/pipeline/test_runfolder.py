@@ -265,12 +265,13 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
     seeds = [json.loads(line)["seed"] for line in (run / ATTEMPTS).read_text().splitlines()]
     store = TrajectoryStore(task.path)
     episode = store.indices()[0]
+    digest = store.digest(episode)
     readers: dict[Path, Callable[[], object]] = {
         run / "run.json": lambda: read_record(run / "run.json", RunRecord, "choose another --out"),
         run / ATTEMPTS: lambda: AttemptLog(run / ATTEMPTS, seeds),
         task.verification_path: task.verification,
         task.path / "design.json": task.design,
-        task.path / f"episodes/{episode:06d}.h5": lambda: store.entry(episode),
+        task.path / f"episodes/{episode:06d}.h5": lambda: store.entry(episode, digest),
     }
     refused: dict[Path, list[InputError]] = {path: [] for path in readers}
     for path, read in readers.items():

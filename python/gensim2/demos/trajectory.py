@@ -117,32 +117,32 @@ class TrajectoryStore:
         except OSError:
             return None
 
-    def entry(self, index: int) -> dict[str, Any]:
-        """What the JSON file says of a finished episode.
+    def entry(self, index: int, digest: str | None) -> dict[str, Any]:
+        """What the JSON file says of a finished episode, whose file has this digest.
 
         Raises:
-            InputError: there is no such episode, or it cannot be read.
+            InputError: there is no such episode, or it is damaged.
         """
-        with self._episode(index) as (_, entry):
+        with self._episode(index, digest) as (_, entry):
             return entry
 
-    def merge(self, provenance: Provenance, indices: Sequence[int]) -> Path:
+    def merge(self, provenance: Provenance, episodes: Mapping[int, str | None]) -> Path:
         """Write ``trajectory.h5`` and ``trajectory.json`` from finished episodes and return the first.
 
         Args:
             provenance: goes into the JSON file.
-            indices: which episodes, in order.
+            episodes: index to the digest of its file, in order.
 
         Raises:
-            InputError: there is no episode, or one cannot be read.
+            InputError: there is no episode, or one is damaged.
         """
-        if not indices:
+        if not episodes:
             raise InputError("there is no finished episode to merge", file=self._folder)
         entries = []
         # The data first: a JSON file never promises what is not there.
         with replacing(self.h5_path) as path, h5py.File(path, "w") as merged:
-            for number, index in enumerate(indices):
-                with self._episode(index) as (recorded, entry):
+            for number, (index, digest) in enumerate(episodes.items()):
+                with self._episode(index, digest) as (recorded, entry):
                     recorded.file.copy(recorded, merged, name=f"traj_{number}")
                     entries.append({"episode_id": number, **entry})
         write_json(self._folder / JSON_NAME, _document(provenance, entries))
@@ -152,11 +152,17 @@ class TrajectoryStore:
         return self._episodes / f"{index:06d}.h5"
 
     @contextlib.contextmanager
-    def _episode(self, index: int) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
-        """The recording and the entry of an episode file."""
+    def _episode(self, index: int, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
+        """The recording and the entry of an episode file.
+
+        Only bytes that were recorded reach HDF5: damaged ones can end the process.
+        """
         path = self._path(index)
         try:
-            with h5py.File(path, "r") as file:
+            content = path.read_bytes()
+            if digest is None or hashlib.sha256(content).hexdigest() != digest:
+                raise ValueError(f"{path} has another digest")
+            with h5py.File(io.BytesIO(content), "r") as file:
                 yield file["traj"], _entry(file)
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error

@@ -99,7 +99,7 @@ def collect(
             seed=seed,
             details={"versions": versions(), "attempts": len(attempts)},
         ),
-        [entry.index for entry in kept],
+        {entry.index: entry.episode_digest for entry in kept},
     )
     if video and not (files.path / "video.mp4").exists():
         _film(files.path, task, evaluator, progress)
