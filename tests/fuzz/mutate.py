@@ -158,7 +158,9 @@ def damaged_value(value: Any, generator: np.random.Generator) -> Any:
         for _ in range(int(generator.integers(1, 60))):
             parent[key] = [parent[key]] if generator.random() < 0.5 else {"a": parent[key]}
     elif way == 4 and isinstance(parent[key], int | float) and not isinstance(parent[key], bool):
-        parent[key] = parent[key] * float(generator.choice([-1.0, 0.0, 1e-9, 1e3, 1e9, 1e300]))
+        factor = float(generator.choice([-1.0, 0.0, 1e-9, 1e3, 1e9, 1e300]))
+        # A whole number that an earlier damage made may be too large for a float.
+        parent[key] = parent[key] * factor if abs(parent[key]) < 2**1000 else -parent[key]
     elif way == 5 and isinstance(parent[key], str):
         parent[key] = parent[key][: int(generator.integers(len(parent[key]) + 1))]
     else:
