@@ -43,7 +43,12 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     out = tmp_path / "run"
     # Long enough that it is not done before it is stopped.
     command = dataclasses.replace(kill_runs.COMMANDS[0], episodes=500).line(out, "fake", resume=False)
-    process = kill_runs.start(command, tmp_path / "log")
+    # Under nohup SIGHUP is ignored, and what is started there inherits that.
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        process = kill_runs.start(command, tmp_path / "log")
+    finally:
+        signal.signal(number, before)
     attempts = out / "tasks/PushDrawerClose/attempts.jsonl"
     deadline = time.monotonic() + 120
     while not attempts.exists() and time.monotonic() < deadline:
