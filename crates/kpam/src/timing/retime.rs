@@ -235,7 +235,8 @@ mod tests {
                         let (v, a) = (speed[j] * velocity[j], gain[j] * acceleration[j]);
                         let next = v + 0.5 * a * a.abs() / jerk[j];
                         let peak = next.abs().max(v.abs());
-                        let far = peak * peak / (2.0 * acceleration[j]) + peak * acceleration[j] / jerk[j];
+                        let far =
+                            peak * peak / (2.0 * acceleration[j]) + peak * (acceleration[j] + a.abs()) / jerk[j];
                         peak > velocity[j] || waypoints[0][j].abs() + far > 2.5
                     });
                     prop_assert!(stuck, "{e}");
