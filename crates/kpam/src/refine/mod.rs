@@ -12,6 +12,7 @@ use gensim2_geometry::{Pose, rotation_log};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::fingers::resting_joints;
+use crate::hand_path::LIMIT_MARGIN;
 use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::motion::motions;
 use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_over};
@@ -32,8 +33,6 @@ const FINEST: f64 = 0.01;
 const ROUNDS: usize = 5;
 /// A round that saves less than this share is the last.
 const SMALL: f64 = 5e-3;
-/// Kept from joint limits (rad or m).
-const LIMIT_MARGIN: f64 = 1e-3;
 /// Waypoints where none are asked for.
 const WAYPOINTS: f64 = 40.0;
 
