@@ -1,37 +1,43 @@
-"""The value that the simulator hands to the planner: geometry only, no simulator types."""
+"""The value that the simulator, or a robot's perception, hands to the planner: geometry only, no simulator types."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-Role = Literal["table", "object_body", "moving_link", "rigid"]
 
 
 @dataclass(frozen=True)
 class SceneBody:
-    """A rigid obstacle.
+    """A rigid piece of the scene: the table, a link of an object, or a rigid object.
 
     Attributes:
-        name: unique in the scene.
-        role: what the default contact rules go by.
-        hulls: convex vertex sets, each (N, 3) metres in the body frame.
+        name: unique in the scene: ``"table"``, ``"<object>/<link>"``, or the name of a rigid object.
+        hulls: convex vertex sets, each (N, 3) metres in the body frame. The same tuple in every scene of an episode,
+            so that what is made of it can be kept.
         T_base_body: (4, 4) pose in the robot base frame.
     """
 
     name: str
-    role: Role
     hulls: tuple[Array, ...]
     T_base_body: Array
 
 
 @dataclass(frozen=True)
 class JointState:
-    """The object's moving joint as it stands in the scene; ``origin`` and ``axis`` are (3,) in the robot base frame."""
+    """An object's joint as it stands in the scene.
+
+    Attributes:
+        type: ``"revolute"`` or ``"prismatic"``.
+        origin, axis: (3,) in the robot base frame.
+        value, lower, upper: rad or m.
+        moves: names of the bodies that it moves.
+    """
 
     type: Literal["revolute", "prismatic"]
     origin: Array
@@ -39,6 +45,7 @@ class JointState:
     value: float
     lower: float
     upper: float
+    moves: tuple[str, ...]
 
     @property
     def openness(self) -> float:
@@ -47,23 +54,55 @@ class JointState:
 
 
 @dataclass(frozen=True)
+class SceneObject:
+    """One object of the scene.
+
+    Attributes:
+        name: its role in the task.
+        bodies: of which it is made.
+        T_base_object: (4, 4) object frame in the robot base frame.
+        keypoints: name to (3,) metres in the robot base frame, in the object's own order.
+        joint: of an articulated object; None of a rigid one.
+        object_axis: axis of the object frame that "rotate" motions turn about.
+        yaw: rad that the randomization turned it by.
+        center_of_mass: (3,) of a rigid object in its frame, m.
+    """
+
+    name: str
+    bodies: tuple[SceneBody, ...]
+    T_base_object: Array
+    keypoints: Mapping[str, Array]
+    joint: JointState | None = None
+    object_axis: Literal["x", "y", "z"] = "y"
+    yaw: float = 0.0
+    center_of_mass: Array | None = None
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether it has no joint: what a hand may pick up."""
+        return self.joint is None
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything that planning needs to know, at one instant.
 
     Attributes:
-        q: (9,) robot joints, 7 arm and 2 fingers, rad and m.
+        q, qvel: (n,) robot joints and their velocities, rad and m, in the robot's active joint order.
         T_world_base: (4, 4) robot base in the world.
-        T_base_object: (4, 4) object frame in the robot base frame.
-        object_keypoints: name to (3,) metres in the robot base frame.
-        joint: the object's joint.
-        object_yaw: yaw in rad that the randomization drew.
-        bodies: table, object links, rigid objects.
+        objects: by name, in the task's order.
+        fixtures: what stands there and is no object: the table.
+        held: name of the rigid object in the hand, or None.
     """
 
     q: Array
+    qvel: Array
     T_world_base: Array
-    T_base_object: Array
-    object_keypoints: dict[str, Array]
-    joint: JointState
-    object_yaw: float
-    bodies: tuple[SceneBody, ...]
+    objects: Mapping[str, SceneObject]
+    fixtures: tuple[SceneBody, ...] = field(default=())
+    held: str | None = None
+
+    @property
+    def bodies(self) -> tuple[SceneBody, ...]:
+        """Fixtures, then the bodies of every object."""
+        return (*self.fixtures, *(body for thing in self.objects.values() for body in thing.bodies))

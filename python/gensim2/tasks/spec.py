@@ -1,64 +1,194 @@
-"""What a task is: one frozen, validated value that serializes to YAML and JSON."""
+"""What a task is: one frozen, validated value that serializes to YAML and JSON.
+
+A task names its objects (roles) and its steps. A step is one actuation pose with its motions and with what the gripper
+does there; a task of a single step is the smallest case. How a step is done is not part of the spec: it names
+strategies, which are files beside it (``strategies/<name>.yaml``).
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-SCHEMA_VERSION = 1
+from gensim2.tasks.criteria import Criterion
+
+SCHEMA_VERSION: Literal[2] = 2
+
+HAND = "hand"
+"""Name of the robot's own tool; no object is called so."""
+TABLE = "table"
+"""Name of what objects stand on where nobody says otherwise; no object is called so."""
+VERSION_1_ROLE = "object"
+"""Name of the only object of a task in a file of schema version 1."""
+
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
+"""Of an object, a step or a strategy."""
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Criterion(BaseModel):
-    """One condition of success.
+def _pair(value: Any) -> Any:
+    """A number stands for the range from minus it to it."""
+    return (-value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
-    ``articulated_open``: openness above ``threshold``. ``articulated_closed``: openness below it.
+
+def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError("the first number of a range must not be the greater")
+    return pair
+
+
+Offset = Annotated[
+    tuple[Annotated[float, Field(ge=-1, le=1)], Annotated[float, Field(ge=-1, le=1)]],
+    BeforeValidator(_pair),
+    AfterValidator(_ordered),
+]
+"""Range of an offset, m; in files also one number, from minus it to it."""
+
+
+class _Value(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, serialize_by_alias=True)
+
+
+class Place(_Value):
+    """Where an object stands before its randomization.
+
+    Attributes:
+        on: ``"table"``, or the name of another object, in or on which it rests.
+        at: x and y in the world, m; None takes the object's own default placement (on the table), or the middle of
+            what it stands on.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    type: Literal["articulated_open", "articulated_closed"]
-    threshold: Annotated[float, Field(gt=0, lt=1)]
+    on: Name = TABLE
+    at: Annotated[tuple[float, float], Field()] | None = None
 
 
-class Randomization(BaseModel):
+class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
     The yaw is drawn from [0, yaw] where the drawn y offset is positive and from [-yaw, 0] where it is not.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    x: Annotated[float, Field(ge=0, le=1)] = 0.1
-    y: Annotated[float, Field(ge=0, le=1)] = 0.1
+    x: Offset = (-0.1, 0.1)
+    y: Offset = (-0.1, 0.1)
     yaw: Annotated[float, Field(ge=0, le=6.2832)] = 0.5235987755982988
-    openness_mean: Annotated[float, Field(ge=0, le=1)] | None = None
-    openness_spread: Annotated[float, Field(ge=0, le=1)] = 0.15
+    openness_mean: Share | None = None
+    openness_spread: Share = 0.15
 
 
-class TaskSpec(BaseModel):
-    """A task on one articulated object.
+class ObjectSpec(_Value):
+    """One object of a task.
+
+    Attributes:
+        asset_class: name of its class; rigid objects are classes of their own (``golf_ball``).
+        instances: which of the class: words as in ``--instances``; None takes what the caller asks for.
+        place: where it stands.
+        randomization: of its placement and openness; ``openness_mean=None`` takes the instance's default.
+    """
+
+    asset_class: Annotated[str, Field(alias="class", max_length=100)]
+    instances: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)] | None = None
+    place: Place = Place()
+    randomization: Randomization = Randomization()
+
+
+class Step(_Value):
+    """One actuation pose, the motions about it, and what the gripper does there.
+
+    Attributes:
+        name: unique in the task.
+        object: what it acts on: moves, grasps, or brings the tool to.
+        tool: ``"hand"``, or the object that is held and whose keypoints take the place of the tool's.
+        strategies: names of ways to do it, in order of preference.
+        done: all must hold once in the step's turn for the paper's verdict; none: done unconditionally, as the
+            paper's grasp and release.
+    """
+
+    name: Name
+    object: Name
+    tool: Name = HAND
+    strategies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=20)]
+    done: Annotated[tuple[Criterion, ...], Field(max_length=20)] = ()
+
+
+class TaskSpec(_Value):
+    """A task on one or several objects.
 
     Attributes:
         name: CamelCase; the environment is ``GenSim2-<name>-v1``.
-        description: one phrase, lower case.
-        asset_class: folder name of the object class.
-        success: all must hold at once.
-        randomization: of the initial scene; ``openness_mean=None`` takes the instance's default.
+        description: what a person would ask for, one phrase in lower case.
+        objects: by name, in the order in which they are placed.
+        steps: in order.
+        goal: what must hold at the end, all of it; None: what the last step's ``done`` says.
         max_episode_steps: control steps (20 a second) after which an episode is truncated.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
     name: Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
     description: Annotated[str, Field(max_length=1000)]
-    asset_class: Annotated[str, Field(max_length=100)]
-    success: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)]
-    randomization: Randomization = Randomization()
+    objects: Annotated[dict[Name, ObjectSpec], Field(min_length=1, max_length=20)]
+    steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=50)]
+    goal: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)] | None = None
     max_episode_steps: Annotated[int, Field(gt=0, le=10_000)] = 400
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_version_1(cls, data: Any) -> Any:
+        return _of_version_1(data) if isinstance(data, dict) and "asset_class" in data else data
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> Self:
+        for reserved in (HAND, TABLE):
+            if reserved in self.objects:
+                raise ValueError(f"no object may be called {reserved!r}")
+        before: list[str] = [TABLE]
+        for name, spec in self.objects.items():
+            if spec.place.on not in before:
+                raise ValueError(f"objects.{name}.place.on: {spec.place.on!r} is not an object before it")
+            before.append(name)
+        if len({step.name for step in self.steps}) < len(self.steps):
+            raise ValueError("two steps have the same name")
+        if self.goal is None and not self.steps[-1].done:
+            raise ValueError("goal: must be given where the last step's done is empty")
+        for step in self.steps:
+            for field, name in (("object", step.object), ("tool", step.tool)):
+                if name not in self.objects and not (field == "tool" and name == HAND):
+                    raise ValueError(f"steps.{step.name}.{field}: there is no object {name!r}")
+        for criterion in (*self.success, *(c for step in self.steps for c in step.done)):
+            for name in criterion.objects:
+                if name not in self.objects:
+                    raise ValueError(f"a criterion {criterion.type} names an object {name!r} that is not there")
+        return self
+
+    @property
+    def success(self) -> tuple[Criterion, ...]:
+        """What must hold at the end: ``goal``, or what the last step's ``done`` says."""
+        return self.steps[-1].done if self.goal is None else self.goal
+
+    @property
+    def is_single_step(self) -> bool:
+        """Whether there is exactly one step."""
+        return len(self.steps) == 1
 
     @property
     def env_id(self) -> str:
         """Id for ``gymnasium.make``."""
         return f"GenSim2-{self.name}-v1"
+
+
+def _of_version_1(data: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a version 1 file: one object, one criterion list, one config (``solver.yaml``)."""
+    given = dict(data)
+    if given.pop("schema_version", 1) != 1:
+        return data  # its unknown field is told by the validator
+    success = given.pop("success", ())
+    criteria = [{**c, "object": VERSION_1_ROLE} if isinstance(c, dict) else c for c in success]
+    role: dict[str, Any] = {"class": given.pop("asset_class")}
+    if "randomization" in given:
+        role["randomization"] = given.pop("randomization")
+    return {
+        **given,
+        "schema_version": SCHEMA_VERSION,
+        "objects": {VERSION_1_ROLE: role},
+        "steps": [{"name": "act", "object": VERSION_1_ROLE, "strategies": ["solver"], "done": criteria}],
+    }

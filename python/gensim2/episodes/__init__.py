@@ -1,0 +1,1 @@
+"""Episodes: plan, run, judge and record, one loop whoever decides what the robot does."""

@@ -1,0 +1,20 @@
+"""Where ManiSkill keeps the robots that it ships."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from gensim2.errors import MissingExtraError
+
+
+def robot_folder(name: str) -> Path:
+    """Folder of one of ManiSkill's robot models; ManiSkill itself is not imported.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    spec = importlib.util.find_spec("mani_skill")
+    if spec is None or not spec.submodule_search_locations:
+        raise MissingExtraError("mani_skill", "sim")
+    return Path(spec.submodule_search_locations[0]) / "assets" / "robots" / name
