@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import numpy.typing as npt
 
@@ -22,14 +20,13 @@ GRIPPER_OPEN = 1.0
 GRIPPER_CLOSED = -1.0
 
 
-def plan_actions(
-    plan: kpam.Plan, gripper: Literal["open", "closed", "grasp"], hold_steps: int = 4
-) -> npt.NDArray[np.float32]:
+def plan_actions(plan: kpam.Plan, gripper: kpam.Gripper, hold_steps: int = 4) -> npt.NDArray[np.float32]:
     """Return the actions that execute ``plan``.
 
     Args:
         plan: a plan that has a trajectory.
-        gripper: ``"closed"`` closes before the arm moves; ``"grasp"`` closes at the actuation pose.
+        gripper: ``"closed"`` closes before the arm moves; ``"grasp"`` closes and ``"release"`` opens at the actuation
+            pose; ``"hold"`` stays closed. What holds something lets go of it where the plan says so.
         hold_steps: steps for which the last target is held, so that the arm arrives.
 
     Returns:
@@ -42,26 +39,36 @@ def plan_actions(
     if trajectory is None:
         raise ValueError(f"the plan has no trajectory: {plan.reason}")
     arm = trajectory.sample_every(1.0 / CONTROL_HZ)[:, :7]
-    split = _actuation_step(plan, len(arm)) if gripper == "grasp" else len(arm)
-    before, after = _ahead(arm[: split + 1]), _ahead(arm[split:])
-    approach = GRIPPER_CLOSED if gripper == "closed" else GRIPPER_OPEN
+    command = GRIPPER_OPEN if gripper in ("open", "grasp") else GRIPPER_CLOSED
     parts = []
     if gripper == "closed":
-        parts.append(_with_gripper(np.repeat(arm[:1], GRIPPER_STEPS, axis=0), GRIPPER_CLOSED))
-    parts.append(_with_gripper(before, approach))
-    if gripper == "grasp":
-        dwell = np.repeat(arm[split : split + 1], GRIPPER_STEPS, axis=0)
-        parts.append(_with_gripper(dwell[:LAG_STEPS], GRIPPER_OPEN))
-        parts.append(_with_gripper(dwell, GRIPPER_CLOSED))
-        parts.append(_with_gripper(after, GRIPPER_CLOSED))
-        approach = GRIPPER_CLOSED
-    parts.append(_with_gripper(np.repeat(arm[-1:], hold_steps, axis=0), approach))
+        parts.append(_with_gripper(np.repeat(arm[:1], GRIPPER_STEPS, axis=0), command))
+    begin = 0
+    for time, after in _gripper_acts(plan, gripper):
+        end = min(round(time * CONTROL_HZ), len(arm) - 1)
+        parts.append(_with_gripper(_ahead(arm[begin : end + 1]), command))
+        dwell = np.repeat(arm[end : end + 1], GRIPPER_STEPS, axis=0)
+        parts.append(_with_gripper(dwell[:LAG_STEPS], command))
+        parts.append(_with_gripper(dwell, after))
+        begin, command = end, after
+    parts.append(_with_gripper(_ahead(arm[begin:]), command))
+    parts.append(_with_gripper(np.repeat(arm[-1:], hold_steps, axis=0), command))
     return np.concatenate(parts).astype(np.float32)
 
 
-def _actuation_step(plan: kpam.Plan, steps: int) -> int:
-    time: float = next(frame["time"] for frame in plan.keyframes if frame["label"] == "actuation")
-    return min(round(time * CONTROL_HZ), steps - 1)
+def _gripper_acts(plan: kpam.Plan, gripper: kpam.Gripper) -> list[tuple[float, float]]:
+    """Times at which the fingers act, in seconds, and the command from then on."""
+    frames = plan.keyframes
+    labels = [frame["label"] for frame in frames]
+    acts = []
+    if gripper in ("grasp", "release"):
+        command = GRIPPER_CLOSED if gripper == "grasp" else GRIPPER_OPEN
+        acts.append((frames[labels.index("actuation")]["time"], command))
+    if gripper in ("grasp", "hold") and "let_go" in labels:
+        # A plan may end before it.
+        time = frames[labels.index("let_go") - 1]["time"]
+        acts += [] if time is None else [(time, GRIPPER_OPEN)]
+    return acts
 
 
 def _ahead(arm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
