@@ -15,7 +15,6 @@ import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
 
-
 @dataclass(frozen=True)
 class KeypointStrategy:
     """A solver config (docs/solver.md, docs/architecture.md).
