@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 from gensim2.sim.arguments import as_library
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec

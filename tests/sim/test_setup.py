@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects.types import Instance
 from gensim2.robots import robot
 from gensim2.sim.arguments import as_library, chosen_instances
 from gensim2.sim.footprint import hulls_in_root, keep_apart, outline, swept_points
@@ -234,8 +234,8 @@ def test_outlines_that_keep_apart_do(first: np.ndarray, second: np.ndarray, shif
 
 def test_the_strip_between_two_outlines_lies_along_an_edge() -> None:
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    assert keep_apart(square, square + [1.1, 0.5], 0.099)
-    assert not keep_apart(square, square + [1.1, 0.5], 0.101)
+    assert keep_apart(square, square + np.array([1.1, 0.5]), 0.099)
+    assert not keep_apart(square, square + np.array([1.1, 0.5]), 0.101)
     # Corner to corner it is narrower than the distance, never wider.
-    assert keep_apart(square, square + [1.1, 1.1], 0.099)
-    assert not keep_apart(square, square + [1.1, 1.1], 0.12)
+    assert keep_apart(square, square + np.array([1.1, 1.1]), 0.099)
+    assert not keep_apart(square, square + np.array([1.1, 1.1]), 0.12)

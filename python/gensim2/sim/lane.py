@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import sapien
 
-from gensim2.assets.rigid import RigidObject
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
@@ -40,7 +40,7 @@ class Lane:
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.assets.open_library`, or an opened library.
+        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
             object, or of several as a mapping from an object's name.
         robot: name of the robot.

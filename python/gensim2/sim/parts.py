@@ -10,8 +10,8 @@ import numpy.typing as npt
 import sapien
 from sapien import physx
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.sim.objects import apply_friction, link_name
 from gensim2.sim.randomize import placed

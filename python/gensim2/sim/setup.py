@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
 from gensim2.sim.arguments import ObjectSource
