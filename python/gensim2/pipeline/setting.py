@@ -1,0 +1,46 @@
+"""What episodes follow from beside their strategies and their seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gensim2.tasks.spec import TaskSpec
+
+PHYSICS = ("ours", "original")
+"""Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What all episodes of a run have in common.
+
+    Attributes:
+        assets: a folder of objects or ``"builtin"``.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start, with the first strategy of each step.
+    """
+
+    assets: str
+    physics: str = "ours"
+    robot: str = "panda"
+    open_loop: bool = False
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all episodes of one task have in common.
+
+    Attributes:
+        task: what is to be done.
+        instances: which instances are drawn from: one word, or several ids.
+        circumstances: of the run.
+    """
+
+    task: TaskSpec
+    instances: str | tuple[str, ...]
+    circumstances: Circumstances
+
+    def __hash__(self) -> int:
+        """By the task's name: a spec holds mappings."""
+        return hash((self.task.name, self.instances, self.circumstances))
