@@ -1,0 +1,113 @@
+"""What the loop needs of a simulator: any scene that can be reset, stepped and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects import ObjectModel
+from gensim2.planning.scene import Scene
+from gensim2.robots import RobotProfile
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import TaskSpec
+
+Array = npt.NDArray[np.float64]
+Tree = dict[str, Any]
+"""Arrays by name, nested; leaves are numpy arrays."""
+
+
+class Placed(Protocol):
+    """An object as a reset put it into the scene."""
+
+    @property
+    def model(self) -> ObjectModel: ...
+    @property
+    def pose(self) -> Array:
+        """(7,) of its root in the world: x, y, z, qw, qx, qy, qz."""
+        ...
+
+    @property
+    def yaw(self) -> float:
+        """rad that the randomization turned it by."""
+        ...
+
+
+class Setup(Protocol):
+    """What a reset drew."""
+
+    @property
+    def objects(self) -> Mapping[str, Placed]:
+        """By name, in the task's order."""
+        ...
+
+    @property
+    def draws(self) -> int:
+        """Draws until all stood apart and within reach."""
+        ...
+
+
+class World(Protocol):
+    """One task's scene. :class:`gensim2.sim.lane.Lane` is one."""
+
+    task: TaskSpec
+    seed: int
+    elapsed_steps: int
+    control_mode: str
+
+    @property
+    def robot(self) -> RobotProfile: ...
+    @property
+    def setup(self) -> Setup: ...
+    @property
+    def reset_options(self) -> Mapping[str, Any]:
+        """Options with which a reset to the same seed gives the same scene."""
+        ...
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
+        """A fresh scene; without the arm where ``robot`` is False."""
+        ...
+
+    def step(self, action: npt.ArrayLike) -> None:
+        """One control step, (m + 1,)."""
+        ...
+
+    def wait(self) -> None:
+        """One control step in which nothing is commanded."""
+        ...
+
+    def joints(self) -> tuple[Array, Array]:
+        """(n,) and (n,): the robot's joints and their velocities."""
+        ...
+
+    def measure(self) -> Measurement:
+        """Everything that criteria and verdicts go by; ``gripper`` is empty without the arm."""
+        ...
+
+    def scene_state(self) -> Scene:
+        """The scene as a planner sees it."""
+        ...
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot touches."""
+        ...
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether physics still gives numbers."""
+        ...
+
+    @property
+    def success(self) -> bool:
+        """Whether the goal's criteria hold now."""
+        ...
+
+    def state(self) -> Tree:
+        """ManiSkill's ``env_states`` of this instant."""
+        ...
+
+    def observation(self) -> npt.NDArray[np.float32]:
+        """(D,) the environment's state observation of this instant."""
+        ...
