@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+
+import fake_world
 
 from gensim2 import seeding
 from gensim2.designers import Affordance, Candidate, CandidateResult
@@ -100,12 +101,10 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
             super().__init__()
             self.runs: dict[float, int] = {}
 
-        def _one(self, n: float, seed: int) -> Attempt:
+        def _one(self, n: float, seed: int) -> Episode:
             self.runs[n] = self.runs.get(n, 0) + 1
             held = n % 1 > 0 or self.runs[n] <= 8
-            return Attempt(
-                seed, "0", "ab12", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", ""
-            )
+            return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
     design = Search(SETTING, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
     assert design.chosen is not None
@@ -129,9 +128,9 @@ def test_design_and_verification_share_no_seed() -> None:
 def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
-            self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+            self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
         ) -> list[list[tuple[float, str | None]]]:
-            return [[(0.0, "collision")] * len(seeds) for _ in configs]
+            return [[(0.0, "collision")] * len(seeds) for _ in candidates]
 
     design = Search(SETTING, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
     assert design.chosen is None
@@ -140,10 +139,10 @@ def test_nothing_planned_is_said() -> None:
 
 def test_nothing_held_is_said() -> None:
     class Stuck(FakeWorld):
-        def _one(self, n: float, seed: int) -> Attempt:
-            return Attempt(seed, "0", "ab12", False, None, 0.5, 0.5, 9, "the object did not move", "solved", "")
+        def _one(self, n: float, seed: int) -> Episode:
+            return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
 
     design = Search(SETTING, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
     assert design.chosen is None
     assert "no candidate held in physics" in design.notes
-    assert design.to_dict()["candidates"][0]["cause"] == "the object did not move"
+    assert design.to_dict()["candidates"][0]["cause"] == "object did not move"
