@@ -10,14 +10,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 
-import fake_world  # noqa: E402
+import fake_world
 
-from gensim2.episodes.record import Cause  # noqa: E402
-from gensim2.files import write_json  # noqa: E402
-from gensim2.pipeline.records import Verification  # noqa: E402
-from gensim2.pipeline.runfolder import TaskFolder  # noqa: E402
-from gensim2.tasks.criteria import ArticulatedOpen  # noqa: E402
-from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec  # noqa: E402
+from gensim2.episodes.record import Cause
+from gensim2.files import write_json
+from gensim2.pipeline.records import Verification
+from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.tasks.criteria import ArticulatedOpen
+from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 CONFIG = {
     "task_name": "OpenDemo",

@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+
 sys.path.append(str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
+from gensim2.episodes.recording import Recording
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
-from gensim2.episodes.recording import Recording
-from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
 from gensim2.pipeline.inputs import task_and_strategies
 from gensim2.pipeline.reading import read_record

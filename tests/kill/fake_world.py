@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gensim2.episodes.recording import Recording
 
 from gensim2 import seeding
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
-from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
 from gensim2.pipeline import worker
 from gensim2.pipeline.setting import Setting
@@ -32,9 +32,7 @@ def install() -> None:
     worker.demonstrate = demonstrate
 
 
-def screen_scene(
-    setting: Setting, seed: int, candidates: Sequence[Strategies]
-) -> list[tuple[float, str | None]]:
+def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) -> list[tuple[float, str | None]]:
     time.sleep(EPISODE_SECONDS)
     draws = seeding.rng(seed, "screen").random(len(candidates))
     return [(1.0, None) if draw < 0.3 else (0.0, "unreachable") for draw in draws]

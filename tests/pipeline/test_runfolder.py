@@ -13,9 +13,9 @@ from typing import Any
 
 import fake_world
 import pytest
+from gensim2.episodes.trajectory import TrajectoryStore
 
 from gensim2.episodes.record import Episode
-from gensim2.episodes.trajectory import TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.pipeline import runfolder
 from gensim2.pipeline.attempts import AttemptLog
@@ -94,7 +94,9 @@ def _task_folder(folder: Path, **changes: Any) -> str:
 @pytest.mark.parametrize(
     ("change", "field"), [({"gripper": "closed"}, "identity.strategies"), ({"max_episode_steps": 7}, "identity.task")]
 )
-def test_other_strategies_or_another_task_are_refused(tmp_path: Path, record: Record, change: dict[str, Any], field: str) -> None:
+def test_other_strategies_or_another_task_are_refused(
+    tmp_path: Path, record: Record, change: dict[str, Any], field: str
+) -> None:
     record(task=_task_folder(tmp_path / "task"))
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
     _task_folder(tmp_path / "task", **change)

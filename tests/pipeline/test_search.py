@@ -19,9 +19,7 @@ TASK = TaskSpec(
     name="OpenThing",
     description="open the thing",
     objects={"thing": ObjectSpec(asset_class="thing")},
-    steps=(
-        Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),
-    ),
+    steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
 SETTING = Setting(TASK, "train", Circumstances("builtin"))
 AFFORDANCE = Affordance("thing", "revolute", 0.5, {"head": "edge"}, {"head": 0.2})

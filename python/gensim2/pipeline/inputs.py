@@ -10,13 +10,13 @@ from pathlib import Path
 
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
-from gensim2.objects import Library, open_library
+from gensim2.objects import Instance, Library, open_library
 from gensim2.pipeline.setting import PHYSICS, Circumstances
 from gensim2.planning.check import check_strategies
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
-from gensim2.tasks.spec import ObjectSpec, TaskSpec
+from gensim2.tasks.spec import TaskSpec
 
 #: Seconds; no job needs eleven days, and infinity is no time to wait.
 LONGEST_TIME_LIMIT = 1e6
@@ -56,8 +56,8 @@ def read_task_input(
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the class of the first
-            object whose instances the task does not name itself.
+        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the task's first object,
+            where the task does not say itself which.
         seed: of the run.
         physics, robot, open_loop: as in :class:`~gensim2.pipeline.setting.Circumstances`.
 
@@ -75,15 +75,10 @@ def read_task_input(
         except InputError as error:
             file = folder / "task.yaml" if folder else None
             raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
-    drawn = drawn_class(spec)
-    word = instances
-    if drawn is not None:
-        chosen = library.choose(drawn, instances, seed)
-        word = chosen[0] if instances == "random" else instances
-    models = {
-        role: library.load(thing.asset_class, library.choose(thing.asset_class, _first_word(thing, drawn, word))[0])
-        for role, thing in spec.objects.items()
-    }
+    first = next(iter(spec.objects.values()))
+    chosen = library.choose(first.asset_class, instances, seed)
+    word = chosen[0] if instances == "random" else instances
+    models = _models(spec, library, word)
     check_strategies(spec, strategies, models, profile(robot), folder if folder else Path(spec.name))
     return TaskInput(spec, strategies, library, word, Circumstances(library.location, physics, robot, open_loop))
 
@@ -101,15 +96,13 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
     return spec, load_strategies_beside(folder, spec)
 
 
-def drawn_class(spec: TaskSpec) -> str | None:
-    """Class of the object that ``--instances`` is about: the first whose instances the task does not name itself."""
-    return next((thing.asset_class for thing in spec.objects.values() if thing.instances is None), None)
-
-
-def _first_word(thing: ObjectSpec, drawn: str | None, word: str) -> str:
-    if thing.instances is not None:
-        return thing.instances[0]
-    return word if thing.asset_class == drawn else "all"
+def _models(spec: TaskSpec, library: Library, word: str) -> dict[str, Instance]:
+    """One object for each name; the first name's is one that ``word`` stands for."""
+    found = {}
+    for index, (name, thing) in enumerate(spec.objects.items()):
+        words = thing.instances or (("all",) if index else (word,))
+        found[name] = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
+    return found
 
 
 def _is_folder(task: str) -> bool:
