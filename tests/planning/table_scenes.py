@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from gensim2.assets.overlap import link_pose
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
 from scipy.spatial.transform import Rotation
 
+from gensim2.objects import RigidObject
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.robots import robot
 

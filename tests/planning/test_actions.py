@@ -14,8 +14,11 @@ STEPS = 20
 ACTUATION = 8
 
 
-def _plan(steps: int = STEPS) -> Any:
-    """Joint 0 counts the control steps; the actuation pose is reached at step ``ACTUATION``."""
+def _plan(steps: int = STEPS, let_go: float | None = None) -> Any:
+    """Joint 0 counts the control steps; the actuation pose is reached at step ``ACTUATION``.
+
+    Where a hand lets go, it does so at ``let_go`` seconds.
+    """
 
     def sample_every(seconds: float) -> Any:
         assert seconds == pytest.approx(1 / CONTROL_HZ)
@@ -25,10 +28,15 @@ def _plan(steps: int = STEPS) -> Any:
         {"label": "start", "time": 0.0, "reached": True},
         {"label": "actuation", "time": ACTUATION / CONTROL_HZ, "reached": True},
     ]
+    if let_go is not None:
+        keyframes += [
+            {"label": "post_0", "time": let_go, "reached": True},
+            {"label": "let_go", "time": STEPS / CONTROL_HZ, "reached": True},
+        ]
     return SimpleNamespace(trajectory=SimpleNamespace(sample_every=sample_every), keyframes=keyframes, reason="")
 
 
-@pytest.mark.parametrize("gripper", ["open", "closed", "grasp"])
+@pytest.mark.parametrize("gripper", ["open", "closed", "grasp", "hold", "release"])
 @pytest.mark.parametrize("hold", [0, 4])
 def test_every_target_is_sent_and_the_last_one_is_held(gripper: Any, hold: int) -> None:
     actions = plan_actions(_plan(), gripper, hold_steps=hold)
@@ -64,6 +72,31 @@ def test_a_grasp_closes_at_the_actuation_pose_and_stays_closed() -> None:
     assert not closed[:first].any()
     assert (actions[first - LAG_STEPS : first + GRIPPER_STEPS, 0] == ACTUATION).all()
     assert (actions[:first, 0] <= ACTUATION).all()
+
+
+def test_a_hand_that_holds_stays_closed_and_one_that_releases_opens() -> None:
+    assert (plan_actions(_plan(), "hold")[:, 7] == GRIPPER_CLOSED).all()
+    actions = plan_actions(_plan(), "release")
+    first = int((actions[:, 7] == GRIPPER_OPEN).argmax())
+    assert (actions[:first, 7] == GRIPPER_CLOSED).all()
+    assert (actions[first:, 7] == GRIPPER_OPEN).all()
+    assert (actions[first - LAG_STEPS : first + GRIPPER_STEPS, 0] == ACTUATION).all()
+
+
+def test_what_holds_lets_go_at_the_keyframe_before() -> None:
+    held = 14
+    for gripper, closes in (("grasp", 1), ("hold", 0)):
+        actions = plan_actions(_plan(let_go=held / CONTROL_HZ), gripper)  # type: ignore[arg-type]
+        assert np.count_nonzero(np.diff(actions[:, 7]) < 0) == closes
+        opens = np.flatnonzero(np.diff(actions[:, 7]) > 0)
+        assert len(opens) == 1
+        assert (actions[opens[0] : opens[0] + GRIPPER_STEPS, 0] == held).all()
+        assert actions[-1, 0] == STEPS - 1
+    for gripper in ("open", "closed", "release"):
+        np.testing.assert_array_equal(
+            plan_actions(_plan(let_go=held / CONTROL_HZ), gripper),  # type: ignore[arg-type]
+            plan_actions(_plan(), gripper),  # type: ignore[arg-type]
+        )
 
 
 def test_an_actuation_pose_beyond_the_trajectory_is_its_end() -> None:

@@ -49,6 +49,13 @@ class _Plan:
     def is_over(self) -> bool:
         return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
 
+    def next_action(self) -> Action:
+        """Of a plan that is not over."""
+        assert self.planned.schedule is not None
+        action: Action = self.planned.schedule.actions[self.ran]
+        self.ran += 1
+        return action
+
     def record(self) -> PlanRecord:
         planned = self.planned
         return PlanRecord(
@@ -169,8 +176,7 @@ class ChainController:
                 assert schedule is not None
                 deviation = self._deviation(observation, run)
                 if deviation is None and not run.is_over:
-                    run.ran += 1
-                    return schedule.actions[run.ran - 1]
+                    return run.next_action()
                 if deviation is None and not self._turn.done and self._waited < WAIT_STEPS:
                     self._waited += 1
                     return self._last
@@ -289,5 +295,4 @@ class ChainController:
             run = self._running = self._turn.plans[0]
         if run is None or run.planned.schedule is None:
             return None
-        run.ran += 1
-        return run.planned.schedule.actions[run.ran - 1]
+        return run.next_action()

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.planning.strategies import Fingers
 from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +38,7 @@ class Acts:
         lets_go: whether the hand opens and backs off at the end.
     """
 
-    fingers: Fingers
+    fingers: kpam.Gripper
     command: float
     opening: float = OPEN
     gently: bool = False
@@ -95,7 +94,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
 
     last = len(arm) - 1
     actuation = step_of("actuation")
-    let_go = step_of(_before_letting_go(plan)) if acts.lets_go and "let_go" in reached else None
+    let_go = step_of(_before_letting_go(plan)) if acts.lets_go else None
     rows = _Rows(arm, profile.lag_steps, rate, acts.command)
     if acts.before:
         rows.dwell(0, acts.command, ceil(FINGER_SECONDS * rate))

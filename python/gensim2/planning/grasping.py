@@ -22,9 +22,7 @@ STRIDE = 0.06
 AT, ALONG = 0.001, 0.02
 
 
-def grasps_of(
-    scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy
-) -> Sequence[kpam.Grasp]:
+def grasps_of(scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy) -> Sequence[kpam.Grasp]:
     """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out."""
     thing = scene.objects[name]
     others = [_body(body) for body in scene.bodies if body.name != name]

@@ -168,6 +168,7 @@ class StepPlanner:
         velocity[self._fingers] = 0.0
         if np.abs(velocity).max() > AT_REST:
             options = {**options, "start_velocity": velocity}
+        merged: kpam.Options = {**self._options, **options}  # type: ignore[typeddict-item]
         return world.problem(
             config,
             q,
@@ -178,7 +179,7 @@ class StepPlanner:
             object_axis=thing.object_axis,
             object_yaw=thing.yaw,
             T_base_world=np.linalg.inv(scene.T_world_base).astype(np.float64),
-            options={**self._options, **options},  # type: ignore[typeddict-item]
+            options=merged,
         )
 
     def _start(self, scene: Scene, fingers: str) -> Array:

@@ -14,9 +14,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
-#: What the fingers do in a step.
-Fingers = Literal["open", "closed", "grasp", "hold", "release"]
-
 
 @dataclass(frozen=True)
 class KeypointStrategy:
@@ -37,15 +34,14 @@ class KeypointStrategy:
         return kpam.SolverConfig(self.config)
 
     @property
-    def fingers(self) -> Fingers:
+    def fingers(self) -> kpam.Gripper:
         """What they do."""
         return self.solver_config.gripper
 
     @property
     def let_go(self) -> float | None:
         """Metres by which the hand backs off at the end, once it has let go."""
-        distance: float | None = self.config.get("let_go")
-        return distance
+        return self.solver_config.let_go
 
     def to_dict(self) -> dict[str, Any]:
         """The config."""
@@ -80,7 +76,7 @@ class GraspStrategy(BaseModel):
     candidates: Annotated[int, Field(ge=1, le=1000)] = 24
 
     @property
-    def fingers(self) -> Fingers:
+    def fingers(self) -> kpam.Gripper:
         """What they do."""
         return "grasp"
 
