@@ -258,7 +258,7 @@ def _recording(seed: int, steps: int = 5) -> Recording:
 
 
 def _provenance() -> Provenance:
-    return Provenance(load_task(TASK), load_config(TASK), "builtin", {"drawer/3": "CC0"}, 0, {})
+    return Provenance(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0, {})
 
 
 def problem_line() -> str:

@@ -56,8 +56,8 @@ def read_task_input(
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the task's first object,
-            where the task does not say itself which.
+        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the task's first
+            object, where the task does not say itself which.
         seed: of the run.
         physics, robot, open_loop: as in :class:`~gensim2.pipeline.setting.Circumstances`.
 
