@@ -23,8 +23,8 @@ import yaml
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
-from gensim2.demos.recording import Recording
-from gensim2.demos.trajectory import Provenance, TrajectoryStore
+from gensim2.episodes.recording import Recording
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.pipeline.attempts import AttemptLog
 from gensim2.pipeline.inputs import task_and_config
 from gensim2.pipeline.reading import read_record

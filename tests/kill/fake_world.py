@@ -14,7 +14,7 @@ import numpy as np
 
 from gensim2 import seeding
 from gensim2.assets import open_library
-from gensim2.demos.recording import Recording
+from gensim2.episodes.recording import Recording
 from gensim2.pipeline import worker
 from gensim2.pipeline.records import Attempt
 from gensim2.tasks.spec import TaskSpec
@@ -24,7 +24,7 @@ EPISODE_SECONDS = 0.2
 
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
-    worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.demos.recording")
+    worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")
     worker.screen_scene = screen_scene
     worker.attempt = attempt
     worker.demonstrate = demonstrate

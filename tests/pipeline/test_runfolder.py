@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from gensim2.demos.trajectory import TrajectoryStore
+from gensim2.episodes.trajectory import TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.pipeline import runfolder
 from gensim2.pipeline.attempts import AttemptLog

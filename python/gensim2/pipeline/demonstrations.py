@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.assets import Library
-from gensim2.demos.trajectory import Provenance, TrajectoryStore
-from gensim2.demos.video import film
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
+from gensim2.episodes.video import film
 from gensim2.errors import GenSim2Error
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import AttemptLog

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gensim2.demos.trajectory import JSON_NAME
+from gensim2.episodes.trajectory import JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.pipeline.reading import read_record

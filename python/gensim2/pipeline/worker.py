@@ -21,7 +21,7 @@ from gensim2.planning.problem import SceneProblems
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
-    from gensim2.demos.recording import Recording
+    from gensim2.episodes.recording import Recording
     from gensim2.demos.rollout import StillResult
     from gensim2.sim.lane import Lane
 
