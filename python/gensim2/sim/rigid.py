@@ -9,6 +9,7 @@ import sapien
 import trimesh
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor
+from sapien import physx
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
@@ -32,6 +33,20 @@ def load_rigid(
     actor = builder.build(name=name or rigid.name)
     check_shapes(actor._bodies[0].get_collision_shapes(), rigid)
     return actor
+
+
+def build_rigid(scene: sapien.Scene, rigid: RigidObject, pose: sapien.Pose, name: str) -> sapien.Entity:
+    """The same, for physics alone, in a scene of SAPIEN.
+
+    Raises:
+        InputError: the physics engine dropped or replaced a collision hull.
+    """
+    builder = scene.create_actor_builder()
+    fill(builder, rigid, visual=False)
+    builder.set_initial_pose(pose)
+    entity = builder.build(name=name)
+    check_shapes(entity.find_component_by_type(physx.PhysxRigidDynamicComponent).collision_shapes, rigid)
+    return entity
 
 
 def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool) -> None:

@@ -24,7 +24,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from gensim2.demos.recording import Recording, Tree
+from gensim2.episodes.recording import Recording, Tree
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_atomic, write_json
 from gensim2.tasks.spec import TaskSpec

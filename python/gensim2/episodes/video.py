@@ -13,7 +13,7 @@ import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.demos.trajectory import JSON_NAME
+from gensim2.episodes.trajectory import JSON_NAME
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
 
