@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
@@ -48,7 +48,7 @@ class LoggedEpisode(Episode):
         return Episode(**_values(self))
 
 
-def _values(episode: Episode) -> dict[str, object]:
+def _values(episode: Episode) -> dict[str, Any]:
     return {field.name: getattr(episode, field.name) for field in fields(Episode)}
 
 

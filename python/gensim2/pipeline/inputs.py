@@ -120,7 +120,7 @@ def check_circumstances(physics: str, robot: str) -> None:
         MissingExtraError: the robot's model comes with a package that is not installed.
     """
     if physics not in PHYSICS:
-        raise InputError(f"no physics {brief(physics)}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
+        raise InputError(f"no physics {physics!r}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
     profile(robot)
 
 
