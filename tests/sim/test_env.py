@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import gensim2.sim
-from gensim2.assets import open_library
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import open_library
 from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import draw_scene
 from gensim2.sim.robot import BASE_POSITION, RESET_QPOS

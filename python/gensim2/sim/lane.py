@@ -21,8 +21,8 @@ from sapien import physx
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
-from gensim2.assets.types import Instance
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import Scene
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, as_library, as_task, chosen_instances
@@ -48,7 +48,7 @@ class Lane:
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.assets.open_library`, or an opened library.
+        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one.
 
     Raises:
