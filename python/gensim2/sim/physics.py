@@ -17,8 +17,8 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from sapien import physx
 from sapien.wrapper.urdf_loader import URDFLoader
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance, MovingJoint
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance, MovingJoint
 from gensim2.sim import original
 
 Array = npt.NDArray[np.float64]
