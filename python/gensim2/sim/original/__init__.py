@@ -20,13 +20,6 @@ from gensim2.yaml_files import parse_yaml
 
 Array = npt.NDArray[np.float64]
 
-LARGEST_COEFFICIENT = 10.0
-"""Joint friction coefficient that stands for any above it.
-
-The original's ``toaster_press`` has 1e8, at which its lever still yields to a push in SAPIEN 2. In SAPIEN 3 it does
-not; ``benchmarks/original_physics.py lever`` measures what does.
-"""
-
 
 @dataclass(frozen=True)
 class DefaultPose:
@@ -35,12 +28,12 @@ class DefaultPose:
     Attributes:
         position: (3,) of the root in the world, m.
         quaternion: (4,) (w, x, y, z), root to world.
-        openness: mean of the randomized openness; None of a rigid object.
+        openness: mean of the randomized openness.
     """
 
     position: Array
     quaternion: Array
-    openness: float | None
+    openness: float
 
 
 @dataclass(frozen=True)
@@ -64,8 +57,8 @@ class Constants:
         return _first_match(self._densities, asset_class)
 
     def joint_friction(self, asset_class: str) -> float:
-        """PhysX's coefficient of articulation friction, at most ``LARGEST_COEFFICIENT``."""
-        return min(_first_match(self._joint_frictions, asset_class), LARGEST_COEFFICIENT)
+        """PhysX's coefficient of articulation friction."""
+        return _first_match(self._joint_frictions, asset_class)
 
 
 @cache
@@ -74,9 +67,7 @@ def constants() -> Constants:
     source = files(__name__) / "constants.yaml"
     data = parse_yaml(source.read_bytes(), str(source))
     density = data["density"]
-    return Constants(
-        data["scene"], data["material"], density["rigid"], density["articulated"], data["joint_friction"]
-    )
+    return Constants(data["scene"], data["material"], density["rigid"], density["articulated"], data["joint_friction"])
 
 
 def default_pose(asset_class: str, instance_id: str) -> DefaultPose | None:
@@ -93,8 +84,7 @@ def _default_poses() -> dict[tuple[str, str], DefaultPose]:
 def _pose(row: Mapping[str, str]) -> DefaultPose:
     position = np.array([float(row[name]) for name in ("x", "y", "z")])
     quaternion = np.array([float(row[name]) for name in ("qw", "qx", "qy", "qz")])
-    openness = float(row["openness"]) if row["openness"] else None
-    return DefaultPose(position, quaternion / np.linalg.norm(quaternion), openness)
+    return DefaultPose(position, quaternion / np.linalg.norm(quaternion), float(row["openness"]))
 
 
 def _first_match(by_pattern: Mapping[str, float], asset_class: str) -> float:
