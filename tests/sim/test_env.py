@@ -12,13 +12,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 
 import gensim2.sim
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import open_library
 from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import draw_scene
-from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.tasks.library import load_task, parse_task, task_names
 from gensim2.tasks.spec import TaskSpec
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gensim2.sim.robot import RESET_QPOS
 
 from gensim2.demos.rollout import still_arm
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.pipeline.worker import plan_episode
 from gensim2.sim.env import make_env
 from gensim2.sim.lane import Lane
-from gensim2.sim.robot import RESET_QPOS
 from gensim2.tasks.library import load_config, task_names
 from gensim2.tasks.spec import TaskSpec
 
