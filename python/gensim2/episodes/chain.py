@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.episodes.controller import Action, Observation
-from gensim2.episodes.record import PlanRecord, StepRecord
-from gensim2.episodes.watch import DRIFTED, LOST, MISSED, NOT_DONE, Held, has_drifted, taken
+from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
+from gensim2.episodes.record import Cause, PlanRecord, StepRecord
+from gensim2.episodes.watch import Held, has_drifted, taken
 from gensim2.planning.scene import Scene
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner, Ways
 from gensim2.planning.strategies import Strategy, parse_strategy
@@ -20,7 +20,8 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
-START = "start"
+START, NOT_DONE = "start", "not done"
+"""Triggers of plans beside deviations."""
 
 MOST_PLANS = 8
 """Plans of one step in one episode."""
@@ -71,20 +72,18 @@ class _Plan:
 
 @dataclass
 class _Turn:
-    """What became of one step."""
+    """One turn of a step; it has another where what it took up is lost."""
 
     step: Step
     plans: list[_Plan] = field(default_factory=list)
     tries: dict[str, int] = field(default_factory=dict)
-    paper: bool = False
-    done: bool = False
 
-    def note(self, measured: Measurement) -> None:
-        self.done = all_hold(self.step.done, measured)
-        self.paper |= self.done
+    def is_done(self, measured: Measurement) -> bool:
+        return all_hold(self.step.done, measured)
 
     def record(self) -> StepRecord:
-        return StepRecord(self.step.name, [plan.record() for plan in self.plans], self.paper, self.done)
+        # The loop says whether it was done: it sees what comes after the last action, too.
+        return StepRecord(self.step.name, [plan.record() for plan in self.plans], paper=False, done=False)
 
 
 class ChainController:
@@ -125,174 +124,182 @@ class ChainController:
     def reset(self, scene: Scene) -> None:
         """Begin an episode in ``scene``."""
         self._planner = StepPlanner(self._profile, self._options)
-        self._turns: dict[str, _Turn] = {}
+        self._turns: list[_Turn] = []
+        self._events: list[Event] = []
         self._at = 0
         self._running: _Plan | None = None
         self._held: Held | None = None
         self._trigger = START
         self._waited = 0
         self._last: Action | None = None
-        self._over = False
-        if self._open_loop:
-            self._plan_ahead(scene)
+        self._ahead = self._plan_ahead(scene) if self._open_loop else []
 
     @property
-    def steps(self) -> list[StepRecord]:
-        """The steps that were begun, with all their plans."""
-        return [turn.record() for turn in self._turns.values()]
+    def history(self) -> list[StepRecord]:
+        """One a turn, with all its plans."""
+        return [turn.record() for turn in self._turns]
+
+    @property
+    def events(self) -> list[Event]:
+        """What was noticed, in order."""
+        return list(self._events)
 
     @property
     def plans(self) -> list[tuple[Scene, StepPlan]]:
         """Every plan that was made, with the scene that it was made for."""
-        return [(plan.scene, plan.planned) for turn in self._turns.values() for plan in turn.plans]
+        return [(plan.scene, plan.planned) for turn in self._turns for plan in turn.plans]
 
     def act(self, observation: Observation) -> Action | None:
         """The next action, (m + 1,); None: done, or nothing more can be done."""
-        if not self._over:
-            action = self._blind(observation) if self._open_loop else self._next(observation)
-            if action is not None:
-                self._last = action
-                return action
-            self._over = True
-        if self._at < len(self._task.steps):
-            self._turn.note(observation.measurement)  # it may yet come true while all comes to rest
-        return None
+        self._last = self._blind(observation) if self._open_loop else self._next(observation)
+        return self._last
 
     @property
     def _step(self) -> Step:
         return self._task.steps[self._at]
 
-    @property
     def _turn(self) -> _Turn:
-        return self._turns.setdefault(self._step.name, _Turn(self._step))
+        """That of the present step; begun where it is not."""
+        if not self._turns or self._turns[-1].step is not self._step:
+            self._turns.append(_Turn(self._step))
+        return self._turns[-1]
 
     def _next(self, observation: Observation) -> Action | None:
-        measured = observation.measurement
         while True:
-            self._turn.note(measured)
             run = self._running
             if run is not None:
-                schedule = run.planned.schedule
-                assert schedule is not None
+                turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
                 if deviation is None and not run.is_over:
-                    return run.next_action()
-                if deviation is None and not self._turn.done and self._waited < WAIT_STEPS:
+                    return self._follow(run, observation)
+                done = deviation is None and turn.is_done(observation.measurement)
+                if deviation is None and not done and self._waited < WAIT_STEPS:
                     self._waited += 1
                     return self._last
                 self._running, self._waited = None, 0
-                if deviation is None and self._turn.done:
-                    if self._at + 1 == len(self._task.steps):
-                        return None
+                if done and self._at + 1 == len(self._task.steps):
+                    return None
+                if done:
                     self._at, self._trigger = self._at + 1, START
                     continue
                 if deviation is None:
-                    self._turn.tries[run.strategy] = self._turn.tries.get(run.strategy, 0) + 1
-                self._trigger = deviation or NOT_DONE
-            if self._must_wait(measured):
+                    turn.tries[run.strategy] = turn.tries.get(run.strategy, 0) + 1
+                self._trigger = NOT_DONE if deviation is None else deviation.value
+            if self._must_wait(observation.measurement):
                 self._waited += 1
                 return self._stay(observation)
             self._waited = 0
             if not self._begin(observation):
                 return None
 
-    def _deviation(self, observation: Observation, run: _Plan) -> str | None:
+    def _follow(self, run: _Plan, observation: Observation) -> Action:
+        assert run.planned.schedule is not None
+        if run.ran == run.planned.schedule.actuation:
+            self._notice(observation, ACTUATION)
+        return run.next_action()
+
+    def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
+        self._events.append(Event(observation.step, self._step.name, what))
+
+    def _deviation(self, observation: Observation, run: _Plan) -> Cause | None:
         """What goes otherwise than planned; takes note of what the hand takes and releases."""
+        found = self._look(observation, run)
+        if found is not None:
+            self._notice(observation, found)
+        return found
+
+    def _look(self, observation: Observation, run: _Plan) -> Cause | None:
         measured, schedule = observation.measurement, run.planned.schedule
         assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
             self._held = taken(self._profile, observation.q, measured, run.planned)
             if self._held is None:
-                return MISSED
-        if run.ran >= schedule.released:
+                return Cause.GRASP_MISSED
+        if schedule.released is not None and run.ran >= schedule.released:
             self._held = None
         if self._held is not None and self._held.is_lost(self._profile, observation.q, measured):
             self._held = None
-            return LOST
+            return Cause.GRASP_LOST
         name = self._step.object
-        until = schedule.actuation if self._is_rigid(run, name) else schedule.contact
-        if run.ran < min(until, schedule.gripped) and has_drifted(run.scene, measured, name):
-            return DRIFTED
+        until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
+        if run.ran < until and has_drifted(run.scene, measured, name):
+            return Cause.OBJECT_DRIFTED
         return None
-
-    @staticmethod
-    def _is_rigid(run: _Plan, name: str) -> bool:
-        return run.scene.objects[name].is_rigid
 
     def _must_wait(self, measured: Measurement) -> bool:
         """Whether what the step acts on still rolls; not for ever."""
         speed = measured.speeds.get(self._step.object)
-        return speed is not None and float(speed[0]) > CALM and self._waited < CALM_STEPS
+        held = None if self._held is None else self._held.name
+        moves = speed is not None and self._step.object != held and float(speed[0]) > CALM
+        return moves and self._waited < CALM_STEPS
 
     def _stay(self, observation: Observation) -> Action:
         """Stop where the arm is, the fingers as they were commanded."""
-        if self._last is None or self._waited == 1:
-            names = self._profile.model.joint_names
-            arm = observation.q[[names.index(name) for name in self._profile.arm_joints]]
-            gripper = 1.0 if self._last is None else float(self._last[-1])
-            return np.append(arm, gripper).astype(np.float32)
-        return self._last
+        if self._last is not None and self._waited > 1:
+            return self._last
+        names = self._profile.model.joint_names
+        arm = observation.q[[names.index(name) for name in self._profile.arm_joints]]
+        return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
     def _begin(self, observation: Observation) -> bool:
         """Plan the step whose turn it is, or the one that must come before it; whether there is a motion."""
-        step = self._step
         held = None if self._held is None else self._held.name
-        if step.tool not in (HAND, held):
-            before = [i for i in range(self._at) if self._task.steps[i].object == step.tool]
+        if self._step.tool not in (HAND, held):
+            before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
             if not before:
                 return False
-            self._at, self._trigger = before[-1], LOST
-        turn = self._turn
+            self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
+        turn = self._turn()
         scene = replace(observation.scene(), held=held)
         found: list[_Plan] = []
-        for name in self._untried():
-            if len(turn.plans) >= MOST_PLANS:
+        for name in self._untried(turn):
+            if self._plans_of(self._step) >= MOST_PLANS:
                 break
-            plan = self._plan(scene, name, observation.step, former=turn.plans[-1] if turn.plans else None)
+            former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
+            plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
             found.append(plan)
             if plan.planned.is_solved:
                 break
         with_motion = [plan for plan in found if plan.planned.schedule is not None]
-        best = next((plan for plan in with_motion if plan.planned.is_solved), None) or next(iter(with_motion), None)
-        self._running = best
-        return best is not None
+        whole = [plan for plan in with_motion if plan.planned.is_solved]
+        self._running = next(iter(whole or with_motion), None)
+        return self._running is not None
 
-    def _untried(self) -> list[str]:
-        """Strategies of the step that have not been tried to the end often enough, in order of preference."""
-        turn = self._turn
-        return [name for name in self._step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
+    def _plans_of(self, step: Step) -> int:
+        return sum(len(turn.plans) for turn in self._turns if turn.step is step)
 
-    def _plan(self, scene: Scene, name: str, at_step: int, former: _Plan | None) -> _Plan:
-        use = former.planned if former is not None and former.strategy == name else None
-        planned = self._planner.plan(
-            scene, self._step, self._strategies[name], following=self._following(self._at), former=use
-        )
+    def _untried(self, turn: _Turn) -> list[str]:
+        """Strategies that were not executed to the end often enough in this turn, in order of preference."""
+        return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
+
+    def _plan(self, scene: Scene, name: str, at_step: int, former: StepPlan | None) -> _Plan:
+        later = self._task.steps[self._at + 1 :]
+        following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
+        planned = self._planner.plan(scene, self._step, self._strategies[name], following=following, former=former)
         return _Plan(name, planned, scene, at_step, self._trigger)
 
-    def _following(self, at: int) -> list[Ways]:
-        return [(step, [self._strategies[name] for name in step.strategies]) for step in self._task.steps[at + 1 :]]
-
-    def _plan_ahead(self, scene: Scene) -> None:
-        """Plan all steps; the first that cannot be planned whole is the last to be executed."""
-        for self._at in range(len(self._task.steps)):
-            plan = self._plan(scene, self._step.strategies[0], 0, None)
-            self._turn.plans.append(plan)
-            if plan.planned.after is None or not plan.planned.is_solved:
+    def _plan_ahead(self, scene: Scene) -> list[_Plan]:
+        """A plan a step, up to the first that cannot be planned whole."""
+        plans: list[_Plan] = []
+        for number, step in enumerate(self._task.steps):
+            self._at = number
+            plans.append(self._plan(scene, step.strategies[0], 0, None))
+            planned = plans[-1].planned
+            if planned.after is None or not planned.is_solved:
                 break
-            scene = plan.planned.after
+            scene = planned.after
         self._at = 0
-        self._running = self._turn.plans[0]
+        return plans
 
     def _blind(self, observation: Observation) -> Action | None:
-        self._turn.note(observation.measurement)
-        run = self._running
-        while run is not None and run.is_over:
-            following = self._at + 1
-            if following >= len(self._task.steps) or self._task.steps[following].name not in self._turns:
+        while True:
+            run = self._running
+            if run is not None and not run.is_over:
+                return self._follow(run, observation)
+            if run is not None:
+                self._at += 1
+            if not self._ahead:
                 return None
-            self._at = following
-            run = self._running = self._turn.plans[0]
-        if run is None or run.planned.schedule is None:
-            return None
-        return run.next_action()
+            self._running = self._ahead.pop(0)
+            self._turn().plans.append(self._running)

@@ -15,11 +15,6 @@ from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
 
-DRIFTED = "object drifted"
-MISSED = "grasp missed"
-LOST = "grasp lost"
-NOT_DONE = "not done"
-
 MOST_DRIFT = 0.005
 """Metres by which an object may move before the hand is to touch it."""
 MOST_OPENNESS_DRIFT = 0.02

@@ -55,16 +55,16 @@ class Schedule:
         times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
         contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
         actuation: the first step at the actuation pose.
-        gripped: the first step after the fingers have closed; N where they close on nothing.
-        released: the first step after the fingers have opened, or N.
+        gripped: the first step after the fingers have closed on something, or None; may be N.
+        released: the first step after the fingers have let go of something, or None.
     """
 
     actions: npt.NDArray[np.float32]
     times: Array
     contact: int
     actuation: int
-    gripped: int
-    released: int
+    gripped: int | None
+    released: int | None
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -128,8 +128,8 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
         times,
         contact=_first(times, contact),
         actuation=_first(times, reached.get("actuation", np.inf)),
-        gripped=len(times) if gripped is None else gripped,
-        released=len(times) if released is None else released,
+        gripped=gripped,
+        released=released,
     )
 
 

@@ -216,8 +216,7 @@ class StepPlanner:
         picks = thing.name if strategy.fingers == "grasp" and thing.is_rigid and scene.held is None else None
         acts = self._acts(scene, strategy, gently=picks is not None)
         rows = schedule(plan, acts, self.profile)
-        drops = strategy.fingers == "release" or (strategy.let_go is not None)
-        after = self._after(scene, step, problem, plan, rows, picks, drops)
+        after = self._after(scene, step, problem, plan, rows, picks)
         return StepPlan(plan.status, plan.reason, plan, rows, after, picks)
 
     def _after(
@@ -228,7 +227,6 @@ class StepPlanner:
         plan: kpam.Plan,
         rows: Schedule,
         picks: str | None,
-        drops: bool,
     ) -> Scene:
         trajectory = plan.trajectory
         assert trajectory is not None
@@ -245,10 +243,10 @@ class StepPlanner:
         if held is not None and acting is not None:
             # What is held goes with the hand: from the start, or from where it is picked; and stays where it is let go.
             q_from = scene.q if scene.held is not None else trajectory.sample(acting)[0]
-            q_to = trajectory.sample(acting)[0] if rows.released < len(rows) and drops else end
+            q_to = end if rows.released is None else trajectory.sample(rows.times[rows.released - 1])[0]
             ride = hand(q_to) @ np.linalg.inv(hand(q_from))
             after = predict.with_pose(after, held, ride @ scene.objects[held].T_base_object)
-            held = None if drops else held
+            held = held if rows.released is None else None
         return replace(after, q=end, qvel=np.zeros_like(end), held=held)
 
     def _finger(self, command: float) -> float:
@@ -296,7 +294,7 @@ class StepPlanner:
             return StepPlan(plan.status, plan.reason, plan, None, None)
         acts = self._acts(scene, strategy, self._command(grasp.opening / 2), gently=True)
         rows = schedule(plan, acts, self.profile)
-        after = self._after(scene, step, problem, plan, rows, step.object, drops=False)
+        after = self._after(scene, step, problem, plan, rows, step.object)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
 
     def _serves(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> bool:

@@ -33,7 +33,8 @@ def placed(model: Instance, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, op
     """An articulated object at its default placement, shifted and turned."""
     pose = _turned(yaw)
     pose[:3, :3] = pose[:3, :3] @ model.placement.rotation
-    pose[:3, 3] = model.placement.position + [x, y, 0.0]
+    pose[:3, 3] = model.placement.position
+    pose[:2, 3] += x, y
     return Stands(model, pose, openness, yaw)
 
 
