@@ -23,11 +23,10 @@ import numpy as np
 sys.path.append(str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
-from gensim2.episodes.recording import Recording
-from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
 from gensim2.pipeline.inputs import task_and_strategies
 from gensim2.pipeline.reading import read_record
@@ -108,9 +107,9 @@ def good_folder(folder: Path, problems: str) -> None:
         design = {**Design((), strategies, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
         (files.path / "design.json").write_text(json.dumps(design))
         log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
-        store = TrajectoryStore(files.path)
+        store, random = TrajectoryStore(files.path), np.random.default_rng(0)
         for index, episode in enumerate(episodes):
-            digest = store.add(index, _recording(episode.seed))
+            digest = store.add(index, fake_world.recording(episode.seed, {"drawer": "3"}, random), episode)
             log.add(LoggedEpisode.of(episode, index, digest))
         store.merge(_provenance(), {index: store.digest(index) for index in store.indices()})
         run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
@@ -236,29 +235,8 @@ def _resuming(folder: Path) -> list[str]:
     return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
 
 
-def _recording(seed: int, steps: int = 5) -> Recording:
-    generator = np.random.default_rng(seed)
-
-    def floats(*shape: int) -> Any:
-        return generator.random(shape).astype(np.float32)
-
-    return Recording(
-        seed=seed,
-        reset_options={"instance": "3"},
-        control_mode="pd_joint_pos",
-        actions=floats(steps, 8),
-        obs=floats(steps + 1, 40),
-        env_states={"articulations": {"panda": floats(steps + 1, 31), "object": floats(steps + 1, 15)}},
-        rewards=floats(steps),
-        terminated=np.zeros(steps, dtype=bool),
-        truncated=np.zeros(steps, dtype=bool),
-        success=np.ones(steps, dtype=bool),
-        openness=floats(steps + 1),
-    )
-
-
 def _provenance() -> Provenance:
-    return Provenance(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0, {})
+    return Provenance(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0)
 
 
 def problem_line() -> str:

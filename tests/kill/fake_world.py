@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gensim2.episodes.recording import Recording
 
 from gensim2 import seeding
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
+from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
 from gensim2.pipeline import worker
 from gensim2.pipeline.setting import Setting
@@ -54,7 +54,8 @@ def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Ep
     found = episode_of(
         setting.task, seed, held=held, instance=model.id, content_hash=model.content_hash, start=start, end=end
     )
-    return found, recording(seed, model.id, random) if held else None
+    (name,) = setting.task.objects
+    return found, recording(seed, {name: model.id}, random) if held else None
 
 
 def episode_of(
@@ -100,7 +101,7 @@ def episode_of(
     )
 
 
-def recording(seed: int, instance: str, random: np.random.Generator, steps: int = 5) -> Recording:
+def recording(seed: int, instances: dict[str, str], random: np.random.Generator, steps: int = 5) -> Recording:
     """An episode of noise."""
 
     def noise(*shape: int) -> Any:
@@ -108,7 +109,8 @@ def recording(seed: int, instance: str, random: np.random.Generator, steps: int 
 
     return Recording(
         seed=seed,
-        reset_options={"instance": instance},
+        reset_options={"instance": instances},
+        instances=instances,
         control_mode="pd_joint_pos",
         actions=noise(steps, 8),
         obs=noise(steps + 1, 4),
@@ -117,5 +119,4 @@ def recording(seed: int, instance: str, random: np.random.Generator, steps: int 
         terminated=np.zeros(steps, bool),
         truncated=np.zeros(steps, bool),
         success=np.ones(steps, bool),
-        openness=noise(steps + 1),
     )

@@ -13,9 +13,9 @@ from typing import Any
 
 import fake_world
 import pytest
-from gensim2.episodes.trajectory import TrajectoryStore
 
 from gensim2.episodes.record import Episode
+from gensim2.episodes.trajectory import TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.pipeline import runfolder
 from gensim2.pipeline.attempts import AttemptLog

@@ -97,7 +97,7 @@ def collect(
     for index, (episode, recording) in evaluator.run(worker.demonstrate, jobs, f"{task.name}: demonstrations"):
         digest = None
         if recording is not None:
-            digest = store.add(index, recording)
+            digest = store.add(index, recording, episode)
             progress.advance()
         collection.add(LoggedEpisode.of(episode, index, digest))
     entries = log.finish(collection.needed())
@@ -115,10 +115,9 @@ def collect(
             task=task,
             strategies=strategies,
             assets=evaluator.circumstances.assets,
-            physics=evaluator.circumstances.physics,
-            robot=evaluator.circumstances.robot,
             licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
+            environment=evaluator.circumstances.environment,
             details={"versions": versions(), "attempts": len(entries)},
         ),
         {entry.index: entry.episode_digest for entry in kept},

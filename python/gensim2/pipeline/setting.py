@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from gensim2.tasks.spec import TaskSpec
 
+DEFAULT_ROBOT = "panda"
+
 PHYSICS = ("ours", "original")
 """Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
 
@@ -22,9 +24,16 @@ class Circumstances:
     """
 
     assets: str
-    physics: str = "ours"
-    robot: str = "panda"
+    physics: str = PHYSICS[0]
+    robot: str = DEFAULT_ROBOT
     open_loop: bool = False
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Arguments of the registered environment, where they are not its defaults."""
+        given = {"physics": self.physics, "robot_uids": self.robot}
+        defaults = {"physics": PHYSICS[0], "robot_uids": DEFAULT_ROBOT}
+        return {name: value for name, value in given.items() if value != defaults[name]}
 
 
 @dataclass(frozen=True)

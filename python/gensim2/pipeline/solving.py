@@ -11,6 +11,7 @@ import gensim2_kpam as kpam
 from gensim2.files import check_writable, write_json
 from gensim2.pipeline.inputs import TaskInput, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
+from gensim2.pipeline.setting import DEFAULT_ROBOT
 from gensim2.planning.scene import Scene
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def solve(
     assets: str | Path | None = None,
     instances: str = "all",
     physics: str = "ours",
-    robot: str = "panda",
+    robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan], None] | None = None,
