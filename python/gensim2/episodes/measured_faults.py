@@ -15,7 +15,6 @@ from gensim2.tasks.criteria import (
     ArticulatedOpen,
     DistanceArticulatedRigid,
     DistanceGripperRigid,
-    all_hold,
 )
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step
