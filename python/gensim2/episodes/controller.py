@@ -57,8 +57,8 @@ class Event:
 class Controller(Protocol):
     """Decides every action of one episode.
 
-    ``history`` and ``events`` are read while the episode goes on and when it is over. A controller that knows nothing of
-    steps leaves both empty; then a step's turn ends where its criterion is true.
+    ``turn`` is read after every action, ``history`` and ``events`` when the episode is over. A controller that knows
+    nothing of steps leaves them empty; then a step's turn ends where its criterion is true.
     """
 
     def reset(self, scene: Scene) -> None:
@@ -70,8 +70,13 @@ class Controller(Protocol):
         ...
 
     @property
+    def turn(self) -> str | None:
+        """Name of the task's step whose turn it is; None: nobody knows."""
+        ...
+
+    @property
     def history(self) -> Sequence[StepRecord]:
-        """One a step that was begun, in order; the turn is the last one's. ``paper`` and ``done`` are the loop's to say."""
+        """One a step that was begun, however often; the loop says ``paper`` and ``done``."""
         ...
 
     @property

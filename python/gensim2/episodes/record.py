@@ -1,4 +1,4 @@
-"""What is known of an episode when it is over: one plain value, as JSON in every log, for tables, designers and reports."""
+"""What is known of an episode when it is over: one plain value, as JSON in logs, for tables, designers and reports."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects import ObjectModel
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
@@ -19,14 +18,58 @@ Tree = dict[str, Any]
 """Arrays by name, nested; leaves are numpy arrays."""
 
 
+class Point(Protocol):
+    """A keypoint of an object."""
+
+    @property
+    def link(self) -> str: ...
+    @property
+    def position(self) -> Array:
+        """(3,) metres in the link's frame."""
+        ...
+
+
+class Joint(Protocol):
+    """The joint of an articulated object."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def lower(self) -> float: ...
+    @property
+    def upper(self) -> float: ...
+
+
+class Model(Protocol):
+    """What is recorded of an object, and what verdicts need of it."""
+
+    @property
+    def asset_class(self) -> str: ...
+    @property
+    def id(self) -> str: ...
+    @property
+    def source(self) -> str: ...
+    @property
+    def content_hash(self) -> str: ...
+    @property
+    def keypoints(self) -> Mapping[str, Point]: ...
+    @property
+    def joint(self) -> Joint | None: ...
+
+
 class Placed(Protocol):
     """An object as a reset put it into the scene."""
 
     @property
-    def model(self) -> ObjectModel: ...
+    def model(self) -> Model: ...
     @property
-    def pose(self) -> Array:
-        """(7,) of its root in the world: x, y, z, qw, qx, qy, qz."""
+    def position(self) -> Array:
+        """(3,) of its root in the world, m."""
+        ...
+
+    @property
+    def quaternion(self) -> Array:
+        """(4,) of its root in the world, (w, x, y, z)."""
         ...
 
     @property
@@ -57,8 +100,8 @@ class World(Protocol):
     elapsed_steps: int
     control_mode: str
 
-    @property
-    def robot(self) -> RobotProfile: ...
+    profile: RobotProfile
+
     @property
     def setup(self) -> Setup: ...
     @property
@@ -78,12 +121,18 @@ class World(Protocol):
         """One control step in which nothing is commanded."""
         ...
 
-    def joints(self) -> tuple[Array, Array]:
-        """(n,) and (n,): the robot's joints and their velocities."""
+    @property
+    def q(self) -> Array:
+        """(n,) robot joints, rad and m."""
+        ...
+
+    @property
+    def qvel(self) -> Array:
+        """(n,) their velocities."""
         ...
 
     def measure(self) -> Measurement:
-        """Everything that criteria and verdicts go by; ``gripper`` is empty without the arm."""
+        """Everything that criteria and verdicts go by; without the arm as if it stood as at the start."""
         ...
 
     def scene_state(self) -> Scene:
@@ -97,11 +146,6 @@ class World(Protocol):
     @property
     def is_finite(self) -> bool:
         """Whether physics still gives numbers."""
-        ...
-
-    @property
-    def success(self) -> bool:
-        """Whether the goal's criteria hold now."""
         ...
 
     def state(self) -> Tree:
