@@ -81,10 +81,6 @@ class _Turn:
     def is_done(self, measured: Measurement) -> bool:
         return all_hold(self.step.done, measured)
 
-    def record(self) -> StepRecord:
-        # The loop says whether it was done: it sees what comes after the last action, too.
-        return StepRecord(self.step.name, [plan.record() for plan in self.plans], paper=False, done=False)
-
 
 class ChainController:
     """Executes the steps of a task in order.
@@ -135,9 +131,18 @@ class ChainController:
         self._ahead = self._plan_ahead(scene) if self._open_loop else []
 
     @property
+    def turn(self) -> str | None:
+        """Name of the step whose turn it is."""
+        return self._turns[-1].step.name if self._turns else None
+
+    @property
     def history(self) -> list[StepRecord]:
-        """One a turn, with all its plans."""
-        return [turn.record() for turn in self._turns]
+        """One a step that was begun, with the plans of all its turns."""
+        plans: dict[str, list[PlanRecord]] = {}
+        for turn in self._turns:
+            plans.setdefault(turn.step.name, []).extend(plan.record() for plan in turn.plans)
+        # The loop says whether each was done: it sees what comes after the last action, too.
+        return [StepRecord(name, records, paper=False, done=False) for name, records in plans.items()]
 
     @property
     def events(self) -> list[Event]:

@@ -1,10 +1,10 @@
 """The room inside a container, read from its convex collision parts: where something lies that is *in* it.
 
 Its measured point (an object's last keypoint) lies in it, or above it where things are dropped into a box, and on the
-link that contains: the moving link of a drawer, the body of a box or a refrigerator. On a grid over that link's hulls a
-cell is room where no hull is, where there is something below it, and walls on three sides or on all four: a refrigerator
-is open in front, a drawer's back may be missing. Of the connected rooms the one at or below the measured point counts,
-as a box along the link's axes.
+link that contains: the moving link of a drawer, the body of a box or a refrigerator. On a grid over that link's hulls
+a cell is room where no hull is, where there is something below it, and walls on three sides or on all four: a
+refrigerator is open in front, a drawer's back may be missing. Of the connected rooms the one at or below the measured
+point counts, as a box along the link's axes.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDAr
 
 def _walled(solid: npt.NDArray[np.bool_], up: int) -> npt.NDArray[np.bool_]:
     sides = [_behind(solid, axis, forwards) for axis in range(3) if axis != up for forwards in (True, False)]
-    return np.sum(sides, axis=0) >= WALLS
+    return np.asarray(np.sum(sides, axis=0) >= WALLS)
 
 
 def _box(room: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_]]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gensim2.episodes.controller import ACTUATION, Action, Controller, Event, Observation
 from gensim2.episodes.diagnose import Outcome, diagnose
 from gensim2.episodes.motion import is_at_rest, is_stable
-from gensim2.episodes.record import Episode, ObjectRecord, StrictMiss
+from gensim2.episodes.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.episodes.recording import Recorder, Recording
 from gensim2.episodes.settling import LASTING_STEPS, MAX_SETTLE_STEPS, SETTLE_STEPS
 from gensim2.episodes.still import StillResult, still_arm
@@ -49,9 +49,9 @@ def run(
     """Run one episode and judge it.
 
     The controller acts until it is done, or until the task's step limit. Then its last command is held until the scene
-    has settled, and the episode is judged. These steps are part of the episode, so that a replay ends in the same state.
-    Only where the goal holds, the rest of a second is run for the strict verdict, and the same seed without the arm;
-    neither is part of the episode. A controller that is done before its first action ends the episode there.
+    has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same state. Only
+    where the goal holds, the rest of a second is run for the strict verdict, and the same seed without the arm; neither
+    is part of the episode. A controller that is done before its first action ends the episode there.
 
     Args:
         world: is reset, and once more where the still arm is run.
@@ -104,7 +104,10 @@ def run(
         by_itself=by_itself is not None and by_itself.success,
     )
     history = judged_steps(controller.history, turns)
-    cause, diagnosis = (None, {}) if held else diagnose(world.task, trace[: steps + 1], turns, history, controller.events, outcome)
+    cause: Cause | None = None
+    numbers: dict[str, Any] = {miss.value: found for miss, found in lacking.items()}
+    if not held:
+        cause, numbers = diagnose(world.task, trace, turns, history, controller.events, outcome)
     episode = Episode(
         seed=seed,
         objects=objects,
@@ -119,7 +122,7 @@ def run(
         settled=settled,
         truncated=truncated,
         cause=cause,
-        diagnosis=diagnosis if cause is not None else {miss.value: numbers for miss, numbers in lacking.items()},
+        diagnosis=numbers,
     )
     return EpisodeResult(episode, recording)
 
@@ -135,7 +138,7 @@ class _Motion:
         self._world = world
         self._action: Action | None = None
         self.trace = [world.measure()]
-        self._recorder = Recorder(world, self.trace[0]) if record else None
+        self._recorder = Recorder(world) if record else None
 
     @property
     def steps(self) -> int:
@@ -174,6 +177,7 @@ class _Motion:
 
     def measure_at(self, step: int) -> Measurement:
         """Hold the last command until so many control steps have gone by; they are not part of the episode."""
+        assert self._action is not None
         for _ in range(self.steps, step):
             self._world.step(self._action)
         return self._world.measure() if step > self.steps else self.trace[-1]

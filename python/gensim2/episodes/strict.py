@@ -121,7 +121,7 @@ def _outside(world: World) -> dict[str, str]:
 def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
     point = list(world.setup.objects[container].model.keypoints.values())[-1]
     containing = next(b for b in scene.objects[container].bodies if b.name == f"{container}/{point.link}")
-    T_body_world = np.linalg.inv(scene.T_world_base @ containing.T_base_body)
+    T_body_world = np.asarray(np.linalg.inv(scene.T_world_base @ containing.T_base_body), dtype=np.float64)
     box = inner_box(containing.hulls, point.position, T_body_world[:3, 2])
     lying = scene.objects[rigid].bodies[0]
     corners = np.concatenate(lying.hulls)
