@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from gensim2.errors import InputError
-from gensim2.objects.types import Instance
+from gensim2.objects import Instance, RigidObject
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -20,7 +20,7 @@ class ObjectSource(Protocol):
     """What the environment needs of an object library."""
 
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
-    def load(self, asset_class: str, instance_id: str, /) -> Instance: ...
+    def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject: ...
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
 
 
