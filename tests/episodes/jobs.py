@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+from gensim2.sim.robot import GRIPPER_CLOSED, RESET_QPOS
 
 from gensim2.demos.rollout import EpisodeResult
 from gensim2.planning.scene import Scene
-from gensim2.sim.robot import GRIPPER_CLOSED, RESET_QPOS
 
 HALFWAY = {
     "name": "PushDrawerHalfway",
