@@ -80,13 +80,19 @@ def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
     """Metres that a held object was away from where the hand had it, or None where it was not, or was released."""
     distances = _distances(measured, name)
-    opening = measured[0].finger_opening + LEAST_OPENING
+    let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
-        if instant.finger_opening > opening:
+        if instant is let_go:
             return None
         if distance > distances[0] + LEFT_BEHIND:
             return distance - distances[0]
     return None
+
+
+def released(measured: Sequence[Measurement]) -> Measurement | None:
+    """The instant at which the fingers opened, that held something at the first; None: they did not."""
+    opening = measured[0].finger_opening + LEAST_OPENING
+    return next((instant for instant in measured if instant.finger_opening > opening), None)
 
 
 def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
