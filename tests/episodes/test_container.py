@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from gensim2.assets import open_library
-from gensim2.assets.types import Instance
 from gensim2.episodes.container import InnerBox, inner_box
+from gensim2.objects import open_library
+from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
 

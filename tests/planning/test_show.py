@@ -6,9 +6,9 @@ import urllib.request
 
 import numpy as np
 import pytest
+from gensim2.planning.problem import SceneProblems
 
 import gensim2_kpam as kpam
-from gensim2.planning.problem import SceneProblems
 from gensim2.planning.scene import JointState, Scene, SceneBody
 
 pytest.importorskip("viser")

@@ -9,10 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from gensim2.assets import Library
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects import Library, RigidObject
+from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
 from gensim2.sim.rooms import with_rigid_objects
@@ -47,7 +46,7 @@ def check_names(task: TaskSpec, robot: RobotProfile) -> None:
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
-    """An opened library, or one as :func:`gensim2.assets.open_library` takes it."""
+    """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
     if assets is None or isinstance(assets, str | Path | Library):
         return with_rigid_objects(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):

@@ -21,6 +21,7 @@ from gensim2.errors import InputError
 from gensim2.robots import RobotProfile
 from gensim2.sim.objects import link_name
 from gensim2.sim.parts import Row, articulation_state, pose_row
+from gensim2.sim.physics import Physics, PhysicsName
 from gensim2.sim.scene_state import RobotReader
 
 _HALF = np.float32(0.5)
@@ -32,12 +33,15 @@ class Arm:
     Args:
         scene: where it is built; it stands at the profile's start.
         profile: of the robot.
+        physics: of the scene.
     """
 
-    def __init__(self, scene: sapien.Scene, profile: RobotProfile) -> None:
+    def __init__(self, scene: sapien.Scene, profile: RobotProfile, physics: Physics) -> None:
         self._profile = profile
         agent = _agent(profile.name)
-        self.articulation = built(_builder(profile.name), scene, sapien.Pose(p=list(profile.base_position)))
+        self.articulation = built(
+            _builder(profile.name, physics.name), scene, sapien.Pose(p=list(profile.base_position))
+        )
         for link in self.articulation.links:
             link.disable_gravity = True  # ManiSkill's stand-in for a controller that balances the arm's weight
         joints = {joint.name: joint for joint in self.articulation.active_joints}
@@ -47,6 +51,7 @@ class Arm:
             for joint in drives:
                 joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
                 joint.set_friction(0.0)
+        physics.prepare_robot(self.articulation)
         self._tool = next(link for link in self.articulation.links if link_name(link) == agent.ee_link_name)
         self.reader = RobotReader(profile, self.articulation)
 
@@ -87,12 +92,15 @@ class Arm:
         return [self.articulation.qpos, self.articulation.qvel, pose_row(self._tool.entity)]
 
 
-def parsed(urdf: str, config: Mapping[str, Any] | None = None) -> ArticulationBuilder:
+def parsed(
+    urdf: str, config: Mapping[str, Any] | None = None, prepare: Callable[[URDFLoader], None] | None = None
+) -> ArticulationBuilder:
     """A builder for a URDF, without its visuals.
 
     Args:
         urdf: path of the file.
         config: ManiSkill's: materials and patch radii of links.
+        prepare: is given the loader before it reads.
     """
     loader = URDFLoader()
     # The loader wants a scene for its builders only; a parsed builder builds into any.
@@ -101,6 +109,8 @@ def parsed(urdf: str, config: Mapping[str, Any] | None = None) -> ArticulationBu
     if config is not None:
         sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(config))
     loader._build_link = _without_visuals(loader._build_link)
+    if prepare is not None:
+        prepare(loader)
     articulations, _, _ = loader.parse(urdf)
     builder: ArticulationBuilder = articulations[0]
     return builder
@@ -129,6 +139,7 @@ def _agent(name: str) -> type[BaseAgent]:
 
 
 @cache
-def _builder(name: str) -> ArticulationBuilder:
+def _builder(name: str, physics: PhysicsName) -> ArticulationBuilder:
+    """One for each physics: builders keep the default material that there was when they were parsed."""
     agent = _agent(name)
     return parsed(agent.urdf_path, agent.urdf_config)

@@ -18,8 +18,8 @@ from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 
-from gensim2.assets.rigid import RigidObject
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
+from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import robot, robot_names
 from gensim2.sim import rendering
@@ -38,7 +38,7 @@ from gensim2.sim.arguments import (
 from gensim2.sim.objects import load_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
-from gensim2.sim.physics import RIGID_CONTACT_OFFSET, set_contact_offset, sim_config
+from gensim2.sim.physics import PhysicsName, named_physics
 from gensim2.sim.registration import MODULE
 from gensim2.sim.rigid import load_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
@@ -62,11 +62,12 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
+        assets: as in :func:`gensim2.objects.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
             that the library lists: any number up to 10^6 is a generated object. Said of the task's first object, or
             of several as a mapping from an object's name.
+        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -89,6 +90,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot_uids: str = "panda",
+        physics: PhysicsName = "ours",
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -103,8 +105,15 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         if reconfiguration_freq not in (None, 1):
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
-        check_words(robot=robot_uids, obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
+        check_words(
+            robot=robot_uids,
+            physics=physics,
+            obs_mode=obs_mode,
+            control_mode=control_mode,
+            render_backend=render_backend,
+        )
         self.profile = robot(robot_uids)
+        self.physics = named_physics(physics)
         self.task = as_task(task)
         check_names(self.task, self.profile)
         self._library = as_library(assets)
@@ -163,7 +172,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return sim_config()
+        return self.physics.sim_config
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -193,24 +202,27 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
+        self.physics.prepare_robot(self.agent.robot._objs[0])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
         given = read_options(options, tuple(self.task.objects))
-        setup = set_up(self.task, self._library, self._instances, seed, given, self.profile)
+        setup = set_up(self.task, self._library, self._instances, seed, given, self.profile, self.physics)
         self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
         self._parts = {}
         for name, thing in setup.objects.items():
             pose = sapien.Pose(thing.position, thing.quaternion)
             if isinstance(thing.model, RigidObject):
-                actor = load_rigid(self.scene, thing.model, pose, name)
+                actor = load_rigid(self.scene, thing.model, pose, name, self.physics)
                 self._parts[name] = RigidPart(name, thing, actor._objs[0])
             else:
-                built, warnings = load_object(self.scene, thing.model, pose, name)
-                self._parts[name] = ArticulatedPart(name, thing, built._objs[0], warnings)
+                built, warnings = load_object(self.scene, thing.model, pose, name, self.physics)
+                self._parts[name] = ArticulatedPart(
+                    name, thing, built._objs[0], self.physics.resist(built._objs[0], thing.model), warnings
+                )
         if setup.has_rigid_objects:
-            set_contact_offset(self.scene.px, RIGID_CONTACT_OFFSET)
+            self.physics.prepare_for_rigid_objects(self.scene.px)
         self._setup = setup
 
     def _load_lighting(self, options: dict[str, Any]) -> None:

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
 

@@ -15,18 +15,18 @@ import numpy as np
 import numpy.typing as npt
 import sapien
 
-from gensim2.assets.rigid import RigidObject
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.contacts import touched
-from gensim2.sim.objects import apply_friction, check_object
+from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import RIGID_CONTACT_OFFSET, new_system, set_contact_offset
+from gensim2.sim.physics import Physics, PhysicsName, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
@@ -41,10 +41,11 @@ class Lane:
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.assets.open_library`, or an opened library.
+        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
             object, or of several as a mapping from an object's name.
         robot: name of the robot.
+        physics: ours, or as the original has it.
 
     Raises:
         InputError: an argument is wrong.
@@ -59,7 +60,9 @@ class Lane:
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot: str = "panda",
+        physics: PhysicsName = "ours",
     ) -> None:
+        self.physics = named_physics(physics)
         self.task = as_task(task)
         self.profile = robot_profile(robot)
         check_names(self.task, self.profile)
@@ -93,15 +96,15 @@ class Lane:
         given = read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        setup = set_up(self.task, self._library, self.instance_ids, self.seed, given, self.profile)
-        self._system = new_system()
+        setup = set_up(self.task, self._library, self.instance_ids, self.seed, given, self.profile, self.physics)
+        self._system = self.physics.new_system()
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
-        self._arm = Arm(scene, self.profile) if robot else None
+        self._arm = Arm(scene, self.profile, self.physics) if robot else None
         build_table(scene, visible=False)
-        self._parts = {name: _build(scene, name, thing) for name, thing in setup.objects.items()}
+        self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
-            set_contact_offset(self._system, RIGID_CONTACT_OFFSET)
+            self.physics.prepare_for_rigid_objects(self._system)
         self._setup, self.elapsed_steps = setup, 0
         if self._arm is not None:
             self._arm.put()
@@ -228,11 +231,12 @@ class Lane:
         return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
 
 
-def _build(scene: sapien.Scene, name: str, thing: Placed) -> Part:
+def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> Part:
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
-        return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name))
-    articulation = built(parsed(str(thing.model.urdf)), scene, pose)
-    warnings = check_object(articulation, thing.model)
-    apply_friction(articulation, thing.model)
-    return ArticulatedPart(name, thing, articulation, warnings)
+        return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
+    model = thing.model
+    builder = parsed(str(model.urdf), prepare=lambda loader: physics.prepare_loader(loader, model.asset_class))
+    articulation = built(builder, scene, pose)
+    warnings = check_object(articulation, model)
+    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), warnings)

@@ -10,10 +10,11 @@ import numpy.typing as npt
 import sapien
 from sapien import physx
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
-from gensim2.sim.objects import apply_friction, link_name
+from gensim2.sim.objects import link_name
+from gensim2.sim.physics import JointResistance
 from gensim2.sim.randomize import placed
 from gensim2.sim.setup import Placed
 
@@ -28,15 +29,22 @@ class ArticulatedPart:
         name: its role in the task.
         thing: the object and where it was put.
         articulation: as it was built.
+        resistance: of its joint.
         warnings: of building it.
     """
 
     def __init__(
-        self, name: str, thing: Placed, articulation: physx.PhysxArticulation, warnings: tuple[str, ...] = ()
+        self,
+        name: str,
+        thing: Placed,
+        articulation: physx.PhysxArticulation,
+        resistance: JointResistance,
+        warnings: tuple[str, ...] = (),
     ) -> None:
         assert isinstance(thing.model, Instance)
         self.name, self.thing, self.model = name, thing, thing.model
         self.articulation, self.warnings = articulation, warnings
+        self.before_substep = resistance.update
         self._links = {link_name(link): link for link in articulation.links}
 
     # ------------------------------------------------------------------- time
@@ -44,11 +52,6 @@ class ArticulatedPart:
     def put(self) -> None:
         """Open it as far as it was drawn."""
         self.articulation.qpos = np.array([self.thing.joint_value], dtype=np.float32)
-
-    def before_substep(self) -> None:
-        """Brake the joint by its damping at the present speed."""
-        if self.model.joint.damping > 0:
-            apply_friction(self.articulation, self.model, float(self.articulation.qvel[0]))
 
     def nudge(self, dx: float, dy: float, dyaw: float) -> None:
         """Shift it by metres in the world, and turn it by rad about the vertical through its root."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gensim2.assets import Library, open_library
-from gensim2.assets.library import BUILTIN
-from gensim2.assets.rigid import RigidLibrary, RigidObject, has_rigid_objects, open_rigid_library
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects import Library, RigidLibrary, RigidObject, has_rigid_objects, open_library, open_rigid_library
+from gensim2.objects.library.articulated import BUILTIN
+from gensim2.objects.types import Instance
 
 ONLY = "0"
 """Id of a rigid object, which is the only instance of its class."""

@@ -9,14 +9,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from gensim2.assets.rigid import RigidObject
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
 from gensim2.sim.arguments import ObjectSource
 from gensim2.sim.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
 from gensim2.sim.options import ObjectOptions
+from gensim2.sim.physics import OURS, Physics, PhysicsName
 from gensim2.sim.randomize import Draw, draw_object, openness_at_reset, placed, redraw_placement
 from gensim2.sim.support import set_down
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
@@ -47,6 +48,7 @@ class Placed:
         quaternion: (4,) of its root in the world, (w, x, y, z).
         yaw: what the randomization turned it by about the vertical, rad.
         openness: of its joint, 0..1; None of a rigid object.
+        default_pose: whose default pose it was put from, the original's or ours; None: its pose was given.
     """
 
     model: Instance | RigidObject
@@ -54,6 +56,7 @@ class Placed:
     quaternion: Array
     yaw: float
     openness: float | None
+    default_pose: PhysicsName | None = None
 
     @property
     def joint_value(self) -> float:
@@ -101,6 +104,7 @@ def set_up(
     seed: int,
     options: Mapping[str, ObjectOptions],
     robot: RobotProfile,
+    physics: Physics = OURS,
 ) -> Setup:
     """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
 
@@ -115,6 +119,7 @@ def set_up(
         seed: of the reset.
         options: by object, checked.
         robot: that is to reach them.
+        physics: says where objects stand before their randomization.
 
     Raises:
         InputError: there is no such instance, or its files cannot be used.
@@ -131,7 +136,7 @@ def set_up(
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
     room = _Room(task, models, options, robot) if len(models) > 1 else None
     for count in range(1, MOST_DRAWS + 1):
-        objects = _stand_all(task, models, draws, options)
+        objects = _stand_all(task, models, draws, options, physics)
         if objects is not None and (room is None or room.holds(objects)):
             return Setup(objects, count)
         for name, spec in task.objects.items():
@@ -154,11 +159,12 @@ def _stand_all(
     models: Mapping[str, Instance | RigidObject],
     draws: Mapping[str, Draw],
     options: Mapping[str, ObjectOptions],
+    physics: Physics,
 ) -> dict[str, Placed] | None:
     """Every object where it was drawn; None where one has no room on what it stands on."""
     objects: dict[str, Placed] = {}
     for name, spec in task.objects.items():
-        thing = _stand(spec, models[name], draws[name], options[name], objects)
+        thing = _stand(spec, models[name], draws[name], options[name], objects, physics)
         if thing is None:
             return None
         objects[name] = thing
@@ -166,13 +172,19 @@ def _stand_all(
 
 
 def _stand(
-    spec: ObjectSpec, model: Instance | RigidObject, draw: Draw, options: ObjectOptions, before: Mapping[str, Placed]
+    spec: ObjectSpec,
+    model: Instance | RigidObject,
+    draw: Draw,
+    options: ObjectOptions,
+    before: Mapping[str, Placed],
+    physics: Physics,
 ) -> Placed | None:
     """The object where it was drawn; None where what it stands on has no room for it there."""
     openness = None
+    default = physics.default_place(model)
     if isinstance(model, Instance):
         given = options.get("openness")
-        mean = openness_at_reset(spec.randomization, draw, model.default_openness)
+        mean = openness_at_reset(spec.randomization, draw, default.openness)
         openness = mean if given is None else float(given)
     elif "openness" in options:
         raise InputError(f"{model.name} has no joint", field="openness")
@@ -180,14 +192,13 @@ def _stand(
         pose = np.asarray(options["pose"], dtype=np.float64)
         return Placed(model, pose[:3], pose[3:], 0.0, openness)
     x, y, yaw = map(float, options.get("offset", (draw.x, draw.y, draw.yaw)))
-    default = model.placement if isinstance(model, Instance) else model.resting
     position = np.array(default.position, dtype=np.float64)
     support = None if spec.place.on == TABLE else before[spec.place.on]
     if spec.place.at is not None:
         position[:2] = spec.place.at
     elif support is not None:
         position[:2] = support.point()[:2]
-    thing = Placed(model, *placed(position, default.quaternion, x, y, yaw), yaw, openness)
+    thing = Placed(model, *placed(position, default.quaternion, x, y, yaw), yaw, openness, default.origin)
     return thing if support is None else set_down(thing, support)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.assets.convexes import Block, depth_inside, surface_samples
+from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
 from gensim2.sim.footprint import hulls_in_root
 
 if TYPE_CHECKING:
