@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.episodes.controller import ACTUATION, Event
-from gensim2.episodes.measured_faults import fault_of_criterion, released, was_left_behind
+from gensim2.episodes.measured_faults import distance_apart, fault_of_criterion, released, was_left_behind
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
-from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -132,7 +132,7 @@ class _Facts:
             plan = record.plans[-1]
             found |= {"strategy": plan.strategy, "status": plan.status, "reason": plan.reason}
             found |= {"plan": plan.detail} if plan.detail else {}
-        deviations = [asdict(event) for event in self.events if event.what != ACTUATION]
+        deviations = [{**asdict(e), "what": str(e.what)} for e in self.events if e.what != ACTUATION]
         return found | ({"deviations": deviations} if deviations else {})
 
     def _is_stuck(self, record: StepRecord) -> bool:
@@ -190,4 +190,12 @@ def _speeds(measured: Measurement) -> dict[str, Any]:
 
 
 def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
-    return {"failing": [c.type for c in task.success if not c.holds(measured)], "openness": dict(measured.openness)}
+    """Which criteria of the goal do not hold, and what they measure."""
+    failing = [criterion for criterion in task.success if not criterion.holds(measured)]
+    distances = {
+        c.rigid: distance_apart(measured, c.articulated, c.rigid)
+        for c in failing
+        if isinstance(c, DistanceArticulatedRigid)
+    }
+    numbers = {"failing": [criterion.type for criterion in failing], "openness": dict(measured.openness)}
+    return numbers | ({"distances": distances} if distances else {})
