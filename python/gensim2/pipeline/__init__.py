@@ -1,6 +1,6 @@
 """Propose, solve, verify, keep: the loop, its run folder and its report.
 
-The three functions are imported when asked for: what refuses bad input needs none of what runs good input.
+The functions are imported when asked for: what refuses bad input needs none of what runs good input.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gensim2.pipeline.benchmark import benchmark
     from gensim2.pipeline.run import run_pipeline
     from gensim2.pipeline.single import demo
     from gensim2.pipeline.solving import solve
 
-__all__ = ["demo", "run_pipeline", "solve"]
+__all__ = ["benchmark", "demo", "run_pipeline", "solve"]
 
-_MODULES = {"demo": "single", "run_pipeline": "run", "solve": "solving"}
+_MODULES = {"benchmark": "benchmark", "demo": "single", "run_pipeline": "run", "solve": "solving"}
 
 
 def __getattr__(name: str) -> Any:

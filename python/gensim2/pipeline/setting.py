@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gensim2.episodes.disturbance import Kind
 from gensim2.tasks.spec import TaskSpec
 
 DEFAULT_ROBOT = "panda"
@@ -21,12 +22,14 @@ class Circumstances:
         physics: ``"ours"`` or ``"original"``.
         robot: name of its profile.
         open_loop: everything is planned at the start, with the first strategy of each step.
+        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
     """
 
     assets: str
     physics: str = PHYSICS[0]
     robot: str = DEFAULT_ROBOT
     open_loop: bool = False
+    disturbance: Kind | None = None
 
     @property
     def environment(self) -> dict[str, str]:
