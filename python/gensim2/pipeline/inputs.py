@@ -11,7 +11,7 @@ from pathlib import Path
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, RigidObject, open_library
-from gensim2.pipeline.setting import DEFAULT_ROBOT, PHYSICS, Circumstances
+from gensim2.pipeline.setting import DEFAULT_ROBOT, PHYSICS, Circumstances, Physics
 from gensim2.planning.check import check_strategies
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
@@ -47,7 +47,7 @@ def read_task_input(
     instances: str,
     seed: int,
     *,
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
 ) -> TaskInput:
