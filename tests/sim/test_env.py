@@ -187,7 +187,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
     ("options", "expected"),
     [
         ({"instanse": "0"}, "instanse: unknown reset option"),
-        ({"instance": "99"}, "instance: crate has no instance '99'"),
+        ({"instance": "99"}, "instance: crate has no instance 99"),
         ({"instance": 0}, "instance: must be the id"),
         ({"openness": 1.5}, "openness: must lie in 0..1"),
         ({"openness": float("nan")}, "openness: must be a finite number"),

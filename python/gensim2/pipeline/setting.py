@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from gensim2.episodes.disturbance import Kind
 from gensim2.tasks.spec import TaskSpec
 
 DEFAULT_ROBOT = "panda"
 
-PHYSICS = ("ours", "original")
+Physics = Literal["ours", "original"]
 """Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
+
+PHYSICS: tuple[Physics, ...] = get_args(Physics)
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Circumstances:
     """
 
     assets: str
-    physics: str = PHYSICS[0]
+    physics: Physics = "ours"
     robot: str = DEFAULT_ROBOT
     open_loop: bool = False
     disturbance: Kind | None = None
@@ -35,7 +38,7 @@ class Circumstances:
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
         given = {"physics": self.physics, "robot_uids": self.robot}
-        defaults = {"physics": PHYSICS[0], "robot_uids": DEFAULT_ROBOT}
+        defaults = {"physics": "ours", "robot_uids": DEFAULT_ROBOT}
         return {name: value for name, value in given.items() if value != defaults[name]}
 
 

@@ -30,6 +30,9 @@ SAME_COMMAND = 0.1
 #: Joint speed (rad/s) below which the arm is at rest.
 AT_REST = 0.01
 
+INVALID = "invalid"
+"""Status of a step whose strategy names what these objects have not."""
+
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
 
@@ -119,12 +122,15 @@ class StepPlanner:
             former: an earlier plan of the same step; its pose and its way are tried first.
             explain: whether the plan says what became of every pose that was tried.
 
-        Raises:
-            InputError: the strategy does not fit the objects (:class:`kpam.ProblemError`).
+        Returns:
+            One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
         """
         if isinstance(strategy, GraspStrategy):
             return self._grasp(scene, step, strategy, following)
-        problem = self.problem(scene, step, strategy)
+        try:
+            problem = self.problem(scene, step, strategy)
+        except kpam.ProblemError as error:
+            return StepPlan(INVALID, str(error), None, None, None)
         plan = kpam.plan(problem, former=former.plan if former is not None else None, explain=explain)
         return self._planned(scene, step, strategy, problem, plan)
 

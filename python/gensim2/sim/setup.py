@@ -132,7 +132,7 @@ def set_up(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, instances[name])
         chosen = options[name].get("instance")
-        if chosen is not None and chosen not in library.instances(spec.asset_class):
+        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a word is no id
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
     room = _Room(task, models, options, robot) if len(models) > 1 else None
