@@ -17,7 +17,6 @@ from gensim2.planning.world import carried_by
 from gensim2.robots import robot
 from gensim2.tasks.measurement import Measurement
 
-
 Array = npt.NDArray[np.float64]
 
 PANDA = robot("panda")
