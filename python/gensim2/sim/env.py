@@ -376,6 +376,7 @@ def make_env(
     *,
     assets: str | Path | ObjectSource | None = None,
     instances: Words | Mapping[str, Words] = "all",
+    physics: PhysicsName = "ours",
     obs_mode: str = "state",
     render_mode: str | None = None,
 ) -> GenSim2Env:
@@ -383,4 +384,6 @@ def make_env(
 
     It behaves as ``gym.make(env_id(task), ...)`` does.
     """
-    return GenSim2Env(task=task, assets=assets, instances=instances, obs_mode=obs_mode, render_mode=render_mode)
+    return GenSim2Env(
+        task=task, assets=assets, instances=instances, physics=physics, obs_mode=obs_mode, render_mode=render_mode
+    )
