@@ -149,10 +149,14 @@ def _left_alone(lane: Lane, openness: float, seconds: float = 5.0) -> float:
     return float(lane.measure().openness["object"])
 
 
-def test_a_lid_falls_back_under_the_original_and_stays_under_ours() -> None:
-    for number in ("0", "3"):
-        assert _left_alone(lane_on("box_rotate", "original", number), 0.5) < 0.1
-        assert _left_alone(lane_on("box_rotate", "ours", number), 0.5) == pytest.approx(0.5, abs=0.01)
+@pytest.mark.parametrize(
+    ("asset_class", "end"),
+    [("oven", 1.0), ("kitchen_pot", 0.0), ("box_rotate", 0.5)],
+)
+def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(asset_class: str, end: float) -> None:
+    """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/original_physics.py)."""
+    assert _left_alone(lane_on(asset_class, "original"), 0.5) == pytest.approx(end, abs=0.02)
+    assert _left_alone(lane_on(asset_class, "ours"), 0.5) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
@@ -261,7 +265,7 @@ def test_states_are_those_of_the_environment(
         for part, state in lane.state()["articulations"].items():
             assert np.array_equal(states[part][0].numpy(), state)
         moved.append(abs(lane.measure().openness["object"] - before))
-    assert max(moved) > 0.1
+    assert max(moved) > 0.05
 
 
 def test_an_unknown_physics_is_refused(crate_task: TaskSpec, crates: Callable[..., Any]) -> None:
