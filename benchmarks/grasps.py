@@ -28,35 +28,32 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
-from gensim2.objects import RigidObject, open_rigid_library
-from gensim2.planning.actions import CONTROL_HZ, LAG_STEPS
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.objects import RigidObject, open_library
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
+from gensim2.robots import robot
 from gensim2.seeding import rng
+from gensim2.sim.physics import RIGID_CONTACT_OFFSET
 from gensim2.sim.rigid import load_rigid, resting_pose
-from gensim2.sim.robot import BASE_POSITION, RESET_QPOS, base_pose
 from gensim2.sim.table import HALF_SIZE, build_table, corners
 
 Array = npt.NDArray[np.float64]
 
+PANDA = robot("panda")
 #: Where objects lie: distance from the robot's base (m), and angle about it (rad).
 DISTANCE, ANGLE = (0.4, 0.65), (-0.6, 0.6)
 LIFT, RAISED, HOLD_SECONDS = 0.15, 0.10, 2.0
 SETTLE_STEPS = 4
 #: The drives follow about two steps late.
-ARRIVE_STEPS = LAG_STEPS + 4
+ARRIVE_STEPS = PANDA.lag_steps + 4
 #: Speed of a closing finger (m/s), and the target (m) with which it presses; commands from -1 to 1 are -0.01 to 0.04 m.
 FINGER_SPEED, PRESS = 0.06, -0.01
 #: Friction coefficient between finger pads (2.0 in ManiSkill's Panda) and object: PhysX takes the mean.
 PAD_FRICTION = 2.0
-#: Metres. With ManiSkill's 20 mm each finger is in speculative contact with some 60 plates of a bowl at once, and
-#: PhysX throws the bowl although nothing touches it.
-CONTACT_OFFSET = 0.005
 
 
 class LiftEnv(BaseEnv):  # type: ignore[misc]
-    """The Panda at the table with one rigid object; physics and control as in GenSim2Env, contact offset apart."""
+    """The Panda at the table with one rigid object; physics and control as in GenSim2Env."""
 
     SUPPORTED_REWARD_MODES = ("none",)
 
@@ -76,18 +73,18 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
             sim_freq=100,
-            control_freq=CONTROL_HZ,
+            control_freq=PANDA.control_hz,
             scene_config=SceneConfig(
                 enable_tgs=True,
                 enable_pcm=True,
                 solver_position_iterations=15,
                 solver_velocity_iterations=1,
-                contact_offset=CONTACT_OFFSET,
+                contact_offset=RIGID_CONTACT_OFFSET,
             ),
         )
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(BASE_POSITION)))
+        super()._load_agent(options, sapien.Pose(p=list(PANDA.base_position)))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         build_table(self.scene, visible=False)
@@ -97,8 +94,8 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         pass
 
     def _initialize_episode(self, env_idx: Any, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(RESET_QPOS, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(BASE_POSITION)))
+        self.agent.reset(np.array(PANDA.reset_qpos, dtype=np.float32))
+        self.agent.robot.set_pose(sapien.Pose(p=list(PANDA.base_position)))
 
     def evaluate(self) -> dict[str, Any]:
         return {}
@@ -138,42 +135,44 @@ def draw_pose(name: str, seed: int, episode: int) -> tuple[float, float, float]:
     random = rng(seed, f"grasps/{name}", episode)
     distance, angle = random.uniform(*DISTANCE), random.uniform(*ANGLE)
     yaw = random.uniform(-np.pi, np.pi)
-    return BASE_POSITION[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
+    return PANDA.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
 
 
 def lift(name: str, seed: int, episode: int) -> dict[str, Any]:
     """Plan and execute one grasp of an object in the pose of this number."""
-    return asdict(_lift(open_rigid_library("builtin").load(name), seed, episode))
+    return asdict(_lift(open_library("builtin").load_rigid(name), seed, episode))
 
 
 def _lift(rigid: RigidObject, seed: int, episode: int) -> Lift:
-    env = LiftEnv(rigid, resting_pose(rigid, *draw_pose(rigid.name, seed, episode)), render_backend="none")
+    env = LiftEnv(rigid, resting_pose(rigid, *draw_pose(rigid.asset_class, seed, episode)), render_backend="none")
     try:
         env.reset(seed=0)
-        idle = np.array([*RESET_QPOS[:7], 1.0], dtype=np.float32)
+        idle = np.array([*PANDA.reset_qpos[:7], 1.0], dtype=np.float32)
         for _ in range(SETTLE_STEPS):
             env.step(idle)
-        T_base_world = np.linalg.inv(base_pose())
-        robot, gripper = panda(), kpam.ParallelGripper.of_robot(panda(), **TOOL_KEYPOINTS)
-        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls]
-        body = kpam.Body(rigid.name, "target", shapes, T_base_world @ env.object_pose)
+        T_base_world = np.linalg.inv(PANDA.T_world_base)
+        model, gripper = PANDA.model, kpam.ParallelGripper.of_robot(PANDA.model, **PANDA.tool_keypoints)
+        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls["body"]]
+        body = kpam.Body(rigid.asset_class, "target", shapes, T_base_world @ env.object_pose)
         T_world_table = np.eye(4)
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
         options = {"friction": (PAD_FRICTION + rigid.friction) / 2}
         began = time.process_time()
-        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.inertial.center, options=options)
+        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.center_of_mass, options=options)
         searched = time.process_time()
-        q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(robot.lower, robot.upper)
-        found = kpam.plan_grasp(robot, q, gripper, body, grasps, bodies=[table], lift=[0, 0, LIFT])
+        q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(model.lower, model.upper)
+        found = kpam.plan_grasp(model, q, gripper, body, grasps, bodies=[table], lift=[0, 0, LIFT])
         planned = time.process_time()
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:
             cause = "no motion to any grasp" if grasps else "no grasp"
-            return Lift(rigid.name, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
+            return Lift(rigid.asset_class, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
         grasp = grasps[found.index]
         cause, raised = execute(env, found.pick, grasp.opening)
-        return Lift(rigid.name, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times)
+        return Lift(
+            rigid.asset_class, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times
+        )
     finally:
         env.close()
 
@@ -182,10 +181,10 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     """Run a pick; returns what became of it and how far the centre of mass was raised at least while holding (m)."""
     trajectory = plan.trajectory
     assert trajectory is not None
-    arm = trajectory.sample_every(1.0 / CONTROL_HZ)[:, :7]
+    arm = trajectory.sample_every(1.0 / PANDA.control_hz)[:, :7]
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
-    grip = min(round(time_of["actuation"] * CONTROL_HZ), len(arm) - 1)
-    center = env.rigid.inertial.center
+    grip = min(round(time_of["actuation"] * PANDA.control_hz), len(arm) - 1)
+    center = env.rigid.center_of_mass
 
     def height() -> float:
         pose = env.object_pose
@@ -202,7 +201,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     go(arm[: grip + 1], wide)
     go(np.repeat(at_grasp, ARRIVE_STEPS, axis=0), wide)
     moved = float(np.linalg.norm(env.object_pose[:3, 3] - before[:3, 3]))
-    steps = int(np.ceil((wide - PRESS) * CONTROL_HZ / FINGER_SPEED))
+    steps = int(np.ceil((wide - PRESS) * PANDA.control_hz / FINGER_SPEED))
     for fingers in np.linspace(wide, PRESS, steps):
         go(at_grasp, float(fingers))
     go(np.repeat(at_grasp, ARRIVE_STEPS, axis=0), PRESS)
@@ -211,7 +210,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     go(np.repeat(arm[-1:], ARRIVE_STEPS, axis=0), PRESS)
     raised = height() - begin
     lifted = raised >= RAISED
-    for _ in range(round(HOLD_SECONDS * CONTROL_HZ)):
+    for _ in range(round(HOLD_SECONDS * PANDA.control_hz)):
         go(arm[-1:], PRESS)
         raised = min(raised, height() - begin)
     if raised >= RAISED and all(env.touching()):
@@ -254,7 +253,7 @@ def report(results: list[dict[str, Any]]) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where less than 0.9 are held."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--objects", nargs="*", default=list(open_rigid_library("builtin").names()))
+    parser.add_argument("--objects", nargs="*", default=list(open_library("builtin").classes("rigid")))
     parser.add_argument("--poses", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)

@@ -52,9 +52,10 @@ seed = click.option(
 
 assets = click.option(
     "--assets",
-    metavar="DIR|builtin",
+    metavar="DIR|builtin|ycb",
     default=None,
-    help="Folder of objects, or 'builtin' for the generated ones.  [default: $GENSIM2_ASSETS, else builtin]",
+    help="Folder of objects, 'builtin' for the generated ones, or 'ycb' for ManiSkill's download; a rigid object that "
+    "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
 workers = click.option(
     "--workers",
@@ -81,6 +82,19 @@ jobs_per_worker = click.option(
 )
 video = click.option(
     "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
+)
+physics = click.option(
+    "--physics",
+    type=click.Choice(("ours", "original")),
+    default="ours",
+    show_default=True,
+    help="Joint friction, densities, materials and default poses: ours, or those of the original GenSim2.",
+)
+robot = click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Who does it.")
+open_loop = click.option(
+    "--open-loop",
+    is_flag=True,
+    help="Plan everything at the start of an episode, with the first strategy of each step, and never look again.",
 )
 json_file = click.option(
     "--json",

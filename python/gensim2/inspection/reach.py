@@ -12,8 +12,7 @@ from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.placement import ROBOT_BASE
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, Instance
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
-from gensim2.sim.robot import RESET_QPOS
+from gensim2.robots import robot
 from gensim2.sim.table import HALF_SIZE
 
 SHARES = (0.0, 0.5, 1.0)  # openness
@@ -80,10 +79,10 @@ def _table() -> kpam.Body:
 
 def _problem(head: Array) -> kpam.KeypointProblem:
     return kpam.KeypointProblem(
-        panda(),
+        robot("panda").model,
         _config(),
-        np.array(RESET_QPOS),
-        tool_keypoints=TOOL_KEYPOINTS,
+        np.array(robot("panda").reset_qpos),
+        tool_keypoints=robot("panda").tool_keypoints,
         object_keypoints={HEAD: head},
         T_base_object=np.eye(4),
         bodies=[_table()],

@@ -40,8 +40,8 @@ START_LIMIT = 300.0
 class Worker:
     """A place for one process at a time, and the job that it is busy with; the process starts with its first job."""
 
-    def __init__(self, time_limit: float, jobs: int) -> None:
-        self._time_limit, self._jobs = time_limit, jobs
+    def __init__(self, time_limit: float, jobs: int, prepare: Callable[[], object] | None = None) -> None:
+        self._time_limit, self._jobs, self._prepare = time_limit, jobs, prepare
         self._process: BaseProcess | None = None
         self._connection: Connection | None = None
         self._job: Job | None = None
@@ -90,12 +90,12 @@ class Worker:
         if not self._ready:
             self._ready, self._since = True, time.monotonic()
             return None
-        kind, value, text = pickle.loads(message)
+        kind, value, text, cpu_s = pickle.loads(message)
         if kind == "failure":
             return self.give_up(number, value, text)
         index, self._job = self._job.index, None
         self._served += 1
-        return Outcome(index, error=value) if kind == "error" else Outcome(index, value)
+        return Outcome(index, error=value, cpu_s=cpu_s) if kind == "error" else Outcome(index, value, cpu_s=cpu_s)
 
     def give_up(self, number: int, reason: str | None = None, text: str | None = None) -> Failure:
         """End the process; by default because its job took too long."""
@@ -139,7 +139,8 @@ class Worker:
     def _start(self) -> None:
         for number in range(TRIES):
             ours, theirs = _CONTEXT.Pipe()
-            process = _CONTEXT.Process(target=_serve, args=(theirs, {**os.environ, **_SINGLE_THREADED}), daemon=True)
+            environment = {**os.environ, **_SINGLE_THREADED}
+            process = _CONTEXT.Process(target=_serve, args=(theirs, environment, self._prepare), daemon=True)
             try:
                 with _single_threaded():
                     process.start()
@@ -191,12 +192,15 @@ def _fate(exitcode: int | None) -> str:
         return f"signal {-exitcode}"
 
 
-def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
+def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
     """Body of a worker process: jobs in, outcomes out, until the parent closes the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     os.environ.clear()
     os.environ.update(environment)  # the server may have been started before something was set
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    if prepare is not None:
+        with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
+            prepare()
     with contextlib.suppress(OSError):  # a parent that is gone already shows below
         connection.send_bytes(b"ready")
     while True:
@@ -220,15 +224,17 @@ def _end_with_the_parent() -> None:
 
 
 def _answer(payload: bytes) -> bytes:
-    """(kind, value, traceback), pickled; kind is result, error or failure."""
+    """(kind, value, traceback, seconds of CPU), pickled; kind is result, error or failure."""
     try:
         function, arguments = pickle.loads(payload)
+        begin = time.process_time()
         try:
-            return pickle.dumps(("result", function(*arguments), None))
+            result = function(*arguments)
+            return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
-            answer = pickle.dumps(("error", error, None))
+            answer = pickle.dumps(("error", error, None, time.process_time() - begin))
             pickle.loads(answer)  # what does not survive the way is a bug like any other
             return answer
     except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
-        return pickle.dumps(("failure", words, traceback.format_exc()))
+        return pickle.dumps(("failure", words, traceback.format_exc(), 0.0))

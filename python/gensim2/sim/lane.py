@@ -22,6 +22,7 @@ from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
 from gensim2.sim.arm import Arm, built, parsed
+from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
@@ -193,6 +194,10 @@ class Lane:
     def is_finite(self) -> bool:
         """Whether physics still gives numbers for the robot and the objects."""
         return bool(np.isfinite(self._robot.q).all()) and all(part.is_finite for part in self.parts.values())
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot presses against."""
+        return touched(self._system, self._require_arm().reader.articulation, self._parts)
 
     @property
     def q(self) -> npt.NDArray[np.float64]:
