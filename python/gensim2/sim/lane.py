@@ -26,7 +26,7 @@ from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import Physics, PhysicsName, named_physics
+from gensim2.sim.physics import Physics, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
@@ -45,7 +45,7 @@ class Lane:
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
             object, or of several as a mapping from an object's name.
         robot: name of the robot.
-        physics: ours, or as the original has it.
+        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
 
     Raises:
         InputError: an argument is wrong.
@@ -60,7 +60,7 @@ class Lane:
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot: str = "panda",
-        physics: PhysicsName = "ours",
+        physics: str = "ours",
     ) -> None:
         self.physics = named_physics(physics)
         self.task = as_task(task)

@@ -248,8 +248,9 @@ class OriginalPhysics(Physics):
     def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
         # Rigid objects rest on the table: the original's height puts some of them into it. An id says something of the
         # released models only: generated ones have numbers of their own.
-        known = isinstance(model, Instance) and model.source == "real"
-        pose = original.default_pose(model.asset_class, model.id) if known else None
+        pose = None
+        if isinstance(model, Instance) and model.source == "real":
+            pose = original.default_pose(model.asset_class, model.id)
         if pose is None:
             return OURS.default_place(model)
         return DefaultPlace(pose.position, pose.quaternion, pose.openness, "original")
