@@ -5,8 +5,9 @@ The functions are imported when asked for: what refuses bad input needs none of 
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.pipeline.benchmark import benchmark
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
 
 __all__ = ["benchmark", "demo", "run_pipeline", "solve"]
 
-_MODULES = {"benchmark": "benchmark", "demo": "single", "run_pipeline": "run", "solve": "solving"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "benchmark": "gensim2.pipeline.benchmark",
+        "demo": "gensim2.pipeline.single",
+        "run_pipeline": "gensim2.pipeline.run",
+        "solve": "gensim2.pipeline.solving",
+    },
+)
