@@ -22,6 +22,7 @@ from gensim2.assets.overlap import link_pose
 from gensim2.assets.physics import hull_moments
 from gensim2.assets.shapes import transform
 from gensim2.assets.validate import physical_findings
+from gensim2.robots import robot
 
 CLASSES = sorted(object_classes())
 PAPER_COUNTS = {
@@ -116,7 +117,7 @@ def test_the_robot_reaches_it_over_its_range(library: Library, name: str) -> Non
     from gensim2.assets.reach import reach_findings
 
     for number in ("0", "1", "600"):
-        assert reach_findings(library.load(name, number)) == []
+        assert reach_findings(library.load(name, number), robot()) == []
 
 
 def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
@@ -125,9 +126,9 @@ def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
 
     near = library.load("drawer", "0")
     far = replace(near, placement=replace(near.placement, position=near.placement.position + np.array([0.5, 0.0, 0.0])))
-    shift = in_base(far, "articulated_object_head", 0.3) - in_base(near, "articulated_object_head", 0.3)
+    shift = np.subtract(*(in_base(thing, "articulated_object_head", 0.3, robot()) for thing in (far, near)))
     np.testing.assert_allclose(shift, [0.5, 0, 0], atol=1e-12)
-    found = {finding.check: finding for finding in reach_findings(far)}
+    found = {finding.check: finding for finding in reach_findings(far, robot())}
     finding = found["fingertips from articulated_object_head at openness 0, mm"]
     assert finding.limit == 10.0
     assert isinstance(finding.value, float)
@@ -135,7 +136,7 @@ def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
     below = replace(
         near, placement=replace(near.placement, position=near.placement.position - np.array([0.0, 0.0, 0.2]))
     )
-    assert any("table" in str(finding.value) for finding in reach_findings(below))
+    assert any("table" in str(finding.value) for finding in reach_findings(below, robot()))
 
 
 HOLLOW = {"box_rotate": 0.0, "drawer": 1.0, "microwave": 0.0, "safe_rotate": 0.0}

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from gensim2.demos.rollout import EpisodeResult
 from gensim2.planning.scene import Scene
-from gensim2.sim.robot import GRIPPER_CLOSED, RESET_QPOS
+from gensim2.robots import CLOSED, robot
 
 HALFWAY = {
     "name": "PushDrawerHalfway",
@@ -35,12 +35,12 @@ def push(scene: Scene) -> npt.NDArray[np.float64]:
         path.append(np.linspace(q[:7], goal[:7], steps, endpoint=False))
         q = goal
     joints = np.concatenate([*path, q[None, :7]])
-    return np.column_stack([joints, np.full(len(joints), GRIPPER_CLOSED)])
+    return np.column_stack([joints, np.full(len(joints), CLOSED)])
 
 
 def hold() -> npt.NDArray[np.float64]:
     """(30, 8) actions of an arm that stays where it is."""
-    return np.tile([*RESET_QPOS[:7], GRIPPER_CLOSED], (30, 1))
+    return np.tile([*robot().reset_qpos[:7], CLOSED], (30, 1))
 
 
 def _reach(q: npt.NDArray[np.float64], point: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -16,13 +16,13 @@ import pytest
 import gensim2.sim
 from gensim2.assets import open_library
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.robots import robot
 from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import draw_scene
-from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.tasks.library import load_task, parse_task, task_names
 from gensim2.tasks.spec import TaskSpec
 
-HOLD = np.array([*RESET_QPOS[:7], 1.0], dtype=np.float32)
+HOLD = robot().rest_action
 REACH = np.array([0.0, 0.45, 0.0, -2.0, 0.0, 2.45, 0.785, 1.0], dtype=np.float32)
 
 
@@ -35,7 +35,7 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
     env = gym.make(f"GenSim2-{name}-v1", assets="builtin", obs_mode="state_dict")
     obs, info = env.reset(seed=1)
     base = env.unwrapped
-    assert obs["agent"]["qpos"][0].tolist() == pytest.approx(RESET_QPOS)
+    assert obs["agent"]["qpos"][0].tolist() == pytest.approx(robot().reset_qpos)
     assert not bool(info["success"][0])
     assert 0.3 < base.openness < 0.7
     obs, reward, terminated, truncated, info = env.step(HOLD)
@@ -59,14 +59,14 @@ def test_the_scene_is_in_the_base_frame_and_agrees_with_itself(
     env = make_env(crate_task, assets=crates())
     env.reset(seed=0, options={"openness": 0.5, "offset": [0.05, -0.02, 0.3]})
     scene = env.scene_state()
-    assert scene.q == pytest.approx(np.array(RESET_QPOS))
+    assert scene.q == pytest.approx(np.array(robot().reset_qpos))
     # The lid's front edge by hand: hinge at (0.1, 0, 0.102), 0.2 m long, 0.75 rad open, turned by 0.3 rad.
     edge = np.array([0.1 - 0.2 * np.cos(0.75), 0.0, 0.102 + 0.2 * np.sin(0.75)])
     yaw = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
-    expected = yaw @ edge + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
+    expected = yaw @ edge + [0.05, -0.02, 0.0] - np.array(robot().base_position)
     assert scene.object_keypoints["articulated_object_head"] == pytest.approx(expected, abs=1e-5)
     assert scene.joint.axis == pytest.approx(yaw @ [0.0, 1.0, 0.0], abs=1e-5)
-    hinge = yaw @ [0.1, 0.0, 0.102] + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
+    hinge = yaw @ [0.1, 0.0, 0.102] + [0.05, -0.02, 0.0] - np.array(robot().base_position)
     assert scene.joint.origin == pytest.approx(hinge, abs=1e-5)
     assert scene.object_yaw == pytest.approx(0.3)
     # The object frame at joint value zero has y up and z towards the robot; opening turns it about its own x.

@@ -11,14 +11,14 @@ import pytest
 from gensim2.demos.rollout import still_arm
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.pipeline.worker import plan_episode
+from gensim2.robots import robot
 from gensim2.sim.env import make_env
 from gensim2.sim.lane import Lane
-from gensim2.sim.robot import RESET_QPOS
 from gensim2.tasks.library import load_config, task_names
 from gensim2.tasks.spec import TaskSpec
 
 EPISODES = 104
-HOLD = np.array([*RESET_QPOS[:7], 1.0], dtype=np.float32)
+HOLD = robot().rest_action
 
 
 def _actions(lane: Lane, config: dict[str, Any], rng: np.random.Generator) -> np.ndarray:

@@ -18,6 +18,7 @@ import gensim2_kpam as kpam
 from gensim2.pipeline.records import Attempt
 from gensim2.planning.actions import plan_actions
 from gensim2.planning.problem import SceneProblems
+from gensim2.robots import DEFAULT
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
@@ -45,11 +46,13 @@ Screened = tuple[float, str | None]
 
 @dataclass(frozen=True)
 class Setting:
-    """Which environment a job needs; ``task`` is the spec as JSON, ``assets`` a folder or ``"builtin"``."""
+    """Which environment a job needs: ``task`` is the spec as JSON, ``assets`` a folder or ``"builtin"``, ``robot`` the
+    name of a profile."""
 
     task: str
     assets: str
     instances: str = "all"
+    robot: str = DEFAULT
 
 
 @lru_cache(maxsize=2)
@@ -57,7 +60,12 @@ def simulator(setting: Setting) -> Lane:
     """Return the simulator of a setting; the last two are kept, since jobs come task by task."""
     from gensim2.sim.lane import Lane
 
-    return Lane(TaskSpec.model_validate_json(setting.task), assets=setting.assets, instances=setting.instances)
+    return Lane(
+        TaskSpec.model_validate_json(setting.task),
+        assets=setting.assets,
+        instances=setting.instances,
+        robot=setting.robot,
+    )
 
 
 def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any]]) -> list[Screened]:
@@ -69,7 +77,7 @@ def screen_scene(setting: Setting, seed: int, configs: Sequence[Mapping[str, Any
     """
     lane = simulator(setting)
     lane.reset(seed)
-    problems = SceneProblems(lane.scene_state(), lane.instance.object_axis)
+    problems = SceneProblems(lane.scene_state(), lane.robot, lane.instance.object_axis)
     return [_screen(problems, config) for config in configs]
 
 
@@ -97,11 +105,11 @@ def _reaches_actuation(plan: kpam.Plan) -> bool:
 def plan_episode(lane: Lane, config: Mapping[str, Any]) -> tuple[kpam.Plan, npt.NDArray[np.float32] | None]:
     """Plan on the scene as it stands; the actions are None where there is no trajectory."""
     solver_config = kpam.SolverConfig(config)
-    problems = SceneProblems(lane.scene_state(), lane.instance.object_axis)
+    problems = SceneProblems(lane.scene_state(), lane.robot, lane.instance.object_axis)
     plan = kpam.plan(problems.problem(solver_config, PLAN_OPTIONS))
     if plan.trajectory is None:
         return plan, None
-    return plan, plan_actions(plan, solver_config.gripper)
+    return plan, plan_actions(plan, solver_config.gripper, lane.robot)
 
 
 def attempt(setting: Setting, config: Mapping[str, Any], seed: int) -> Attempt:

@@ -8,32 +8,22 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-
-#: Control frequency of the environment, Hz.
-CONTROL_HZ = 20
-
-#: The joint drives follow their target about this many control steps late, so targets are sent that much ahead.
-LAG_STEPS = 2
-
-#: Steps that the gripper is given to open or to close.
-GRIPPER_STEPS = 12
-
-GRIPPER_OPEN = 1.0
-GRIPPER_CLOSED = -1.0
+from gensim2.robots import CLOSED, OPEN, RobotProfile
 
 
 def plan_actions(
-    plan: kpam.Plan, gripper: Literal["open", "closed", "grasp"], hold_steps: int = 4
+    plan: kpam.Plan, gripper: Literal["open", "closed", "grasp"], robot: RobotProfile, hold_steps: int = 4
 ) -> npt.NDArray[np.float32]:
     """Return the actions that execute ``plan``.
 
     Args:
         plan: a plan that has a trajectory.
         gripper: ``"closed"`` closes before the arm moves; ``"grasp"`` closes at the actuation pose.
+        robot: who executes it; its drives follow late, so targets are sent ahead by that much.
         hold_steps: steps for which the last target is held, so that the arm arrives.
 
     Returns:
-        (N, 8): 7 arm joint targets in rad and the gripper command, 1 open and -1 closed.
+        (N, m + 1): targets of the m arm joints and the gripper command, 1 open and -1 closed.
 
     Raises:
         ValueError: the plan has no trajectory.
@@ -41,34 +31,34 @@ def plan_actions(
     trajectory = plan.trajectory
     if trajectory is None:
         raise ValueError(f"the plan has no trajectory: {plan.reason}")
-    arm = trajectory.sample_every(1.0 / CONTROL_HZ)[:, :7]
-    split = _actuation_step(plan, len(arm)) if gripper == "grasp" else len(arm)
-    before, after = _ahead(arm[: split + 1]), _ahead(arm[split:])
-    approach = GRIPPER_CLOSED if gripper == "closed" else GRIPPER_OPEN
+    arm = trajectory.sample_every(1.0 / robot.control_hz)[:, : robot.arm_size]
+    split = _actuation_step(plan, robot.control_hz, len(arm)) if gripper == "grasp" else len(arm)
+    before, after = _ahead(arm[: split + 1], robot.lag_steps), _ahead(arm[split:], robot.lag_steps)
+    approach = CLOSED if gripper == "closed" else OPEN
     parts = []
     if gripper == "closed":
-        parts.append(_with_gripper(np.repeat(arm[:1], GRIPPER_STEPS, axis=0), GRIPPER_CLOSED))
+        parts.append(_with_gripper(np.repeat(arm[:1], robot.gripper_steps, axis=0), CLOSED))
     parts.append(_with_gripper(before, approach))
     if gripper == "grasp":
-        dwell = np.repeat(arm[split : split + 1], GRIPPER_STEPS, axis=0)
-        parts.append(_with_gripper(dwell[:LAG_STEPS], GRIPPER_OPEN))
-        parts.append(_with_gripper(dwell, GRIPPER_CLOSED))
-        parts.append(_with_gripper(after, GRIPPER_CLOSED))
-        approach = GRIPPER_CLOSED
+        dwell = np.repeat(arm[split : split + 1], robot.gripper_steps, axis=0)
+        parts.append(_with_gripper(dwell[: robot.lag_steps], OPEN))
+        parts.append(_with_gripper(dwell, CLOSED))
+        parts.append(_with_gripper(after, CLOSED))
+        approach = CLOSED
     parts.append(_with_gripper(np.repeat(arm[-1:], hold_steps, axis=0), approach))
     return np.concatenate(parts).astype(np.float32)
 
 
-def _actuation_step(plan: kpam.Plan, steps: int) -> int:
+def _actuation_step(plan: kpam.Plan, control_hz: int, steps: int) -> int:
     time: float = next(frame["time"] for frame in plan.keyframes if frame["label"] == "actuation")
-    return min(round(time * CONTROL_HZ), steps - 1)
+    return min(round(time * control_hz), steps - 1)
 
 
-def _ahead(arm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Shift targets forward by the lag; the last one is held."""
+def _ahead(arm: npt.NDArray[np.float64], steps: int) -> npt.NDArray[np.float64]:
+    """Shift targets forward by so many steps; the last one is held."""
     if len(arm) == 0:
         return arm
-    index = np.minimum(np.arange(len(arm)) + LAG_STEPS, len(arm) - 1)
+    index = np.minimum(np.arange(len(arm)) + steps, len(arm) - 1)
     return arm[index]
 
 

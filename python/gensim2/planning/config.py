@@ -10,7 +10,8 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.robots import DEFAULT
+from gensim2.robots import robot as robot_profile
 
 
 def solver_config(config: Mapping[str, Any], file: Path | str | None = None) -> kpam.SolverConfig:
@@ -38,6 +39,7 @@ def check_keypoints(
     keypoints: Iterable[str],
     joint: Literal["revolute", "prismatic"],
     file: Path | str | None = None,
+    robot: str = DEFAULT,
 ) -> None:
     """Make sure that the robot's tool and an object have the keypoints that a config names.
 
@@ -46,17 +48,19 @@ def check_keypoints(
         keypoints: names that the object has.
         joint: type of its moving joint.
         file: where the config comes from.
+        robot: name of its profile.
 
     Raises:
         InputError: one of them has not.
     """
-    robot = panda()
+    profile = robot_profile(robot)
+    model = profile.model
     try:
         kpam.KeypointProblem(
-            robot,
+            model,
             config,
-            (robot.lower + robot.upper) / 2,
-            tool_keypoints=TOOL_KEYPOINTS,
+            (model.lower + model.upper) / 2,
+            tool_keypoints=profile.tool_keypoints,
             # Anywhere off the joint's axis, no two in one place: names are what is checked.
             object_keypoints={name: np.array([1.0, 0.1 * n, 0.0]) for n, name in enumerate(keypoints)},
             T_base_object=np.eye(4),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
 from gensim2.planning.scene import Scene, SceneBody
+from gensim2.robots import RobotProfile
 
 
 def _body(body: SceneBody) -> kpam.Body:
@@ -23,11 +23,13 @@ class SceneProblems:
 
     Args:
         scene: what the simulator says stands where.
+        robot: who is to do it.
         object_axis: axis of the object frame that "rotate" motions turn about.
     """
 
-    def __init__(self, scene: Scene, object_axis: str = "y") -> None:
+    def __init__(self, scene: Scene, robot: RobotProfile, object_axis: str = "y") -> None:
         self.scene = scene
+        self._robot = robot
         self._object_axis = object_axis
         self._bodies = [_body(body) for body in scene.bodies]
         joint = scene.joint
@@ -40,12 +42,12 @@ class SceneProblems:
         """
         q_start = self.scene.q.copy()
         if config.gripper == "closed":
-            q_start[7:] = 0.0
+            q_start[self._robot.arm_size :] = 0.0
         return kpam.KeypointProblem(
-            panda(),
+            self._robot.model,
             config,
             q_start,
-            tool_keypoints=TOOL_KEYPOINTS,
+            tool_keypoints=self._robot.tool_keypoints,
             object_keypoints=self.scene.object_keypoints,
             T_base_object=self.scene.T_base_object,
             joint=self._joint,

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
 from gensim2.errors import MissingExtraError
-from gensim2.planning.robot import panda, panda_folder
 from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT
+from gensim2.robots import robot as robot_profile
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +30,7 @@ COLORS = {
 STEP = 0.04
 
 
-def show(scene: Scene, plan: kpam.Plan, *, host: str = "localhost", port: int = 8080) -> Any:
+def show(scene: Scene, plan: kpam.Plan, *, robot: str = DEFAULT, host: str = "localhost", port: int = 8080) -> Any:
     """Serve a page on which the plan can be watched; return at once.
 
     The page shows the arm at the slider's time, the scene's collision hulls, the hand's path, every keyframe (small
@@ -38,6 +39,7 @@ def show(scene: Scene, plan: kpam.Plan, *, host: str = "localhost", port: int = 
     Args:
         scene: what was planned in.
         plan: what was found.
+        robot: name of the profile that it was found for.
         host: address to listen on.
         port: of the page; the next free one is taken where it is in use.
 
@@ -48,14 +50,14 @@ def show(scene: Scene, plan: kpam.Plan, *, host: str = "localhost", port: int = 
         MissingExtraError: viser or yourdfpy is not installed.
     """
     viser, extras = _load("viser"), _load("viser.extras")
-    model = _load("yourdfpy").URDF.load(str(panda_folder() / "panda_v2.urdf"))
+    profile = robot_profile(robot)
+    model = _load("yourdfpy").URDF.load(str(profile.urdf))
     server = viser.ViserServer(host=host, port=port, verbose=False)
     server.scene.set_up_direction("+z")
     arm = extras.ViserUrdf(server, model, root_node_name="/arm")
     _draw_scene(server, scene)
-    _draw_plan(server, scene, plan)
-    robot = panda()
-    places = [robot.joint_names.index(name) for name in arm.get_actuated_joint_names()]
+    _draw_plan(server, plan, profile.model)
+    places = [profile.model.joint_names.index(name) for name in arm.get_actuated_joint_names()]
 
     def pose_at(q: Array) -> None:
         arm.update_cfg(np.asarray(q)[places])
@@ -113,7 +115,7 @@ def _draw_scene(server: Any, scene: Scene) -> None:
         server.scene.add_label(f"/keypoints/{name}/label", name.removeprefix("articulated_object_"))
 
 
-def _draw_plan(server: Any, scene: Scene, plan: kpam.Plan) -> None:
+def _draw_plan(server: Any, plan: kpam.Plan, robot: kpam.Robot) -> None:
     for frame in plan.keyframes:
         pose = np.asarray(frame["T_base_hand"], dtype=np.float64)
         server.scene.add_frame(
@@ -126,7 +128,7 @@ def _draw_plan(server: Any, scene: Scene, plan: kpam.Plan) -> None:
         text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
         server.scene.add_label(f"/keyframes/{frame['label']}/label", text)
     if plan.trajectory is not None:
-        path = panda().forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
+        path = robot.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
         if len(path) > 1:
             server.scene.add_line_segments(
                 "/path", np.stack([path[:-1], path[1:]], axis=1).astype(np.float32), (40, 90, 220), thickness=0.003

@@ -1,4 +1,4 @@
-"""The one environment: a Panda at a table with one articulated object, driven by a task spec."""
+"""The one environment: a robot at a table with one articulated object, driven by a task spec."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from mani_skill.utils.structs.types import SimConfig
 from gensim2.assets.types import Instance
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.planning.scene import Scene
-from gensim2.sim import rendering
+from gensim2.robots import DEFAULT, robot_names
+from gensim2.robots import robot as robot_profile
+from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import (
     ObjectSource,
     as_library,
@@ -37,7 +39,6 @@ from gensim2.sim.objects import apply_friction, load_object
 from gensim2.sim.physics import sim_config
 from gensim2.sim.randomize import RESET_OPTIONS, check_options
 from gensim2.sim.registration import MODULE
-from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.sim.scene_state import read_scene
 from gensim2.sim.setup import SceneSetup, set_up
 from gensim2.sim.table import build_table
@@ -46,15 +47,15 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
-    """A Panda at a table with one articulated object.
+    """A robot at a table with one articulated object.
 
     Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
     and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
 
-    An action of the default control mode ``pd_joint_pos`` is (8,): 7 arm joint targets in rad, and the
-    gripper from -1 (closed) to 1 (open).
+    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad, and
+    the gripper from -1 (closed) to 1 (open).
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
@@ -62,6 +63,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
             that the library lists: any number up to 10^6 is a generated object.
+        robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -74,7 +76,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_ROBOTS = ["panda"]  # noqa: RUF012 - as the base class has it
+    SUPPORTED_ROBOTS = [robot_profile(name).agent for name in robot_names()]  # noqa: RUF012 - as the base class has it
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
@@ -83,7 +85,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: str | TaskSpec | Mapping[str, Any],
         assets: str | Path | ObjectSource | None = None,
         instances: str | Sequence[str] = "all",
-        robot_uids: str = "panda",
+        robot: str = DEFAULT,
+        robot_uids: str | None = None,
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -99,8 +102,10 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
         check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
-        if robot_uids != "panda":
-            raise InputError(f"knows the panda only, not {robot_uids!r}", field="robot_uids")
+        self.robot = robot_profile(robot)
+        if robot_uids not in (None, self.robot.agent):
+            raise InputError(f"is {self.robot.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="use robot")
+        agents.register(self.robot)
         self.task = as_task(task)
         self._library = as_library(assets)
         self._instances = chosen_instances(self._library, self.task, instances)
@@ -114,7 +119,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             super().__init__(
                 *args,
                 num_envs=1,
-                robot_uids=robot_uids,
+                robot_uids=self.robot.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
                 render_backend=_render_backend(render_backend, obs_mode, render_mode),
@@ -158,7 +163,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return sim_config()
+        return sim_config(self.robot.physics_hz, self.robot.control_hz)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -187,7 +192,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         return result
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(BASE_POSITION)))
+        super()._load_agent(options, sapien.Pose(p=list(self.robot.base_position)))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
@@ -203,8 +208,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(RESET_QPOS, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(BASE_POSITION)))
+        self.agent.reset(np.array(self.robot.reset_qpos, dtype=np.float32))
+        self.agent.robot.set_pose(sapien.Pose(p=list(self.robot.base_position)))
         assert self._setup is not None
         self.object.set_qpos(torch.tensor([[self._setup.joint_value]], dtype=torch.float32))
         self.object.set_qvel(torch.zeros((1, 1)))
@@ -232,7 +237,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
         instance = self._require_instance()
-        return read_scene(self.agent.robot._objs[0], self.object._objs[0], instance, self.object_yaw)
+        return read_scene(self.agent.robot._objs[0], self.robot, self.object._objs[0], instance, self.object_yaw)
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """``success`` (1,) bool: every criterion of the task holds now; ``openness`` (1,)."""
@@ -244,7 +249,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
         """Hand pose in the world; with state observations also where the object and its link stand."""
-        extra = {"tcp_pose": self.agent.tcp_pose.raw_pose}
+        extra = {"tcp_pose": self.agent.robot.links_map[self.robot.tool_link].pose.raw_pose}
         if self.obs_mode_struct.use_state:
             extra |= {
                 "openness": info["openness"],
@@ -338,6 +343,7 @@ def make_env(
     *,
     assets: str | Path | ObjectSource | None = None,
     instances: str | Sequence[str] = "all",
+    robot: str = DEFAULT,
     obs_mode: str = "state",
     render_mode: str | None = None,
 ) -> GenSim2Env:
@@ -345,4 +351,6 @@ def make_env(
 
     It behaves as ``gym.make(env_id(task), ...)`` does.
     """
-    return GenSim2Env(task=task, assets=assets, instances=instances, obs_mode=obs_mode, render_mode=render_mode)
+    return GenSim2Env(
+        task=task, assets=assets, instances=instances, robot=robot, obs_mode=obs_mode, render_mode=render_mode
+    )

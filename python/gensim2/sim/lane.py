@@ -8,28 +8,26 @@ observations that nobody asked for, and the parsing of the robot's URDF at every
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sapien
-from mani_skill.agents.robots.panda.panda import Panda
-from mani_skill.utils import sapien_utils
 from sapien import physx
-from sapien.wrapper.articulation_builder import ArticulationBuilder
-from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.assets.types import Instance
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error
 from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT
+from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, as_library, as_task, chosen_instances
+from gensim2.sim.arm import Arm
+from gensim2.sim.articulations import built, parsed
 from gensim2.sim.objects import apply_friction, check_object, link_name
-from gensim2.sim.physics import CONTROL_HZ, PHYSICS_HZ, new_system
+from gensim2.sim.physics import new_system
 from gensim2.sim.randomize import RESET_OPTIONS, check_options
-from gensim2.sim.robot import BASE_POSITION, RESET_QPOS
 from gensim2.sim.scene_state import read_scene
 from gensim2.sim.setup import SceneSetup, set_up
 from gensim2.sim.table import build_table
@@ -37,10 +35,6 @@ from gensim2.tasks.criteria import succeeded
 from gensim2.tasks.spec import TaskSpec
 
 Row = npt.NDArray[np.float32]
-
-ARM_JOINTS = 7
-_FINGER_LOW, _FINGER_HIGH = np.float32(-0.01), np.float32(0.04)  # ManiSkill's targets (m) of gripper commands -1 and 1
-_TOOL_LINK = "panda_hand_tcp"
 
 
 class Lane:
@@ -50,6 +44,7 @@ class Lane:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
         assets: as in :func:`gensim2.assets.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one.
+        robot: name of its profile.
 
     Raises:
         InputError: an argument is wrong.
@@ -63,12 +58,14 @@ class Lane:
         *,
         assets: str | Path | ObjectSource | None = None,
         instances: str | Sequence[str] = "all",
+        robot: str = DEFAULT,
     ) -> None:
+        self.robot = robot_profile(robot)
         self.task = as_task(task)
         self._library = as_library(assets)
         self.instance_ids = chosen_instances(self._library, self.task, instances)
         self._setup: SceneSetup | None = None
-        self._robot: physx.PhysxArticulation | None = None
+        self._arm: Arm | None = None
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -95,16 +92,15 @@ class Lane:
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         setup = set_up(self.task, self._library, self.instance_ids, self.seed, self.reset_options)
-        self._system = new_system()
+        self._system = new_system(self.robot)
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
-        self._robot = _build_robot(scene) if robot else None
+        self._arm = Arm(scene, self.robot) if robot else None
         build_table(scene, visible=False)
         self._object, self.object_warnings = _build_object(scene, setup)
         self._setup, self.elapsed_steps = setup, 0
-        if self._robot is not None:
-            self._robot.qpos = np.array(RESET_QPOS, dtype=np.float32)
-            self._drives = self._robot.active_joints
+        if self._arm is not None:
+            self._arm.reset()
         self._object.qpos = np.array([setup.joint_value], dtype=np.float32)
 
     @property
@@ -117,11 +113,11 @@ class Lane:
             raise GenSim2Error("the environment has not been reset yet")
         return self._setup
 
-    def _require_robot(self) -> physx.PhysxArticulation:
+    def _require_arm(self) -> Arm:
         self._require_setup()
-        if self._robot is None:
+        if self._arm is None:
             raise GenSim2Error("the scene was built without the robot")
-        return self._robot
+        return self._arm
 
     # ------------------------------------------------------------------- time
 
@@ -129,22 +125,12 @@ class Lane:
         """One control step (0.05 s).
 
         Args:
-            action: (8,): 7 arm joint targets in rad, and the gripper from -1 (closed) to 1 (open).
+            action: (m + 1,): targets of the arm joints, and the gripper from -1 (closed) to 1 (open).
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
         """
-        self._require_robot()
-        command = np.asarray(action, dtype=np.float32)
-        if command.shape != (ARM_JOINTS + 1,) or not np.isfinite(command).all():
-            raise InputError(f"must be {ARM_JOINTS + 1} finite numbers", field="action")
-        for index in range(ARM_JOINTS):
-            self._drives[index].drive_target = command[index : index + 1]
-        half = np.float32(0.5)
-        grip = np.clip(command[ARM_JOINTS:], np.float32(-1.0), np.float32(1.0))
-        target = half * (_FINGER_HIGH + _FINGER_LOW) + half * (_FINGER_HIGH - _FINGER_LOW) * grip
-        for finger in self._drives[ARM_JOINTS:]:
-            finger.drive_target = target
+        self._require_arm().command(action)
         self._advance()
 
     def wait(self) -> None:
@@ -154,7 +140,7 @@ class Lane:
 
     def _advance(self) -> None:
         instance = self.instance
-        for _ in range(PHYSICS_HZ // CONTROL_HZ):
+        for _ in range(self.robot.physics_hz // self.robot.control_hz):
             if instance.joint.damping > 0:
                 apply_friction(self._object, instance, float(self._object.qvel[0]))
             self._system.step()
@@ -176,27 +162,29 @@ class Lane:
     @property
     def is_finite(self) -> bool:
         """Whether physics still gives numbers for the robot and the object's root."""
-        robot = [] if self._robot is None else [self._robot.qpos]
+        robot = [] if self._arm is None else [self._arm.articulation.qpos]
         return all(np.isfinite(row).all() for row in (*robot, _pose(self._object.root)))
 
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
-        return read_scene(self._require_robot(), self._object, self.instance, self._require_setup().yaw)
+        return read_scene(
+            self._require_arm().articulation, self.robot, self._object, self.instance, self._require_setup().yaw
+        )
 
     def state(self) -> dict[str, dict[str, Row]]:
         """ManiSkill's ``env_states`` of this instant: (13 + 2 n,) root pose, root velocities, qpos and qvel of each."""
-        parts = {"panda": self._require_robot(), "object": self._object}
+        parts = {self.robot.agent: self._require_arm().articulation, "object": self._object}
         return {"actors": {}, "articulations": {name: _articulation_state(part) for name, part in parts.items()}}
 
     def observation(self) -> Row:
         """(D,) the environment's state observation of this instant."""
-        robot, instance = self._require_robot(), self.instance
-        links = {link_name(link): link for link in (*robot.links, *self._object.links)}
+        arm, instance = self._require_arm(), self.instance
+        links = {link_name(link): link for link in self._object.links}
         return np.concatenate(
             [
-                robot.qpos,
-                robot.qvel,
-                _pose(links[_TOOL_LINK]),
+                arm.articulation.qpos,
+                arm.articulation.qvel,
+                _pose(arm.tool),
                 np.array([self.openness], dtype=np.float32),
                 self._object.qpos,
                 _pose(self._object.root),
@@ -216,56 +204,8 @@ def _articulation_state(articulation: physx.PhysxArticulation) -> Row:
     return np.concatenate([_pose(root), *velocity, articulation.qpos, articulation.qvel]).astype(np.float32)
 
 
-def _parsed(urdf: str, config: Mapping[str, Any] | None = None) -> ArticulationBuilder:
-    loader = URDFLoader()
-    # The loader wants a scene for its builders only; a parsed builder builds into any.
-    loader.set_scene(sapien.Scene([physx.PhysxCpuSystem()]))
-    loader.fix_root_link = True
-    if config is not None:
-        sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(config))
-    build_link = loader._build_link
-
-    def without_visuals(link: Any, builder: Any) -> None:
-        link.visuals = []
-        build_link(link, builder)
-
-    loader._build_link = without_visuals
-    articulations, _, _ = loader.parse(urdf)
-    builder: ArticulationBuilder = articulations[0]
-    return builder
-
-
-@lru_cache(maxsize=1)
-def _robot_builder() -> ArticulationBuilder:
-    return _parsed(Panda.urdf_path, Panda.urdf_config)
-
-
-def _built(builder: ArticulationBuilder, scene: sapien.Scene, pose: sapien.Pose) -> physx.PhysxArticulation:
-    builder.set_scene(scene)
-    builder.set_initial_pose(pose)
-    articulation: physx.PhysxArticulation = builder.build()
-    articulation.pose = pose
-    return articulation
-
-
-def _build_robot(scene: sapien.Scene) -> physx.PhysxArticulation:
-    robot = _built(_robot_builder(), scene, sapien.Pose(p=list(BASE_POSITION)))
-    for link in robot.links:
-        link.disable_gravity = True  # ManiSkill's stand-in for a controller that balances the arm's weight
-    for index, joint in enumerate(robot.active_joints):
-        arm = index < ARM_JOINTS
-        stiffness, damping, force = (
-            (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit)
-            if arm
-            else (Panda.gripper_stiffness, Panda.gripper_damping, Panda.gripper_force_limit)
-        )
-        joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
-        joint.set_friction(0.0)
-    return robot
-
-
 def _build_object(scene: sapien.Scene, setup: SceneSetup) -> tuple[physx.PhysxArticulation, tuple[str, ...]]:
-    built = _built(_parsed(str(setup.instance.urdf)), scene, sapien.Pose(setup.position, setup.quaternion))
-    warnings = check_object(built, setup.instance)
-    apply_friction(built, setup.instance)
-    return built, warnings
+    made = built(parsed(str(setup.instance.urdf)), scene, sapien.Pose(setup.position, setup.quaternion))
+    warnings = check_object(made, setup.instance)
+    apply_friction(made, setup.instance)
+    return made, warnings

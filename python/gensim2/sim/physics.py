@@ -1,4 +1,4 @@
-"""PhysX's settings, stated once: ManiSkill's, with the solver and the rates written out."""
+"""PhysX's settings, stated once: ManiSkill's, with the solver written out; the rates are the robot's."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from functools import cache
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
-PHYSICS_HZ, CONTROL_HZ = 100, 20
+from gensim2.robots import RobotProfile
 
 
 @cache
-def sim_config() -> SimConfig:
+def sim_config(physics_hz: int, control_hz: int) -> SimConfig:
     """TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration."""
     return SimConfig(
-        sim_freq=PHYSICS_HZ,
-        control_freq=CONTROL_HZ,
+        sim_freq=physics_hz,
+        control_freq=control_hz,
         scene_config=SceneConfig(
             enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
         ),
     )
 
 
-def new_system() -> physx.PhysxCpuSystem:
-    """A PhysX system with these settings, as ManiSkill makes one."""
-    config = sim_config()
+def new_system(robot: RobotProfile) -> physx.PhysxCpuSystem:
+    """A PhysX system with these settings at the robot's rates, as ManiSkill makes one."""
+    config = sim_config(robot.physics_hz, robot.control_hz)
     scene = config.scene_config
     physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
     physx.set_body_config(
@@ -44,5 +44,5 @@ def new_system() -> physx.PhysxCpuSystem:
     )
     physx.set_default_material(**config.default_materials_config.dict())
     system = physx.PhysxCpuSystem()
-    system.timestep = 1.0 / PHYSICS_HZ
+    system.timestep = 1.0 / robot.physics_hz
     return system

@@ -8,25 +8,30 @@ from sapien import physx
 
 from gensim2.assets.types import Instance
 from gensim2.planning.scene import JointState, Role, Scene, SceneBody
+from gensim2.robots import RobotProfile
 from gensim2.sim.objects import link_name
-from gensim2.sim.robot import base_pose
 from gensim2.sim.table import HALF_SIZE, corners
 
 Array = npt.NDArray[np.float64]
 
 
 def read_scene(
-    robot: physx.PhysxArticulation, articulation: physx.PhysxArticulation, instance: Instance, object_yaw: float
+    arm: physx.PhysxArticulation,
+    robot: RobotProfile,
+    articulation: physx.PhysxArticulation,
+    instance: Instance,
+    object_yaw: float,
 ) -> Scene:
     """Read out where everything stands.
 
     Args:
-        robot: the Panda.
+        arm: the robot as it was built.
+        robot: its profile.
         articulation: ``instance`` as it was built.
         instance: its hulls, keypoints and joint are carried over.
         object_yaw: what the randomization turned it by, rad.
     """
-    T_world_base = base_pose()  # exact: the simulator's own value is rounded to float32
+    T_world_base = robot.T_world_base  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     T_base_link = {link_name(link): T_base_world @ _matrix(link) for link in articulation.links}
     T_base_root = T_base_link[link_name(articulation.root)]
@@ -38,7 +43,7 @@ def read_scene(
             role: Role = "moving_link" if link in moving else "object_body"
             bodies.append(SceneBody(f"object/{link}", role, hulls, T_base_link[link]))
     return Scene(
-        q=np.asarray(robot.qpos, dtype=np.float64),
+        q=np.asarray(arm.qpos, dtype=np.float64),
         T_world_base=T_world_base,
         T_base_object=T_base_link[joint.child_link] @ instance.T_link_object,
         object_keypoints={
