@@ -28,7 +28,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
-from gensim2.assets.rigid import RigidObject, open_rigid_library
+from gensim2.objects import RigidObject, open_rigid_library
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import DEFAULT, RobotProfile, robot, robot_names

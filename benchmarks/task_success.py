@@ -13,7 +13,7 @@ import json
 from pathlib import Path
 from statistics import mean
 
-from gensim2.assets import open_library
+from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Verification
 from gensim2.pipeline.search import design_seeds

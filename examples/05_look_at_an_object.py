@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gensim2.assets import open_library
+from gensim2.objects import open_library
 
 library = open_library("builtin")
 print("classes:", ", ".join(library.classes()))

@@ -3,7 +3,7 @@
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.assets.rigid import open_rigid_library
+from gensim2.objects import open_rigid_library
 from gensim2.robots import robot
 
 panda = robot("panda")

@@ -32,7 +32,8 @@ print(panda_folder() / "panda_v2.urdf")')"
 check "ruff" ruff check .
 check "ruff format" ruff format --check .
 check "mypy" mypy
-check "pytest" python -m pytest -q --durations 10
+# One file is one process: fixtures of a module or a session are made once.
+check "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --durations 10
 
 printf '\n%-14s %-8s %s\n' check outcome seconds
 for i in "${!names[@]}"; do

@@ -46,8 +46,8 @@ def main() -> None:
 
 def objects(where: str, columns: int, out: Path) -> None:
     """A picture of the first object of each class of a library."""
-    from gensim2.assets import open_library
-    from gensim2.assets.pictures import Studio, contact_sheet
+    from gensim2.inspection.pictures import Studio, contact_sheet
+    from gensim2.objects import open_library
 
     library = open_library(where)
     shown = [(library.load(name, library.instances(name)[0]), 0.5) for name in library.classes()]

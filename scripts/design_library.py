@@ -15,9 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gensim2.assets import open_library
 from gensim2.designers import Affordance, OfflineDesigner
 from gensim2.files import write_atomic, write_json
+from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Attempt
 from gensim2.pipeline.runfolder import dump_yaml

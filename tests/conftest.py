@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from gensim2.objects import Library, open_library
 
 # A background job of a shell ignores Ctrl-C, and so would the commands that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -26,3 +29,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def real_assets() -> Path:
     """Folder of the real objects."""
     return Path(os.environ["GENSIM2_ASSETS"])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache of the tests' own, so that nothing prepared before hides what is tested; ``GENSIM2_CACHE`` where set."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not os.environ.get("GENSIM2_CACHE"):
+            patch.setenv("GENSIM2_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def library(cache: None) -> Library:
+    """The generated library."""
+    return open_library("builtin")

@@ -83,7 +83,7 @@ def test_wheel_works_away_from_the_clone(wheel: Path, tmp_path: Path) -> None:
         "report._template()\n"
         "from gensim2.tasks.library import load_config, load_task, task_names\n"
         "for name in task_names(): load_task(name); load_config(name)\n"
-        "from gensim2.assets import open_library\n"
+        "from gensim2.objects import open_library\n"
         "print(len(task_names()), open_library('builtin').load('drawer', '0').urdf.exists())\n"
     )
     result = subprocess.run(

@@ -144,7 +144,7 @@ def _video() -> Check:
 
 
 def _assets(assets: str | Path | None) -> Check:
-    from gensim2.assets import open_library
+    from gensim2.objects import open_library
 
     try:
         library = open_library(assets)
@@ -155,7 +155,7 @@ def _assets(assets: str | Path | None) -> Check:
 
 
 def _cache() -> Check:
-    from gensim2.assets.cache import cache_dir
+    from gensim2.files import cache_dir
 
     folder = cache_dir()
     try:

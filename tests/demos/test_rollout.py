@@ -40,8 +40,8 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
     """The lid of a box without friction falls shut: closing it would count for nothing."""
     import dataclasses
 
-    from gensim2.assets import open_library
-    from gensim2.assets.types import Instance
+    from gensim2.objects import open_library
+    from gensim2.objects.types import Instance
 
     library = open_library("builtin")
 

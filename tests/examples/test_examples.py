@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from gensim2.assets import open_library
+from gensim2.objects import open_library
 from gensim2.tasks.library import load_task
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -21,13 +21,14 @@ from pathlib import Path
 import numpy as np
 from mutate import Verdict, damaged, judged
 
-from gensim2.assets import open_library, real
-from gensim2.assets.clearance import Motion, PairHulls, Pieces
-from gensim2.assets.decompose import make_hull
-from gensim2.assets.export import export
-from gensim2.assets.importer import import_object
-from gensim2.assets.prepare import prepare
-from gensim2.assets.real import read_model
+from gensim2.objects import open_library
+from gensim2.objects.library import released
+from gensim2.objects.library.export import export
+from gensim2.objects.library.importer import import_object
+from gensim2.objects.library.prepare import prepare
+from gensim2.objects.library.released import read_model
+from gensim2.objects.meshwork.clearance import Motion, PairHulls, Pieces
+from gensim2.objects.meshwork.decompose import make_hull
 
 GENERATED = (("drawer", "1"), ("box_rotate", "2"), ("bottle_cap", "0"), ("bucket_swing", "1"))
 REAL = (("switch", 1), ("kitchen_pot", 1), ("stapler_press", 1), ("laptop_rotate", 0))
@@ -139,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as name:
         os.environ["GENSIM2_CACHE"] = f"{name}/cache"
         if not options.decompose:
-            real.decompose_pair = rough_hulls
+            released.decompose_pair = rough_hulls
         good = bases(Path(name) / "good", options.assets)
         for number in range(options.first, options.first + options.count):
             generator = np.random.default_rng([options.seed, number])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from objects import attempt, bases, rough_hulls
 
-from gensim2.assets import real
+from gensim2.objects.library import released
 
 COUNT = 160
 
@@ -24,7 +24,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.mark.parametrize("part", range(4))
 def test_damaged_objects(part: int, good: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(real, "decompose_pair", rough_hulls)
+    monkeypatch.setattr(released, "decompose_pair", rough_hulls)
     accepted = 0
     for number in range(COUNT // 4):
         generator = np.random.default_rng([7, part, number])

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from gensim2 import seeding
-from gensim2.assets import open_library
 from gensim2.demos.recording import Recording
+from gensim2.objects import open_library
 from gensim2.pipeline import worker
 from gensim2.pipeline.records import Attempt
 from gensim2.tasks.spec import TaskSpec

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.assets import open_library
 from gensim2.errors import InputError
+from gensim2.objects import open_library
 from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Verification

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gensim2.assets import open_library
-from gensim2.assets.convexes import Block, depth_inside
-from gensim2.assets.importer import import_object
-from gensim2.assets.overlap import link_pose
-from gensim2.assets.shapes import transform
+from gensim2.objects import open_library
+from gensim2.objects.library.importer import import_object
+from gensim2.objects.meshwork.convexes import Block, depth_inside
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.shapes import transform
 
 pytestmark = pytest.mark.real
 

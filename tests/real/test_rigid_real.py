@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.assets.rigid import open_rigid_library
-from gensim2.assets.rigid.library import CLASSES
-from gensim2.assets.rigid.validate import validate_rigid
+from gensim2.inspection.rigid import validate_rigid
+from gensim2.objects import open_rigid_library
+from gensim2.objects.library.rigid import CLASSES
 
 pytestmark = pytest.mark.real
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects.types import Instance
 from gensim2.tasks.library import parse_task
 from gensim2.tasks.spec import TaskSpec
 

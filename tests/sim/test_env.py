@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import gensim2.sim
-from gensim2.assets import open_library
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import draw_scene

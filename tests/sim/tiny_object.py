@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import trimesh
 
-from gensim2.assets.types import Instance, Keypoint, MovingJoint, Placement
+from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
 
 LID_MASS = 0.3
 LID_LENGTH = 0.2

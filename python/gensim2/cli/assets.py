@@ -34,7 +34,7 @@ assets.add_command(rigid)
 def list_assets(assets: str | None, json_file: str | None) -> None:
     """List the classes of the library with their instances."""
     with report(json_file, _show) as (_, give):
-        from gensim2.assets import listing, open_library
+        from gensim2.objects import listing, open_library
 
         library = open_library(assets)
         classes = [
@@ -76,12 +76,13 @@ def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> 
     WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
     """
     with report(json_file, _show_object) as (progress, give):
-        from gensim2.assets import open_library
-        from gensim2.assets.selection import select_one
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import select_one
 
         library = open_library(assets)
         item = select_one(library, object_, seed=seed)
-        from gensim2.assets.describe import describe  # brings SciPy: after what can be refused, here as elsewhere
+        # Brings SciPy: after what can be refused, here as elsewhere.
+        from gensim2.objects.library.describe import describe
 
         progress.start(f"preparing {'/'.join(item)}", 1)
         give({"schema_version": 1, **describe(library, library.load(*item))})

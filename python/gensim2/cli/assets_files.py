@@ -48,12 +48,12 @@ def export(
     if not objects and not every:
         raise click.UsageError("name a CLASS or CLASS/ID, or say --all")
     with report(json_file, _show_exported) as (progress, give):
-        from gensim2.assets import open_library
-        from gensim2.assets.selection import select
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import select
 
         library = open_library(assets)
         items = select(library, objects, every=every, seed=seed)
-        from gensim2.assets.export import export as function
+        from gensim2.objects.library.export import export as function
 
         progress.start(f"exporting objects of {library.name}", len(items))
         written = []
@@ -119,12 +119,12 @@ def import_(
     does not suit. Ends with 1 where the object is not sound.
     """
     with report(json_file, _show_imported) as (progress, give):
-        from gensim2.assets import open_library
-        from gensim2.assets.sources import find_source
+        from gensim2.objects import open_library
+        from gensim2.objects.library.sources import find_source
 
         folder = find_source(source)
-        from gensim2.assets.importer import import_object  # brings SciPy: after what can be refused
-        from gensim2.assets.validate import check_object
+        from gensim2.inspection.validate import check_object
+        from gensim2.objects.library.importer import import_object  # brings SciPy: after what can be refused
 
         imported = import_object(folder, out, asset_class, name, joint=joint, scale=scale, replace=force)
         progress.start(f"taking {asset_class}/{name} apart and checking it", 1)

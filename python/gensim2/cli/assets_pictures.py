@@ -30,14 +30,14 @@ def render(object_: str, assets: str | None, seed: int, out: Path, size: int, js
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
 
-        from gensim2.assets import open_library
-        from gensim2.assets.selection import select_one
         from gensim2.files import check_writable, write_output
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import select_one
 
         library = open_library(assets)
         item = select_one(library, object_, seed=seed)
         check_writable(out)
-        from gensim2.assets.pictures import Studio, strip
+        from gensim2.inspection.pictures import Studio, strip
 
         instance = library.load(*item)
         stream = io.BytesIO()
@@ -85,15 +85,15 @@ def gallery(
     with report(json_file, _show) as (progress, give):
         import os
 
-        from gensim2.assets import open_library
-        from gensim2.assets.selection import wanted_classes
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import wanted_classes
 
         chosen = where or ("builtin", *filter(None, [os.environ.get("GENSIM2_ASSETS")]))
         places = list(dict.fromkeys(chosen))
         libraries = [open_library(place) for place in places]
         named = None if classes is None else [name.strip() for name in classes.split(",") if name.strip()]
         wanted_classes(libraries, named)
-        from gensim2.assets.gallery import build_gallery
+        from gensim2.inspection.gallery import build_gallery
 
         built = build_gallery(
             libraries,
@@ -118,7 +118,7 @@ def gallery(
 
 def _rigid_libraries(places: list[str]) -> list[Any]:
     """Those of the libraries that have rigid objects."""
-    from gensim2.assets.rigid import has_rigid_objects, open_rigid_library
+    from gensim2.objects import has_rigid_objects, open_rigid_library
 
     return [open_rigid_library(place) for place in places if place == "builtin" or has_rigid_objects(Path(place))]
 

@@ -33,7 +33,7 @@ def rigid() -> None:
 def list_rigid(assets: str | None, json_file: str | None) -> None:
     """List the rigid objects with their masses and sizes."""
     with report(json_file, _show_list) as (progress, give):
-        from gensim2.assets.rigid import open_rigid_library
+        from gensim2.objects import open_rigid_library
 
         library = open_rigid_library(assets)
         names = library.names()
@@ -88,11 +88,11 @@ def validate(ctx: click.Context, names: tuple[str, ...], assets: str | None, jso
     Prints one line an object; ends with 1 where one is not sound.
     """
     with report(json_file, _show_verdicts) as (progress, give):
-        from gensim2.assets.rigid import open_rigid_library
+        from gensim2.objects import open_rigid_library
 
         library = open_rigid_library(assets)
         chosen = library.chosen(names)
-        from gensim2.assets.rigid.validate import validate_rigid  # brings SciPy: after what can be refused
+        from gensim2.inspection.rigid import validate_rigid  # brings SciPy: after what can be refused
 
         started, reports = time.perf_counter(), []
         progress.start(f"checking rigid objects of {library.name}", len(chosen))
@@ -134,13 +134,13 @@ def render(names: tuple[str, ...], assets: str | None, out: Path, size: int, jso
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
 
-        from gensim2.assets.rigid import open_rigid_library
         from gensim2.files import check_writable, write_output
+        from gensim2.objects import open_rigid_library
 
         library = open_rigid_library(assets)
         chosen = library.chosen(names)
         check_writable(out)
-        from gensim2.assets.pictures import Studio, contact_sheet, rigid_strip
+        from gensim2.inspection.pictures import Studio, contact_sheet, rigid_strip
 
         subjects = [library.load(name) for name in chosen]
         studio = Studio(size)

@@ -50,13 +50,13 @@ def validate(
     WHICH is an id, train, test, all or random. Prints one line an object; ends with 1 where one is not sound.
     """
     with report(json_file, _show) as (progress, give):
-        from gensim2.assets import open_library
-        from gensim2.assets.selection import select
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import select
 
         library = open_library(assets)
         items = select(library, objects, every=every, drawn=drawn or 0, seed=seed)
-        from gensim2.assets.validate import summary
-        from gensim2.assets.validate import validate as function
+        from gensim2.inspection.validate import summary
+        from gensim2.inspection.validate import validate as function
 
         started, reports = time.perf_counter(), []
         progress.start(f"checking objects of {library.name}", len(items))
@@ -108,13 +108,13 @@ def prepare(
     Ends with 1 where one cannot be used.
     """
     with report(json_file, _show_prepared) as (progress, give):
-        from gensim2.assets import open_library
-        from gensim2.assets.cache import cache_dir
-        from gensim2.assets.selection import select
+        from gensim2.files import cache_dir
+        from gensim2.objects import open_library
+        from gensim2.objects.library.selection import select
 
         library = open_library(assets)
         items = select(library, objects, every=every, seed=seed)
-        from gensim2.assets.validate import load_all
+        from gensim2.objects.library.loading import load_all
 
         progress.start(f"preparing objects of {library.name}", len(items))
         refused = []

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from gensim2.assets.types import Instance
+from gensim2.objects.types import Instance
 from gensim2.tasks.spec import TaskSpec
 
 Goal = Literal["articulated_open", "articulated_closed"]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.assets import Library
 from gensim2.demos.trajectory import Provenance, TrajectoryStore
 from gensim2.demos.video import film
 from gensim2.errors import GenSim2Error
+from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import AttemptLog
 from gensim2.pipeline.evaluator import PoolEvaluator

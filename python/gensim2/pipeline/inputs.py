@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.assets import Library, open_library
 from gensim2.errors import InputError, brief
+from gensim2.objects import Library, open_library
 from gensim2.planning.config import check_keypoints, solver_config
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_config, load_config_file, load_task, load_task_file

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from gensim2 import seeding
-from gensim2.assets import Library, open_library
-from gensim2.assets.types import Instance
 from gensim2.designers import Affordance, Designer, OfflineDesigner
 from gensim2.designers.proposals import goal_of
 from gensim2.errors import InputError
+from gensim2.objects import Library, open_library
+from gensim2.objects.types import Instance
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.inputs import check_counts, check_workers

@@ -21,10 +21,10 @@ from typing import Any
 
 import yaml
 
-from gensim2.assets import Library
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries, write_atomic, write_json
+from gensim2.objects import Library
+from gensim2.objects.types import Instance
 from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from gensim2.assets import Library
 from gensim2.errors import InputError
+from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import AttemptLog
 from gensim2.pipeline.evaluator import PoolEvaluator

@@ -7,8 +7,7 @@ from math import pi
 
 import numpy as np
 
-from gensim2.assets.cache import cache_dir
-from gensim2.files import write_atomic
+from gensim2.files import cache_dir, write_atomic
 from gensim2.robots.fixed_base import fixed_base
 from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Gripper, RobotFiles, RobotProfile, Workspace

@@ -1,4 +1,4 @@
-"""A mobile robot's URDF as that of an arm: what carries the arm stands still, and the hand has the frame of all hands."""
+"""A mobile robot's URDF as that of an arm: what carries the arm stands still; the hand has the frame of all hands."""
 
 from __future__ import annotations
 

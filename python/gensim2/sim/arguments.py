@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects.types import Instance
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_task, parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -36,9 +36,9 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
-    """An opened library, or one as :func:`gensim2.assets.open_library` takes it."""
+    """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
     if assets is None or isinstance(assets, str | Path):
-        from gensim2.assets import open_library
+        from gensim2.objects import open_library
 
         return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):

@@ -19,8 +19,8 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Articulation
 from mani_skill.utils.structs.types import SimConfig
 
-from gensim2.assets.types import Instance
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT, robot_names
 from gensim2.robots import robot as robot_profile
@@ -59,7 +59,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        assets: as in :func:`gensim2.assets.open_library` (``None``, ``"builtin"`` or a folder), or an opened
+        assets: as in :func:`gensim2.objects.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
             that the library lists: any number up to 10^6 is a generated object.

@@ -16,8 +16,8 @@ import numpy.typing as npt
 import sapien
 from sapien import physx
 
-from gensim2.assets.types import Instance
 from gensim2.errors import GenSim2Error
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT
 from gensim2.robots import robot as robot_profile
@@ -42,7 +42,7 @@ class Lane:
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.assets.open_library`, or an opened library.
+        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one.
         robot: name of its profile.
 

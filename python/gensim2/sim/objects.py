@@ -1,4 +1,4 @@
-"""An :class:`~gensim2.assets.types.Instance` as an articulation in a ManiSkill scene."""
+"""An :class:`~gensim2.objects.types.Instance` as an articulation in a ManiSkill scene."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mani_skill.utils.building.urdf_loader import URDFLoader
 from mani_skill.utils.structs import Articulation
 from sapien import physx
 
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects.types import Instance
 
 CREEP_SPEED = 5e-5
 """Speed, rad/s or m/s, at which the friction gives its full torque: an object left alone creeps slower."""

@@ -1,4 +1,4 @@
-"""A :class:`~gensim2.assets.rigid.RigidObject` as an actor in a scene."""
+"""A :class:`~gensim2.objects.RigidObject` as an actor in a scene."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import trimesh
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor
 
-from gensim2.assets.rigid import RigidObject
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from sapien import physx
 
-from gensim2.assets.types import Instance
+from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, Role, Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2.sim.objects import link_name

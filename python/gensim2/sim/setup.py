@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.assets.types import Instance
 from gensim2.errors import InputError
+from gensim2.objects.types import Instance
 from gensim2.sim.arguments import ObjectSource
 from gensim2.sim.randomize import draw_scene, openness_at_reset, placed
 from gensim2.tasks.spec import TaskSpec

@@ -1,0 +1,118 @@
+"""What can be said of an object's soundness from its geometry alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
+from gensim2.objects.meshwork.overlap import OPENNESS, link_pose, links_overlap
+from gensim2.objects.shapes import transform
+from gensim2.objects.types import Instance
+
+Array = npt.NDArray[np.float64]
+
+OVERLAP = 1.0  # mm of the moving link inside the body, outside the hinge
+BASE_GAP = 1.0  # mm between the lowest point and the table
+FREE_GAP = 10.0  # mm between a keypoint in free space and either link, the object open
+SURFACE_GAP = 10.0  # mm between a surface keypoint and its link
+MASS = (0.02, 80.0)  # kg
+PUSH = 40.0  # N at the keypoint to overcome friction
+MOST_HULLS = 64  # a link
+FREE = ("above", "inside", "base")  # parts of the names of keypoints in free space
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check that an object does not pass: a value beyond its limit."""
+
+    check: str
+    value: float | str
+    limit: float | str
+
+
+def distance_to_link(instance: Instance, name: str) -> float:
+    """Distance in metres of a keypoint from its link's hulls, 0 inside; the least distance to their surface samples."""
+    keypoint = instance.keypoints[name]
+    hulls = list(instance.hulls.get(keypoint.link, ()))
+    if not hulls:
+        return float("inf")
+    point = keypoint.position[None]
+    if float(depth_inside(point, [Block.of(h) for h in hulls])[0]) > 0:
+        return 0.0
+    samples = np.concatenate([surface_samples(h, 0.004) for h in hulls])
+    return float(np.linalg.norm(samples - point, axis=1).min())
+
+
+def world_rotation(instance: Instance) -> Array:
+    """(3, 3) root to world of the default placement."""
+    return instance.placement.rotation
+
+
+def geometric_findings(instance: Instance) -> list[Finding]:
+    """Checks that need no physics, and what the reader noted."""
+    joint = instance.joint
+    found = [Finding("note", warning, "none") for warning in instance.warnings]
+
+    def at_most(check: str, value: float, limit: float) -> None:
+        if not value <= limit:
+            found.append(Finding(check, round(value, 4), limit))
+
+    for link, hulls in instance.hulls.items():
+        at_most(f"hulls of {link}", len(hulls), MOST_HULLS)
+    found += overlap_findings(instance)
+    R, position = world_rotation(instance), instance.placement.position
+    still = [h for link, hulls in instance.hulls.items() if link != joint.child_link for h in hulls]
+    lowest = np.inf
+    head = (
+        "articulated_object_head" if "articulated_object_head" in instance.keypoints else next(iter(instance.keypoints))
+    )
+    for share in OPENNESS:
+        T = link_pose(instance, share)
+        points = np.concatenate(still + [transform(T, h) for h in instance.hulls[joint.child_link]])
+        lowest = min(lowest, float((points @ R.T)[:, 2].min()) + float(position[2]))
+    at_most("base above the table, mm", 1000 * abs(lowest), BASE_GAP)
+    for name in instance.keypoints:
+        if not any(word in name for word in FREE):
+            at_most(f"{name} from its link, mm", 1000 * distance_to_link(instance, name), SURFACE_GAP)
+        else:
+            clearance = 1000 * clearance_of(instance, name)
+            if not clearance >= FREE_GAP:
+                found.append(Finding(f"clearance of {name} when open, mm", round(clearance, 4), FREE_GAP))
+    if not MASS[0] <= instance.mass <= MASS[1]:
+        found.append(Finding("mass, kg", round(instance.mass, 3), f"{MASS[0]}..{MASS[1]}"))
+    lever = instance.lever_arm(head) if joint.type == "revolute" else 1.0
+    at_most("push at the keypoint, N", joint.friction / max(lever, 1e-3), PUSH)
+    return found
+
+
+def overlap_findings(instance: Instance) -> list[Finding]:
+    """Links that reach into each other off the hinge: the model's own meshes, or what convex parts add to them."""
+    overlap = links_overlap(instance, OVERLAP / 1000)
+    found = []
+    if 1000 * overlap.meshes > OVERLAP:
+        found.append(Finding("overlap of the meshes, mm", round(1000 * overlap.meshes, 4), OVERLAP))
+    if 1000 * overlap.filled > OVERLAP:
+        found.append(Finding("overlap of the convex parts, mm", round(1000 * overlap.filled, 4), OVERLAP))
+    if not found and 1000 * overlap.parts > OVERLAP:
+        found.append(Finding("overlap of the convex parts, mm", round(1000 * overlap.parts, 4), OVERLAP))
+    return found
+
+
+def clearance_of(instance: Instance, name: str) -> float:
+    """Distance in metres of a keypoint from the hulls of both links of the open object; negative inside one."""
+    keypoint, child = instance.keypoints[name], instance.joint.child_link
+    T = link_pose(instance, 1.0)
+    point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]
+    nearest = np.inf
+    for link, hulls in instance.hulls.items():
+        if not hulls:
+            continue
+        local = transform(np.asarray(np.linalg.inv(T), float), point) if link == child else point
+        inside = float(depth_inside(local, [Block.of(hull) for hull in hulls])[0])
+        samples = np.concatenate([surface_samples(hull, 0.004) for hull in hulls])
+        gap = -inside if inside > 0 else float(np.linalg.norm(samples - local, axis=1).min())
+        nearest = min(nearest, gap)
+    return nearest

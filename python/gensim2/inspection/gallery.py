@@ -1,0 +1,278 @@
+"""A page of pictures of every object of one or more libraries, with what was found wrong with each."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+
+from gensim2.errors import InputError
+from gensim2.files import write_atomic
+from gensim2.inspection import pictures
+from gensim2.objects import RigidLibrary, RigidObject
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.selection import wanted_classes
+from gensim2.objects.types import Instance
+from gensim2.progress import NULL_PROGRESS, Progress
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+VIEWS = 8
+SIZE = 176  # pixels, edge of one view
+FORMAT_VERSION = "1"  # of the sheets: another one makes all pictures anew
+
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.PackageLoader("gensim2.inspection", "templates"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """What ``build_gallery`` left behind.
+
+    Attributes:
+        index: the page; pictures lie in ``pictures/`` beside it.
+        made: pictures made now.
+        kept: pictures that were there from an earlier run.
+        refused: (class, id, reason) of objects that cannot be loaded; they are on the page without a picture.
+    """
+
+    index: Path
+    made: int
+    kept: int
+    refused: tuple[tuple[str, str, str], ...]
+
+
+@dataclass
+class _Card:
+    """One object on the page."""
+
+    asset_class: str
+    id: str
+    picture: str | None
+    facts: str
+    rows: tuple[str, ...] = ()  # captions of the picture's rows
+    keypoints: list[tuple[str, str, str]] = field(default_factory=list)  # name, colour, description
+    notes: tuple[str, ...] = ()
+    findings: list[dict[str, Any]] | None = None  # None: not validated
+    error: str | None = None
+
+
+def build_gallery(
+    libraries: Sequence[Library],
+    out: Path,
+    *,
+    classes: Sequence[str] | None = None,
+    rigid: Sequence[RigidLibrary] = (),
+    findings: Sequence[Path] = (),
+    views: int = VIEWS,
+    size: int = SIZE,
+    progress: Progress = NULL_PROGRESS,
+) -> Gallery:
+    """Make a static page with a turntable picture of every instance at openness 0, 0.5 and 1.
+
+    A picture that an earlier run made of the same object is kept, so an interrupted run is gone on with by the same
+    call.
+
+    Args:
+        libraries: whose instances to show.
+        out: folder for ``index.html`` and ``pictures/``.
+        classes: only these; None: all.
+        rigid: libraries of rigid objects, shown after the others.
+        findings: JSON files of ``gensim2 assets validate --json``.
+        views: pictures around an object.
+        size: edge of each in pixels.
+
+    Raises:
+        InputError: no library has one of ``classes``; a findings file is none; the folder cannot be written to.
+        MissingExtraError: SAPIEN is not installed.
+        GenSim2Error: no Vulkan driver works here.
+    """
+    wanted = wanted_classes(libraries, classes)
+    verdicts = [_verdicts(path) for path in findings]
+    maker = _Maker(out, views, size)
+    sections = []
+    for library, names in wanted:
+        cards: list[_Card] = []
+        progress.start(f"pictures of {library.name}", sum(len(library.instances(name)) for name in names))
+        for name in names:
+            for instance_id in library.instances(name):
+                cards.append(maker.card(library, name, instance_id))
+                progress.advance()
+        for card in cards:
+            card.findings = _findings_of(verdicts, library.name, card.asset_class, card.id)
+        sections.append({"library": library.name, "license": library.license, "cards": cards, "rigid": False})
+    for shelf in rigid:
+        cards = []
+        progress.start(f"pictures of {shelf.name}, rigid objects", len(shelf.names()))
+        for name in shelf.names():
+            cards.append(maker.rigid_card(shelf, name))
+            progress.advance()
+        for card in cards:
+            card.findings = _findings_of(verdicts, shelf.name, card.asset_class, card.id)
+        sections.append({"library": f"{shelf.name}, rigid", "license": shelf.license, "cards": cards, "rigid": True})
+    describe = {name: library.describe(name) for library, names in wanted for name in names}
+    page = _TEMPLATES.get_template("gallery.html.j2").render(
+        sections=sections,
+        classes=[*sorted({name for _, names in wanted for name in names}), *(["rigid"] if rigid else [])],
+        describe={**describe, "rigid": "objects without a joint"},
+        views=views,
+        size=size,
+        validated=bool(verdicts),
+    )
+    write_atomic(out / "index.html", page)
+    return Gallery(out / "index.html", maker.made, maker.kept, tuple(maker.refused))
+
+
+class _Maker:
+    """Makes cards and the pictures that are not there yet; the studio is set up for the first of them."""
+
+    def __init__(self, out: Path, views: int, size: int) -> None:
+        self.made = self.kept = 0
+        self.refused: list[tuple[str, str, str]] = []
+        self._out, self._views, self._size = out, views, size
+        self._studio: pictures.Studio | None = None
+
+    def card(self, library: Library, name: str, instance_id: str) -> _Card:
+        try:
+            instance = library.load(name, instance_id)
+        except InputError as error:
+            return self._refuse(name, instance_id, error)
+        place = f"pictures/{library.name}/{name}/{instance_id}"
+        picture = self._picture(
+            place, instance.urdf.parent.name, lambda studio: pictures.turntable(studio, instance, self._views)
+        )
+        return _card(instance, picture)
+
+    def rigid_card(self, library: RigidLibrary, name: str) -> _Card:
+        try:
+            rigid = library.load(name)
+        except InputError as error:
+            return self._refuse("rigid", name, error)
+        picture = self._picture(
+            f"pictures/{library.name}/rigid/{name}",
+            rigid.folder.name,
+            lambda studio: pictures.rigid_turntable(studio, rigid, self._views),
+        )
+        return _rigid_card(rigid, picture)
+
+    def _refuse(self, asset_class: str, name: str, error: InputError) -> _Card:
+        self.refused.append((asset_class, name, str(error)))
+        return _Card(asset_class, name, None, "cannot be loaded", error=str(error))
+
+    def _picture(self, place: str, content: str, draw: Callable[[pictures.Studio], Image.Image]) -> str:
+        """The picture's path in the page's folder, drawn unless it is there; outdated ones are removed.
+
+        Args:
+            content: names what is shown: the prepared object's folder, named by content and code.
+        """
+        text = f"{FORMAT_VERSION}/{self._views}/{self._size}/{content}"
+        picture = f"{place}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.webp"
+        file = self._out / picture
+        if file.is_file():
+            self.kept += 1
+            return picture
+        self._studio = self._studio or pictures.Studio(self._size)
+        stream = io.BytesIO()
+        draw(self._studio).save(stream, "WEBP", quality=82, method=4)
+        for outdated in file.parent.glob(f"{Path(place).name}-*.webp"):
+            outdated.unlink()
+        write_atomic(file, stream.getvalue())
+        self.made += 1
+        return picture
+
+
+def _card(instance: Instance, picture: str) -> _Card:
+    joint = instance.joint
+    unit, scale = ("°", 57.29578) if joint.type == "revolute" else ("mm", 1000.0)
+    hulls = sum(len(hulls) for hulls in instance.hulls.values())
+    return _Card(
+        instance.asset_class,
+        instance.id,
+        picture,
+        f"{joint.type}, {scale * joint.lower:.0f} to {scale * joint.upper:.0f} {unit}, "
+        f"{instance.mass:.2g} kg, {_count(hulls)}",
+        tuple(f"openness {share:g}" for share in pictures.OPENNESS),
+        [
+            (pictures.short_name(name), pictures.mark_colour(instance, name), keypoint.description)
+            for name, keypoint in sorted(instance.keypoints.items())
+        ],
+        instance.warnings,
+    )
+
+
+def _count(hulls: int) -> str:
+    return f"{hulls} hull{'' if hulls == 1 else 's'}"
+
+
+def _rigid_card(rigid: RigidObject, picture: str) -> _Card:
+    size = " x ".join(f"{1000 * s:.0f}" for s in rigid.size)
+    held = f"held at {1000 * rigid.grip.width:.0f} mm"
+    return _Card(
+        "rigid",
+        rigid.name,
+        picture,
+        f"{size} mm, {1000 * rigid.inertial.mass:.0f} g, {_count(len(rigid.hulls))}, {held}",
+        ("at rest",),
+        [
+            (pictures.short_name(name), pictures.mark_colour(rigid, name), keypoint.description)
+            for name, keypoint in sorted(rigid.keypoints.items())
+        ],
+        rigid.warnings,
+    )
+
+
+_Verdicts = tuple[str | None, Mapping[tuple[str, str], list[dict[str, Any]]]]
+
+
+def _verdicts(path: Path) -> _Verdicts:
+    """Name of the library, where the file says it, and findings by (class, id).
+
+    Raises:
+        InputError: not a file of ``gensim2 assets validate --json``.
+    """
+    file = Path(os.path.realpath(path))
+    try:
+        value = ObjectFolder(file.parent).read_json(file.name)
+    except AssetError as error:
+        raise InputError(error.message, file=path, field="--findings", remedy=error.remedy) from error
+    try:
+        found = {(str(entry["class"]), str(entry["id"])): _findings(entry) for entry in value["objects"]}
+        library = value.get("library")
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            "holds no findings",
+            file=path,
+            field="--findings",
+            remedy="give a file that `gensim2 assets validate --json` wrote",
+        ) from error
+    return (str(library) if library else None), found
+
+
+def _findings(entry: dict[str, Any]) -> list[dict[str, Any]]:
+    found = [dict(finding) for finding in entry["findings"]]
+    if not all({"check", "value"} <= finding.keys() for finding in found):
+        raise KeyError("check")
+    return found
+
+
+def _findings_of(
+    verdicts: Sequence[_Verdicts], library: str, asset_class: str, instance_id: str
+) -> list[dict[str, Any]] | None:
+    for name, found in verdicts:
+        if name in (None, library) and (asset_class, instance_id) in found:
+            return found[asset_class, instance_id]
+    return None

@@ -1,0 +1,352 @@
+"""Pictures of objects: one studio that is set up once, and one object after the other in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.errors import GenSim2Error, MissingExtraError
+from gensim2.inspection.checks import world_rotation
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.rigid import RigidObject
+from gensim2.objects.shapes import transform
+from gensim2.objects.types import Instance
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+Array = npt.NDArray[np.float64]
+Pixels = npt.NDArray[np.uint8]
+
+OPENNESS = (0.0, 0.5, 1.0)
+FIELD_OF_VIEW = np.radians(30)
+ELEVATION = 26.0  # degrees above the table
+THREE_QUARTER = 32.0  # degrees to the right of the robot's side
+OVERSAMPLING = 2  # SAPIEN's rasterizer does not smooth edges
+MARGIN = 1.04
+PAPER, INK = "#ffffff", "#1c2430"
+MARK_COLOURS = ("#d6273a", "#1f6fd1", "#1b8f4c", "#b5661a", "#7b3fb0", "#0f8f99")
+MARK_RADIUS = 4  # pixels
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a keypoint is seen: pixel ``x``, ``y`` from the upper left, and whether something is in front of it."""
+
+    x: float
+    y: float
+    hidden: bool
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture (H, W, 3) and the keypoints on it by name."""
+
+    pixels: Pixels
+    marks: dict[str, Mark]
+
+
+def short_name(keypoint: str) -> str:
+    """A keypoint's name without what all of an object's keypoints share."""
+    return keypoint.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
+
+
+def mark_colour(instance: Instance | RigidObject, keypoint: str) -> str:
+    """Colour of a keypoint in all pictures of an object, as ``#rrggbb``."""
+    return MARK_COLOURS[sorted(instance.keypoints).index(keypoint) % len(MARK_COLOURS)]
+
+
+class Studio:
+    """A table, lamps and a camera; objects are put on the table one after the other.
+
+    The first picture of a process takes seconds on a software driver (it compiles the shaders), later ones tens of
+    milliseconds, so keep one studio for all of them.
+    """
+
+    def __init__(self, size: int = 200) -> None:
+        """``size``: edge of the square pictures in pixels.
+
+        Raises:
+            MissingExtraError: SAPIEN is not installed.
+            GenSim2Error: no Vulkan driver works here.
+        """
+        try:
+            import sapien
+
+            from gensim2.sim import rendering
+        except ImportError as error:
+            raise MissingExtraError(error.name or "sapien", "sim") from error
+        if not rendering.can_render():
+            raise GenSim2Error(rendering.NO_DRIVER)
+        self.size = size
+        self._sapien = sapien
+        self._scene = sapien.Scene()
+        self._scene.set_ambient_light([0.42, 0.42, 0.44])
+        self._scene.add_directional_light(
+            [0.75, 0.55, -1.2], [1.75, 1.7, 1.6], shadow=True, shadow_scale=1.2, shadow_map_size=1024
+        )
+        self._scene.add_directional_light([0.4, -0.9, -0.5], [0.55, 0.58, 0.65])
+        builder = self._scene.create_actor_builder()
+        table = sapien.render.RenderMaterial(base_color=[0.78, 0.79, 0.80, 1], roughness=0.95, specular=0.05)
+        builder.add_box_visual(half_size=[20, 20, 0.5], material=table)
+        builder.build_kinematic("table").set_pose(sapien.Pose([0, 0, -0.5]))
+        pixels = size * OVERSAMPLING
+        self._camera = self._scene.add_camera("camera", pixels, pixels, float(FIELD_OF_VIEW), 0.02, 50)
+        self._object: Any = None
+        self._subject: Instance | RigidObject | None = None
+        self._center = np.zeros(3)
+        self._distance = 1.0
+
+    def put(
+        self, instance: Instance, openness: Sequence[float] = OPENNESS, azimuths: Sequence[float] = (THREE_QUARTER,)
+    ) -> None:
+        """Take the last object away and put this one where it stands by default.
+
+        The camera is set so that nothing leaves the picture from any of ``azimuths`` (degrees) at any ``openness``.
+        """
+        self._clear()
+        builder = self._scene.create_urdf_loader().parse(str(instance.urdf))[0][0]
+        for link in builder.link_builders:
+            link.collision_records.clear()
+        self._object = builder.build(fix_root_link=True)
+        place = instance.placement
+        self._object.set_root_pose(self._sapien.Pose(place.position, place.quaternion))
+        self._subject = instance
+        self._frame(np.concatenate([_world_points(instance, share) for share in openness]), azimuths)
+
+    def put_rigid(self, rigid: RigidObject, azimuths: Sequence[float] = (THREE_QUARTER,)) -> None:
+        """As ``put``, for an object without a joint, in the pose in which it rests."""
+        self._clear()
+        builder = self._scene.create_actor_builder()
+        if rigid.visual is not None:
+            builder.add_visual_from_file(str(rigid.visual))
+        else:
+            for index in range(len(rigid.hulls)):
+                builder.add_visual_from_file(str(rigid.hull_file(index)))
+        self._object = builder.build_kinematic(rigid.name)
+        place = rigid.resting
+        self._object.set_pose(self._sapien.Pose(place.position, place.quaternion))
+        self._subject = rigid
+        points = [*np.concatenate(rigid.hulls), *(k.position for k in rigid.keypoints.values())]
+        self._frame(np.array(points) @ place.rotation.T + place.position, azimuths)
+
+    def _clear(self) -> None:
+        if self._object is None:
+            return
+        if isinstance(self._subject, Instance):
+            self._scene.remove_articulation(self._object)
+        else:
+            self._scene.remove_actor(self._object)
+        self._object = self._subject = None
+
+    def _frame(self, points: Array, azimuths: Sequence[float]) -> None:
+        """Set the camera so that (N, 3) points in the world frame stay in the picture."""
+        self._center = (points.min(axis=0) + points.max(axis=0)) / 2
+        self._distance = MARGIN * max(_clear_distance(points - self._center, azimuth) for azimuth in azimuths)
+
+    def shoot(self, openness: float = 0.0, azimuth: float = THREE_QUARTER, elevation: float = ELEVATION) -> Shot:
+        """A picture of the object that was put last.
+
+        Args:
+            openness: 0 to 1.
+            azimuth: degrees around the object; 0 is the robot's side, 90 the robot's right.
+            elevation: degrees above the table.
+        """
+        subject = self._subject
+        if subject is None:
+            raise ValueError("put an object into the studio first")
+        if isinstance(subject, Instance):
+            joint = subject.joint
+            self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
+        R, eye = _camera_pose(self._center, self._distance, azimuth, elevation)
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = R, eye
+        self._camera.entity.set_pose(self._sapien.Pose(T.astype(np.float32)))
+        self._scene.update_render()
+        self._camera.take_picture()
+        colour = np.clip(self._camera.get_picture("Color")[..., :3], 0, 1)
+        depth = -self._camera.get_picture("Position")[..., 2]
+        from PIL import Image
+
+        large = Image.fromarray((255 * colour).astype(np.uint8))
+        pixels = np.asarray(large.resize((self.size, self.size), Image.Resampling.BOX))
+        marks = {name: self._mark(point, R, eye, depth) for name, point in _keypoints(subject, openness).items()}
+        return Shot(pixels, marks)
+
+    def _mark(self, point: Array, R: Array, eye: Array, depth: Array) -> Mark:
+        ahead, left, up = R.T @ (point - eye)
+        focal = 0.5 * self.size / float(np.tan(FIELD_OF_VIEW / 2))
+        x, y = self.size / 2 - focal * left / ahead, self.size / 2 - focal * up / ahead
+        column, row = (int(np.clip(OVERSAMPLING * v, 0, depth.shape[0] - 1)) for v in (x, y))
+        seen = float(depth[row, column])
+        return Mark(float(x), float(y), hidden=0 < seen < ahead - 0.02)
+
+
+def _camera_pose(center: Array, distance: float, azimuth: float, elevation: float) -> tuple[Array, Array]:
+    """(3, 3) rotation with columns ahead, left, up, and (3,) position of a camera that looks at ``center``."""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    ahead = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), -np.sin(e)])
+    left = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.column_stack([ahead, left, np.cross(ahead, left)]), center - distance * ahead
+
+
+def _clear_distance(points: Array, azimuth: float) -> float:
+    """Distance of a camera from which (N, 3) points around its target fill the picture and do not leave it."""
+    R, _ = _camera_pose(np.zeros(3), 0.0, azimuth, ELEVATION)
+    ahead, left, up = R.T @ points.T
+    return float((np.maximum(np.abs(left), np.abs(up)) / np.tan(FIELD_OF_VIEW / 2) - ahead).max())
+
+
+def _world_points(instance: Instance, openness: float) -> Array:
+    """(N, 3) hull vertices and keypoints in the world frame."""
+    R, position = world_rotation(instance), instance.placement.position
+    T = link_pose(instance, openness)
+    child = instance.joint.child_link
+    points = [transform(T, hull) if link == child else hull for link, hulls in instance.hulls.items() for hull in hulls]
+    in_root = np.concatenate(points) @ R.T + position
+    return np.concatenate([in_root, np.array(list(_keypoints(instance, openness).values())).reshape(-1, 3)])
+
+
+def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, Array]:
+    """(3,) keypoints in the world frame by name."""
+    if isinstance(instance, RigidObject):
+        place = instance.resting
+        return {
+            name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
+        }
+    R, position = world_rotation(instance), instance.placement.position
+    T = link_pose(instance, openness)
+    found = {}
+    for name, keypoint in instance.keypoints.items():
+        point = keypoint.position
+        if keypoint.link == instance.joint.child_link:
+            point = transform(T, point[None])[0]
+        found[name] = R @ point + position
+    return found
+
+
+def annotated(shot: Shot, instance: Instance | RigidObject, names: bool) -> Image.Image:
+    """The picture with its keypoints: a disc, a ring where something is in front; beside it the name if ``names``."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    picture = Image.fromarray(shot.pixels)
+    factor = 4  # discs are drawn large and made small: PIL does not smooth edges
+    layer = Image.new("RGBA", (factor * picture.width, factor * picture.height), (0, 0, 0, 0))
+    draw = ImageDraw.Draw(layer)
+    for name, mark in shot.marks.items():
+        colour = mark_colour(instance, name)
+        for radius, ink in ((MARK_RADIUS + 1.5, "#ffffff"), (MARK_RADIUS, colour)):
+            r = factor * radius
+            x, y = factor * mark.x, factor * mark.y
+            box = (x - r, y - r, x + r, y + r)
+            if mark.hidden:
+                draw.ellipse(box, outline=ink, width=int(factor * (2.5 if ink == "#ffffff" else 2)))
+            else:
+                draw.ellipse(box, fill=ink)
+    layer = layer.resize(picture.size, Image.Resampling.LANCZOS)
+    picture.paste(layer, mask=layer)
+    if names:
+        text = ImageDraw.Draw(picture)
+        font = ImageFont.load_default(size=13)
+        taken: list[tuple[float, float, float, float]] = []
+        for name, mark in sorted(shot.marks.items(), key=lambda item: item[1].y):
+            label = short_name(name)
+            width = text.textlength(label, font=font)
+            x = min(mark.x + 9, picture.width - width - 3)
+            y = mark.y - 8
+            while any(abs(y - other[1]) < 15 and x < other[2] and x + width > other[0] for other in taken):
+                y += 4
+            taken.append((x, y, x + width, y + 15))
+            text.text((x, y), label, fill=mark_colour(instance, name), font=font, stroke_width=2, stroke_fill="#ffffff")
+    return picture
+
+
+def turntable(studio: Studio, instance: Instance, views: int) -> Image.Image:
+    """All views of an object on one sheet: a row an openness, a column an azimuth, the robot's side first."""
+    from PIL import Image
+
+    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
+    studio.put(instance, azimuths=azimuths)
+    sheet = Image.new("RGB", (views * studio.size, len(OPENNESS) * studio.size), PAPER)
+    for row, openness in enumerate(OPENNESS):
+        for column, azimuth in enumerate(azimuths):
+            shot = studio.shoot(openness, azimuth)
+            sheet.paste(annotated(shot, instance, names=False), (column * studio.size, row * studio.size))
+    return sheet
+
+
+def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Image:
+    """All views of a rigid object in one row, the robot's side first."""
+    from PIL import Image
+
+    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
+    studio.put_rigid(rigid, azimuths)
+    sheet = Image.new("RGB", (views * studio.size, studio.size), PAPER)
+    for column, azimuth in enumerate(azimuths):
+        sheet.paste(annotated(studio.shoot(azimuth=azimuth), rigid, names=False), (column * studio.size, 0))
+    return sheet
+
+
+def strip(studio: Studio, instance: Instance) -> Image.Image:
+    """An object at openness 0, 0.5 and 1 beside each other, its keypoints named, under a title."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    studio.put(instance)
+    title = 26
+    sheet = Image.new("RGB", (len(OPENNESS) * (studio.size + 4) - 4, studio.size + title), PAPER)
+    draw = ImageDraw.Draw(sheet)
+    for column, openness in enumerate(OPENNESS):
+        left = column * (studio.size + 4)
+        sheet.paste(annotated(studio.shoot(openness), instance, names=True), (left, title))
+        text = f"{instance.asset_class}/{instance.id}, openness {openness:g}" if column == 0 else f"{openness:g}"
+        draw.text((left + 6, 4), text, fill=INK, font=ImageFont.load_default(size=15))
+    return sheet
+
+
+def rigid_strip(studio: Studio, rigid: RigidObject, views: int = 3) -> Image.Image:
+    """A rigid object from several sides, its keypoints named, under a title."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
+    studio.put_rigid(rigid, azimuths)
+    title = 26
+    sheet = Image.new("RGB", (views * (studio.size + 4) - 4, studio.size + title), PAPER)
+    for column, azimuth in enumerate(azimuths):
+        picture = annotated(studio.shoot(azimuth=azimuth), rigid, names=column == 0)
+        sheet.paste(picture, (column * (studio.size + 4), title))
+    ImageDraw.Draw(sheet).text((6, 4), rigid.name, fill=INK, font=ImageFont.load_default(size=15))
+    return sheet
+
+
+def contact_sheet(
+    studio: Studio, subjects: Iterable[tuple[Instance, float] | RigidObject], columns: int
+) -> Image.Image:
+    """One picture of each (object, openness) or rigid object in a grid, the class's name under it."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    caption, gap = 22, 6
+    tiles: list[tuple[str, Pixels]] = []
+    for subject in subjects:
+        if isinstance(subject, RigidObject):
+            studio.put_rigid(subject)
+            tiles.append((subject.name, studio.shoot().pixels))
+        else:
+            instance, openness = subject
+            studio.put(instance, [openness])
+            tiles.append((instance.asset_class, studio.shoot(openness).pixels))
+    columns = min(columns, len(tiles))
+    rows = -(-len(tiles) // columns)
+    step_x, step_y = studio.size + gap, studio.size + caption + gap
+    sheet = Image.new("RGB", (columns * step_x - gap, rows * step_y - gap), PAPER)
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(size=14)
+    for index, (name, pixels) in enumerate(tiles):
+        left, top = index % columns * step_x, index // columns * step_y
+        sheet.paste(Image.fromarray(pixels), (left, top))
+        width = draw.textlength(name, font=font)
+        draw.text((left + (studio.size - width) / 2, top + studio.size + 2), name, fill=INK, font=font)
+    return sheet

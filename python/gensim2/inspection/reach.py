@@ -1,0 +1,88 @@
+"""Whether the robot gets its fingertips to an object's keypoint, by its own kinematics."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.inspection.checks import Finding, world_rotation
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.shapes import transform
+from gensim2.objects.types import Array, Instance
+from gensim2.robots import RobotProfile
+from gensim2.sim.table import HALF_SIZE
+
+SHARES = (0.0, 0.5, 1.0)  # openness
+FINGERTIPS = 0.01  # m from the keypoint
+HEAD = "articulated_object_head"
+BUDGET: kpam.Options = {
+    "candidates": 4,
+    "samples": 50,
+    "harvest": 0,
+}  # none is used up: every motion is short or hopeless
+
+
+def reach_findings(instance: Instance, robot: RobotProfile) -> list[Finding]:
+    """Openness at which no motion that is clear of the table brings the fingertips to the head keypoint.
+
+    The head is ``articulated_object_head``, or the first keypoint where there is none. What is said is by how many
+    millimetres they miss it, or that the table is in the way.
+
+    Raises:
+        MissingExtraError: the robot's files come with a package that is not installed.
+    """
+    name = HEAD if HEAD in instance.keypoints else next(iter(instance.keypoints))
+    found = []
+    for share in SHARES:
+        plan = kpam.plan(_problem(in_base(instance, name, share, robot), robot))
+        if plan.status == "solved":
+            continue
+        check, missed = f"fingertips from {name} at openness {share:g}, mm", plan.residuals[0]
+        if missed["satisfied"]:
+            found.append(Finding(check, plan.reason, 1000 * FINGERTIPS))
+        else:
+            found.append(Finding(check, round(1000 * missed["residual"], 1), 1000 * FINGERTIPS))
+    return found
+
+
+def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile) -> Array:
+    """(3,) keypoint of an instance at its default placement in the robot's base frame, metres."""
+    keypoint = instance.keypoints[name]
+    point = keypoint.position
+    if keypoint.link == instance.joint.child_link:
+        point = transform(link_pose(instance, openness), point[None])[0]
+    return np.asarray(world_rotation(instance) @ point + instance.placement.position - robot.base_position)
+
+
+@cache
+def _config() -> kpam.SolverConfig:
+    constraint = {
+        "type": "point2point_constraint",
+        "keypoint_name": "tool_head",
+        "target_keypoint_name": HEAD,
+        "tolerance": FINGERTIPS,
+    }
+    return kpam.SolverConfig(
+        {"constraint_list": [constraint], "pre_actuation_motions": [], "post_actuation_motions": []}
+    )
+
+
+def _table(robot: RobotProfile) -> kpam.Body:
+    T_base_table = np.eye(4)
+    T_base_table[:3, 3] = np.array([0.0, 0.0, -HALF_SIZE[2]]) - robot.base_position
+    return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], T_base_table)
+
+
+def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
+    return kpam.KeypointProblem(
+        robot.model,
+        _config(),
+        np.array(robot.reset_qpos),
+        tool_keypoints=robot.tool_keypoints,
+        object_keypoints={HEAD: head},
+        T_base_object=np.eye(4),
+        bodies=[_table(robot)],
+        options=BUDGET,
+    )

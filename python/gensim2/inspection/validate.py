@@ -1,0 +1,255 @@
+"""Whether an object is sound: geometry first, then physics without pictures."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
+from gensim2.objects.library.articulated import Library
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.physics import GRAVITY, class_rule, inertial
+from gensim2.objects.types import Instance
+from gensim2.processes import WorkerPool, enumerated, in_order
+
+REST_SECONDS = 5.0
+REST_DRIFT = 0.02  # openness
+LOAD_FACTOR = 1.5  # times gravity and friction moves the joint through its range
+SWEEP_SECONDS = 6.0
+PUSH_ON_SECONDS = 0.5  # against the end of the range
+BODY_DRIFT = 1e-4  # m
+TIME_STEP = 0.01
+CONTROL_STEPS = 5
+
+
+@dataclass(frozen=True)
+class ObjectReport:
+    """Findings about one object; sound where there are none.
+
+    ``seconds`` is what loading and checking took.
+    """
+
+    asset_class: str
+    id: str
+    findings: tuple[Finding, ...]
+    seconds: float
+
+    @property
+    def sound(self) -> bool:
+        return not self.findings
+
+    def to_dict(self) -> dict[str, Any]:
+        """``class``, ``id``, ``sound``, ``findings`` (``check``, ``value``, ``limit``)."""
+        return {
+            "class": self.asset_class,
+            "id": self.id,
+            "sound": self.sound,
+            "findings": [asdict(f) for f in self.findings],
+        }
+
+
+def check_object(library: Library, asset_class: str, instance_id: str, physics: bool = True) -> ObjectReport:
+    """Check one object; one that cannot be used is a finding, not an error."""
+    started = time.perf_counter()
+    try:
+        instance = library.load(asset_class, instance_id)
+        findings = geometric_findings(instance)
+        if physics:
+            findings += physical_findings(instance) + reaching(instance)
+    except InputError as error:
+        findings = [Finding("loads", str(error), "no error")]
+    return ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
+
+
+def validate(
+    library: Library, items: Sequence[tuple[str, str]], physics: bool = True, workers: int = 0
+) -> Iterator[ObjectReport]:
+    """Check (class, id) pairs; reports come in their order, whatever the number of workers.
+
+    Args:
+        items: what to check.
+        physics: whether to simulate; without, geometry alone is looked at.
+        workers: processes; 0 checks in this one. An object that ends its process is a finding then.
+
+    Raises:
+        MissingExtraError: ``physics`` without SAPIEN.
+    """
+    modules = ("gensim2.inspection.validate", "gensim2.sim.objects") if physics else ("gensim2.inspection.validate",)
+    with WorkerPool(workers, preload=modules) as pool:
+        jobs = enumerated((library, *item, physics) for item in items)
+        for outcome in in_order(pool.map_unordered(check_object, jobs)):
+            if outcome.failures:
+                finding = Finding("loads", outcome.failures[-1].reason, "no error")
+                yield ObjectReport(*items[outcome.index], (finding,), 0.0)
+            else:
+                yield outcome.unwrap()
+
+
+def reaching(instance: Instance) -> list[Finding]:
+    """Where the robot does not get to the head keypoint; needs the robot's model, which comes with the simulator."""
+    from gensim2.inspection.reach import reach_findings
+    from gensim2.robots import robot
+
+    return reach_findings(instance, robot())
+
+
+def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:
+    """Plain values of several reports: ``objects``, how many are ``sound``, and how many have which finding."""
+    checks = Counter(check for report in reports for check in {family(f.check) for f in report.findings})
+    return {
+        "schema_version": 1,
+        "library": library.name,
+        "objects": [report.to_dict() for report in reports],
+        "sound": sum(report.sound for report in reports),
+        "checks": dict(checks.most_common()),
+    }
+
+
+def family(check: str) -> str:
+    """A check's name without the number of what it was made on."""
+    return re.sub(r"\b(openness|from|hull) [\d.]+", r"\1 X", check)
+
+
+def physical_findings(instance: Instance) -> list[Finding]:
+    """Loads whole; stays where it is left; moves through its whole range under 1.5 times its load.
+
+    Raises:
+        MissingExtraError: SAPIEN is not installed.
+    """
+    stage = _Stage(instance)
+    found = stage.whole()
+    shares = [0.0, 0.5, 1.0]
+    for share in shares:
+        moved = stage.rest(share)
+        if not abs(moved) <= REST_DRIFT:
+            found.append(Finding(f"drift in {REST_SECONDS:g} s from {share:g}", round(moved, 4), REST_DRIFT))
+    for start, goal in ((0.0, 1.0), (1.0, 0.0)):
+        reached = stage.sweep(start, goal)
+        if not abs(reached - goal) <= REST_DRIFT:
+            found.append(Finding(f"openness reached from {start:g} under load", round(reached, 4), goal))
+        body = stage.body_moved()
+        if not body <= BODY_DRIFT:
+            found.append(Finding(f"body moved from {start:g} under load, mm", round(1000 * body, 3), 1000 * BODY_DRIFT))
+    return found
+
+
+class _Stage:
+    """One object in an empty SAPIEN scene, physics only."""
+
+    def __init__(self, instance: Instance) -> None:
+        try:
+            import sapien
+            from sapien.physx import PhysxCpuSystem
+
+            from gensim2.sim import objects
+        except ImportError as error:
+            raise MissingExtraError("sapien", "sim") from error
+        self.instance, self._sim = instance, objects
+        sapien.physx.set_scene_config(enable_tgs=True)
+        system = PhysxCpuSystem()
+        system.timestep = TIME_STEP
+        self._scene = sapien.Scene([system])
+        loader = self._scene.create_urdf_loader()
+        builder = loader.parse(str(instance.urdf))[0][0]
+        for link in builder.link_builders:
+            link.visual_records.clear()
+        self._object = builder.build(fix_root_link=True)
+        place = instance.placement
+        self._object.set_root_pose(sapien.Pose(place.position, place.quaternion))
+        self._joint = self._object.active_joints[0]
+        self._joint.set_friction(0.0)  # PhysX's own is a share of the load that the joint carries, 0.05 by default
+
+    def whole(self) -> list[Finding]:
+        """Nothing vanished or became something else on the way into the physics engine."""
+        found = []
+        for link in self._object.links:
+            hulls, shapes = self.instance.hulls.get(link.name, ()), link.collision_shapes
+            if len(shapes) != len(hulls):
+                found.append(Finding(f"hulls of {link.name} in physics", len(shapes), len(hulls)))
+                continue
+            for number, (hull, shape) in enumerate(zip(hulls, shapes, strict=True)):
+                lost, grown = self._sim.cooking_misfit(hull, shape)
+                if not self._sim.cooking_is_fair(hull, lost, grown):
+                    off = round(1000 * max(lost, grown), 1)
+                    found.append(
+                        Finding(
+                            f"hull {number} of {link.name} in physics, mm off", off, 1000 * self._sim.HULL_TOLERANCE
+                        )
+                    )
+        if len(self._object.active_joints) != 1:
+            found.append(Finding("moving joints", len(self._object.active_joints), 1))
+        return found
+
+    def _set(self, openness: float) -> None:
+        joint = self.instance.joint
+        self._object.set_qpos(np.array([joint.lower + openness * (joint.upper - joint.lower)], np.float32))
+        self._object.set_qvel(np.zeros(1, np.float32))
+        self._object.set_qf(np.zeros(1, np.float32))
+
+    def _openness(self) -> float:
+        joint = self.instance.joint
+        return (float(self._object.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
+
+    def _friction(self) -> None:
+        speed = float(self._object.qvel[0])
+        joint = self.instance.joint
+        limit = joint.friction + joint.damping * abs(speed)
+        self._joint.set_drive_properties(0.0, limit / self._sim.CREEP_SPEED, limit, "force")
+
+    def _run(self, seconds: float) -> None:
+        for step in range(round(seconds / TIME_STEP)):
+            if step % CONTROL_STEPS == 0:
+                self._friction()
+            self._scene.step()
+
+    def rest(self, openness: float) -> float:
+        """Change of openness of an object that is left alone."""
+        self._set(openness)
+        self._run(REST_SECONDS)
+        return self._openness() - openness
+
+    def sweep(self, start: float, goal: float) -> float:
+        """Farthest openness from ``start`` under 1.5 times the load of gravity and friction towards ``goal``, and on
+        against the end of the range."""
+        instance, joint = self.instance, self.instance.joint
+        moving = inertial(list(instance.hulls[joint.child_link]), class_rule(instance.asset_class).density)
+        R_world_root = world_rotation(instance)
+        gravity = R_world_root.T @ GRAVITY
+        self._set(start)
+        sign = np.sign(goal - start)
+        force, farthest, left = 0.0, sign * start, round(PUSH_ON_SECONDS / TIME_STEP)
+        for step in range(round(SWEEP_SECONDS / TIME_STEP)):
+            openness = self._openness()
+            farthest = max(farthest, sign * openness)
+            if abs(openness - goal) < 0.5 * REST_DRIFT or sign * (openness - goal) > 0:
+                left -= 1
+                if left < 0:
+                    break
+            if step % CONTROL_STEPS == 0:
+                self._friction()
+                T = link_pose(instance, float(np.clip(openness, 0, 1)))
+                center = T[:3, :3] @ moving.center + T[:3, 3]
+                weight = moving.mass * gravity
+                load = (
+                    float(weight @ joint.axis)
+                    if joint.type == "prismatic"
+                    else float(np.cross(center - joint.origin, weight) @ joint.axis)
+                )
+                against = max(-sign * load, 0.0)
+                force = (
+                    sign * LOAD_FACTOR * (against + joint.friction + joint.damping * abs(float(self._object.qvel[0])))
+                )
+            self._object.set_qf(np.array([force], np.float32))  # PhysX forgets it after every step
+            self._scene.step()
+        return float(sign * max(farthest, sign * self._openness()))
+
+    def body_moved(self) -> float:
+        """Distance in metres of the root from where it was put."""
+        return float(np.linalg.norm(self._object.root_pose.p - self.instance.placement.position))

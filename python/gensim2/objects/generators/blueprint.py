@@ -1,0 +1,58 @@
+"""What a generated class says about one instance, in the object's model frame.
+
+The model frame is that of PartNet-Mobility: origin near the middle of the body, x to the right of somebody who looks at
+the front, y up, z out of the front. Everything is given at joint value zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from gensim2.objects.shapes import Solid, Vec3
+
+
+@dataclass(frozen=True)
+class Blueprint:
+    """One generated object.
+
+    Attributes:
+        body: parts that stand still.
+        moving: parts that the joint moves.
+        joint_type: ``"revolute"`` or ``"prismatic"``.
+        joint_origin: a point on the axis, metres.
+        joint_axis: direction, opening is positive.
+        limits: lower and upper joint value in rad or m; openness 0 and 1.
+        keypoints: name to (position in metres, description). A name that contains ``base`` belongs to the body, any
+            other to the moving link.
+        object_axis: axis that "rotate" motions turn about.
+    """
+
+    body: list[Solid]
+    moving: list[Solid]
+    joint_type: Literal["revolute", "prismatic"]
+    joint_origin: Vec3
+    joint_axis: Vec3
+    limits: tuple[float, float]
+    keypoints: dict[str, tuple[Vec3, str]]
+    object_axis: Literal["x", "y", "z"] = "x"
+
+
+@dataclass(frozen=True)
+class ObjectClass:
+    """A class of generated objects; a module of ``gensim2.objects.generators.classes`` holds one as ``OBJECT_CLASS``.
+
+    Attributes:
+        name: folder name of the class in the GenSim2 release.
+        count: built-in instances.
+        joint_type: what ``build`` makes.
+        build: draws one instance.
+    """
+
+    name: str
+    count: int
+    joint_type: Literal["revolute", "prismatic"]
+    build: Callable[[np.random.Generator], Blueprint]

@@ -1,0 +1,189 @@
+"""What several classes share: looks, handles, and the turn from the closed pose to joint value zero."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gensim2.objects.generators.blueprint import Blueprint
+from gensim2.objects.shapes import Array, Look, Solid, Vec3, ball, box, loft, pose, ring, rod, rotation
+
+Rng = np.random.Generator
+
+# Renderers without an environment to reflect show metal as grey, so metals are only a third metallic.
+CHROME = Look((0.88, 0.89, 0.91, 1), 0.35, 0.18)
+STEEL = Look((0.66, 0.67, 0.69, 1), 0.30, 0.35)
+BRASS = Look((0.84, 0.66, 0.32, 1), 0.35, 0.28)
+DARK_METAL = Look((0.19, 0.19, 0.21, 1), 0.30, 0.40)
+BLACK = Look((0.03, 0.03, 0.035, 1), 0.0, 0.5)
+RUBBER = Look((0.06, 0.06, 0.06, 1), 0.0, 0.95)
+GLASS = Look((0.10, 0.12, 0.15, 0.75), 0.0, 0.05)
+SCREEN = Look((0.05, 0.10, 0.22, 1), 0.1, 0.08)
+WHITE = Look((0.90, 0.90, 0.88, 1), 0.0, 0.4)
+DISPLAY = Look((0.10, 0.75, 0.45, 1), 0.0, 0.3)
+
+METALS = (CHROME, STEEL, BRASS, DARK_METAL)
+WOODS = tuple(
+    Look((r, g, b, 1), 0.0, 0.65)
+    for r, g, b in ((0.52, 0.33, 0.18), (0.70, 0.52, 0.32), (0.34, 0.20, 0.12), (0.80, 0.66, 0.46))
+)
+PAINTS = tuple(
+    Look((r, g, b, 1), 0.0, 0.45)
+    for r, g, b in (
+        (0.86, 0.85, 0.82),
+        (0.72, 0.20, 0.16),
+        (0.16, 0.33, 0.55),
+        (0.20, 0.42, 0.30),
+        (0.88, 0.68, 0.22),
+        (0.30, 0.31, 0.34),
+        (0.55, 0.38, 0.60),
+        (0.85, 0.50, 0.35),
+    )
+)
+
+
+def pick(rng: Rng, choices: tuple[Look, ...]) -> Look:
+    """One of ``choices``, a little lighter or darker."""
+    look = choices[int(rng.integers(len(choices)))]
+    shade = float(rng.uniform(0.88, 1.1))
+    r, g, b, a = look.rgba
+    return Look((min(r * shade, 1), min(g * shade, 1), min(b * shade, 1), a), look.metallic, look.roughness)
+
+
+def between(rng: Rng, low: float, high: float) -> float:
+    """A uniform draw, to a tenth of a millimetre, so that sizes read well."""
+    return round(float(rng.uniform(low, high)), 4)
+
+
+def turned(solids: list[Solid], origin: Vec3, axis: Vec3, angle: float) -> list[Solid]:
+    """Parts turned by ``angle`` rad about the line through ``origin`` along ``axis``."""
+    T = turn_about(origin, axis, angle)
+    return [solid.moved(T) for solid in solids]
+
+
+def turn_about(origin: Vec3, axis: Vec3, angle: float) -> Array:
+    """(4, 4) rotation about the line through ``origin`` along ``axis``."""
+    T = pose(axis=axis, angle=angle)
+    o = np.asarray(origin, float)
+    T[:3, 3] = o - rotation(axis, angle) @ o
+    return T
+
+
+def turned_point(point: Vec3, origin: Vec3, axis: Vec3, angle: float) -> Array:
+    """(3,) point turned like ``turned``."""
+    o = np.asarray(origin, float)
+    return np.asarray(o + rotation(axis, angle) @ (np.asarray(point, float) - o))
+
+
+def bar_handle(center: Vec3, length: float, along: str, reach: float, radius: float, look: Look) -> list[Solid]:
+    """A round bar on two posts in front of a surface.
+
+    Args:
+        center: (3,) of the bar's middle; the surface is ``reach`` metres behind it (towards -z).
+        length: of the bar.
+        along: ``"x"`` or ``"y"``.
+        radius: of the bar.
+    """
+    c = np.asarray(center, float)
+    d = np.eye(3)["xyz".index(along)]
+    ends = [c - d * length / 2, c + d * length / 2]
+    parts = [rod(ends[0], ends[1], radius, look, 10)]
+    parts += [ball(e, radius, look).visual_only() for e in ends]
+    for side in (-1, 1):
+        foot = c + d * side * (length / 2 - 1.5 * radius)
+        parts.append(rod(foot - np.array([0, 0, reach]), foot, 0.8 * radius, look, 8))
+    return parts
+
+
+def flat_handle(center: Vec3, length: float, along: str, reach: float, width: float, look: Look) -> list[Solid]:
+    """A flat bracket in front of a surface, arguments as for ``bar_handle``."""
+    c = np.asarray(center, float)
+    i = "xyz".index(along)
+    size = np.array([width, width, 0.4 * width])
+    size[i] = length
+    parts = [box(c, size, look)]
+    for side in (-1, 1):
+        post = np.array([width, width, reach - 0.2 * width])
+        post[i] = 0.6 * width
+        at = c - np.array([0, 0, (reach + 0.2 * width) / 2])
+        at[i] += side * (length - 0.6 * width) / 2
+        parts.append(box(at, post, look))
+    return parts
+
+
+def feet(width: float, depth: float, bottom: float, height: float, radius: float, look: Look = RUBBER) -> list[Solid]:
+    """Four round feet under a box; ``bottom`` is the box's lower y, ``height`` the feet's."""
+    return [
+        rod(
+            (sx * (width / 2 - 1.6 * radius), bottom - height, sz * (depth / 2 - 1.6 * radius)),
+            (sx * (width / 2 - 1.6 * radius), bottom, sz * (depth / 2 - 1.6 * radius)),
+            radius,
+            look,
+            8,
+        )
+        for sx in (-1, 1)
+        for sz in (-1, 1)
+    ]
+
+
+def hoop(center: Vec3, direction: Vec3, radius: float, thick: float, look: Look) -> Solid:
+    """A ring of round section to look at: ``radius`` of the ring, ``thick`` of its section (m)."""
+    c, d = np.asarray(center, float), np.asarray(direction, float)
+    sides, around = 48, np.array([ring(c, d, radius + thick * np.cos(t), 48) for t in _SECTION])
+    heights = thick * np.sin(_SECTION)[:, None, None] * (d / np.linalg.norm(d))
+    assert around.shape == (len(_SECTION), sides, 3)
+    return Solid(None, loft(list(around + heights), look, closed=False))
+
+
+_SECTION = 2 * np.pi * np.arange(8) / 8
+
+
+def extra(rng: Rng) -> Rng:
+    """A generator for details that are only looked at: what it draws leaves the shape of the object alone."""
+    return np.random.default_rng(rng.bit_generator.random_raw())
+
+
+def at(blueprint: Blueprint, q: float) -> list[Solid]:
+    """All parts of a blueprint with its revolute joint at ``q``, as one rigid thing."""
+    moved = turned(blueprint.moving, blueprint.joint_origin, blueprint.joint_axis, q)
+    return [*blueprint.body, *moved]
+
+
+def bounds(parts: list[Solid]) -> tuple[Array, Array]:
+    """Corners (3,), (3,) of the box around the collision parts."""
+    points = np.concatenate([part.hull for part in parts if part.hull is not None])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def pushed(parts: list[Solid], stroke: float, description: str, head: Vec3 | None = None) -> Blueprint:
+    """A whole object that slides away from the robot.
+
+    ``head``: where to push; by default the middle of the front's upper half.
+    """
+    low, high = bounds(parts)
+    where = ((low[0] + high[0]) / 2, low[1] + 0.7 * (high[1] - low[1]), high[2]) if head is None else head
+    return Blueprint(
+        body=[],
+        moving=parts,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, 0, -1),
+        limits=(0.0, stroke),
+        keypoints={"articulated_object_head": (where, description)},
+        object_axis="z",
+    )
+
+
+def lifted(
+    parts: list[Solid], head: Vec3, description: str, extra: dict[str, tuple[Vec3, str]] | None = None
+) -> Blueprint:
+    """A whole object that is lifted straight up by ``head``; ``extra`` keypoints move with it."""
+    return Blueprint(
+        body=[],
+        moving=parts,
+        joint_type="prismatic",
+        joint_origin=(0, 0, 0),
+        joint_axis=(0, 1, 0),
+        limits=(0.0, 0.2),
+        keypoints={"articulated_object_head": (head, description), **(extra or {})},
+        object_axis="y",
+    )

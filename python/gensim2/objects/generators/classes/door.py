@@ -1,0 +1,58 @@
+"""A door in a frame that stands on the table and opens away from the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
+from gensim2.objects.generators.classes import _common as c
+from gensim2.objects.shapes import box, path, rod
+
+GAP = 0.003
+
+
+def build(rng: np.random.Generator) -> Blueprint:
+    width, height = c.between(rng, 0.20, 0.26), c.between(rng, 0.36, 0.44)
+    post, deep = c.between(rng, 0.022, 0.032), c.between(rng, 0.05, 0.07)
+    leaf = c.between(rng, 0.014, 0.020)
+    wood = c.pick(rng, (*c.WOODS, *c.PAINTS))
+    frame = c.pick(rng, (*c.WOODS, c.WHITE))
+    metal = c.pick(rng, c.METALS)
+    panels = int(rng.integers(0, 3))
+
+    top = height / 2
+    body = [box((s * (width + post) / 2, 0, 0), (post, height, deep), frame) for s in (-1, 1)]
+    body.append(box((0, top + post / 2, 0), (width + 2 * post, post, deep), frame))
+    body.append(box((0, -top - 0.006, 0), (width + 2 * post + 0.06, 0.012, 0.16), frame))
+    # The leaf hangs in the plane of the frame's back, so that it swings clear of the posts.
+    z = -deep / 2 + leaf / 2
+    span, tall = width - 2 * GAP, height - 2 * GAP
+    shape = [box((0, 0, z), (span, tall, leaf), wood)]
+    for k in range(panels):
+        y = (k + 0.5) / panels * 0.8 * tall - 0.4 * tall
+        for face in (-1, 1):
+            inset = (0.66 * span, 0.62 * tall / panels, 0.004)
+            shape.append(box((0, y, z + face * leaf / 2), inset, wood, 0.002).visual_only())
+    lever_x, lever_y = 0.38 * span, -0.05 * height
+    for face in (-1, 1):
+        foot = np.array([lever_x, lever_y, z + face * leaf / 2])
+        out = foot + np.array([0, 0, face * 0.026])
+        shape += path([foot, out, out - np.array([0.05, 0, 0])], 0.005, metal, 8)
+        shape.append(rod(foot, foot + np.array([0, 0, face * 0.004]), 0.014, metal).visual_only())
+    for y in (-0.3, 0.3):
+        pin = np.array([-width / 2, y * height, -deep / 2])
+        body.append(rod(pin - np.array([0, 0.015, 0]), pin + np.array([0, 0.015, 0]), 0.005, metal).visual_only())
+    edge = np.array([0.46 * span, lever_y + 0.05, z + leaf / 2])
+    return Blueprint(
+        body=body,
+        moving=shape,
+        joint_type="revolute",
+        joint_origin=(-width / 2, 0, -deep / 2),
+        joint_axis=(0, 1, 0),
+        limits=(0.0, 1.4),
+        keypoints={"articulated_object_head": (edge, "the middle of the door's free edge")},
+        object_axis="y",
+    )
+
+
+OBJECT_CLASS = ObjectClass("door", 2, "revolute", build)

@@ -1,0 +1,21 @@
+"""A suitcase that lies flat and is pushed across the table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gensim2.objects.generators.blueprint import Blueprint, ObjectClass
+from gensim2.objects.generators.classes import _common as c
+from gensim2.objects.generators.classes import _suitcase
+
+
+def build(rng: np.random.Generator) -> Blueprint:
+    case = _suitcase.draw(rng)
+    pushed = c.pushed(case.shell + case.lid, 0.12, "the midpoint of the near edge of the suitcase", case.edge)
+    # It lies on its back, its top towards the robot: away is down in the model frame.
+    return replace(pushed, joint_axis=(0, -1, 0), object_axis="y")
+
+
+OBJECT_CLASS = ObjectClass("suitcase_move", 3, "prismatic", build)

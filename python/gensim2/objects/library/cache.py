@@ -1,0 +1,284 @@
+"""Prepared objects on disk: one folder each in the user's cache, whole or absent, shared by all processes."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2
+from gensim2.errors import InputError
+from gensim2.files import cache_dir, write_atomic
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.folder import MOST_BYTES, ObjectFolder
+from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
+
+Array = npt.NDArray[np.float64]
+
+SCHEMA_VERSION = 1
+MANIFEST = "files.json"
+#: What readers of NumPy's archives raise where bytes were flipped or are missing.
+DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+# What every prepared object passes through; a source adds its own modules.
+SHARED_MODULES = (
+    "gensim2.objects.library.cache",
+    "gensim2.objects.library.folder",
+    "gensim2.objects.library.prepare",
+    "gensim2.objects.model",
+    "gensim2.objects.physics",
+    "gensim2.objects.placement",
+    "gensim2.objects.shapes",
+    "gensim2.objects.types",
+    "gensim2.robots.panda",  # in front of which objects stand
+)
+
+
+def file_name(word: str) -> str:
+    """A word as part of a file name: its first 40 letters, others than ``A-Za-z0-9_.-`` made ``_``."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", word)[:40]
+
+
+@cache
+def source_digest(*modules: str) -> str:
+    """Digest of modules, by their full names, as they stand in their files: what other code prepared is not ours."""
+    digest = hashlib.sha256()
+    top = Path(gensim2.__file__).parents[1]
+    for module in modules:
+        digest.update(module.encode())
+        digest.update((top / f"{module.replace('.', '/')}.py").read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def cached_hulls(
+    key: str, make: Callable[[], tuple[list[Array], dict[str, int]]]
+) -> tuple[list[Array], dict[str, int]]:
+    """Hulls, each (N, 3), and counts about them under ``key``; made where they are not there, or damaged.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    file = cache_dir() / "hulls" / f"{key}.npz"
+    found = _whole_hulls(file)
+    if found is not None:
+        return found
+    hulls, counts = make()
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream, **join_hulls(hulls), names=np.array(list(counts), str), counts=np.array(list(counts.values()), np.int64)
+    )
+    try:
+        write_atomic(file, stream.getvalue())
+    except InputError as error:
+        raise _unwritable(file.parent, error.message) from error
+    return hulls, counts
+
+
+def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
+    """What ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
+    try:
+        stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MOST_BYTES))
+        with zipfile.ZipFile(stream) as archive:
+            if archive.testzip() is not None:
+                return None
+        with np.load(stream) as data:
+            counts = dict(zip(data["names"].tolist(), data["counts"].tolist(), strict=True))
+            return split_hulls(data["points"], data["sizes"]), counts
+    except (AssetError, *DAMAGE):
+        return None
+
+
+def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
+    """Hulls, each (N, 3), as two arrays for ``np.savez``: ``points`` and ``sizes``."""
+    points = np.concatenate(hulls) if hulls else np.zeros((0, 3))
+    return {"points": points, "sizes": np.array([len(p) for p in hulls], np.int64)}
+
+
+def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
+    """What ``join_hulls`` joined."""
+    return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
+
+
+def prepared(key: str, make: Callable[[Path], Instance]) -> Instance:
+    """The instance under ``key``, made by ``make(folder)`` where it is not there, or damaged.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    return read_instance(folder_once(key, lambda folder: write_instance(folder, make(folder))))
+
+
+def folder_once(key: str, make: Callable[[Path], None]) -> Path:
+    """The folder of an object in the cache, filled by ``make(folder)`` where it is not there, or not as it was made.
+
+    ``make`` writes into a folder of its own, which is then renamed: two processes may race, one wins, both get a whole
+    folder. ``MANIFEST`` in it holds a digest of every file; where one differs, the folder is thrown away. What other
+    programs put beside them does no harm.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    folder = cache_dir() / "objects" / key
+    if _is_whole(folder):
+        return folder
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+        try:
+            entry = scratch / "entry"
+            entry.mkdir()
+            make(entry)
+            files = ObjectFolder(entry)
+            digests = {name: _digest(files, name) for name in files.names()}
+            (entry / MANIFEST).write_text(json.dumps(digests))
+            _replace_damaged(entry, folder)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    except OSError as error:
+        raise _unwritable(folder.parent, f"cannot write: {error.strerror or error}") from error
+    return folder
+
+
+def _replace_damaged(entry: Path, folder: Path) -> None:
+    """Rename ``entry`` to ``folder``, unless another process has made a whole one by now."""
+    with (cache_dir() / "objects.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if _is_whole(folder):
+            return
+        if os.path.lexists(folder):
+            folder.rename(entry.parent / "damaged")
+        entry.rename(folder)
+
+
+def _is_whole(folder: Path) -> bool:
+    files = ObjectFolder(folder)
+    try:
+        return all(_digest(files, name) == digest for name, digest in files.read_json(MANIFEST).items())
+    except AssetError:
+        return False
+
+
+def _digest(files: ObjectFolder, name: str) -> str:
+    return hashlib.sha256(files.read(name, MOST_BYTES)).hexdigest()
+
+
+def _unwritable(folder: Path, reason: str) -> InputError:
+    remedy = "set GENSIM2_CACHE to a folder that can be written to"
+    return InputError(f"the cache: {reason}", file=folder, remedy=remedy)
+
+
+def write_instance(folder: Path, instance: Instance) -> None:
+    """Write everything but the URDF and its meshes."""
+    joint, placement = instance.joint, instance.placement
+    np.savez(folder / "hulls.npz", **join_hulls([hull for hulls in instance.hulls.values() for hull in hulls]))
+    value = {
+        "schema_version": SCHEMA_VERSION,
+        "asset_class": instance.asset_class,
+        "id": instance.id,
+        "source": instance.source,
+        "joint": {
+            "name": joint.name,
+            "type": joint.type,
+            "child_link": joint.child_link,
+            "origin": joint.origin.tolist(),
+            "axis": joint.axis.tolist(),
+            "lower": joint.lower,
+            "upper": joint.upper,
+            "friction": joint.friction,
+            "damping": joint.damping,
+            "T_root_child": joint.T_root_child.tolist(),
+        },
+        "keypoints": {
+            name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
+            for name, k in instance.keypoints.items()
+        },
+        "T_link_object": instance.T_link_object.tolist(),
+        "object_axis": instance.object_axis,
+        "hulls": {link: len(hulls) for link, hulls in instance.hulls.items()},
+        "placement": {"position": placement.position.tolist(), "quaternion": placement.quaternion.tolist()},
+        "default_openness": instance.default_openness,
+        "mass": instance.mass,
+        "license": instance.license,
+        "content_hash": instance.content_hash,
+        "warnings": list(instance.warnings),
+    }
+    (folder / "instance.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def read_instance(folder: Path) -> Instance:
+    """Read a prepared object.
+
+    Raises:
+        InputError: the folder is damaged.
+    """
+    try:
+        value = json.loads((folder / "instance.json").read_text())
+        with np.load(folder / "hulls.npz") as data:
+            pieces = split_hulls(data["points"], data["sizes"])
+        hulls, taken = {}, 0
+        for link, count in value["hulls"].items():
+            hulls[link] = tuple(pieces[taken : taken + count])
+            taken += count
+        joint, placement = value["joint"], value["placement"]
+        return Instance(
+            asset_class=value["asset_class"],
+            id=value["id"],
+            source=value["source"],
+            urdf=folder / "mobility.urdf",
+            joint=MovingJoint(
+                name=joint["name"],
+                type=joint["type"],
+                child_link=joint["child_link"],
+                origin=np.array(joint["origin"]),
+                axis=np.array(joint["axis"]),
+                lower=joint["lower"],
+                upper=joint["upper"],
+                friction=joint["friction"],
+                damping=joint["damping"],
+                T_root_child=np.array(joint["T_root_child"]),
+            ),
+            keypoints={
+                name: Keypoint(k["link"], np.array(k["position"]), k["description"])
+                for name, k in value["keypoints"].items()
+            },
+            T_link_object=np.array(value["T_link_object"]),
+            object_axis=value["object_axis"],
+            hulls=hulls,
+            placement=Placement(np.array(placement["position"]), np.array(placement["quaternion"])),
+            default_openness=value["default_openness"],
+            mass=value["mass"],
+            license=value["license"],
+            content_hash=value["content_hash"],
+            warnings=tuple(value["warnings"]),
+        )
+    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
+        raise InputError(
+            f"damaged cache entry: {error}", file=folder, remedy="remove that folder; it is made again"
+        ) from error

@@ -1,0 +1,155 @@
+"""``info.json`` of an object: what its author says about it, checked field by field."""
+
+from __future__ import annotations
+
+import reprlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.urdf import LARGEST, plain_name
+
+Array = npt.NDArray[np.float64]
+
+INFO = "info.json"
+FIELDS = ("keypoints", "keypoint_descriptions", "scale", "axis", "joint_position_range", "collision", "license")
+OWN_NOTES = ("imported",)  # what our importer leaves for the user
+SMALLEST_SCALE = 1e-6
+MOST_KEYPOINTS = 256
+LONGEST_TEXT = 2_000
+NARROWEST = 1e-4  # m or rad: a joint with less room does not move
+
+
+@dataclass(frozen=True)
+class Info:
+    """Fields of ``info.json``; None where the file does not have them.
+
+    Attributes:
+        file: it was read from.
+        keypoints: (3,) by name, unscaled; at least one.
+        descriptions: of keypoints, by name.
+        scale: metres a unit.
+        joint_range: lower and upper value in rad or m.
+        convex: whether every collision mesh is convex as it is.
+        unknown: names of other fields.
+    """
+
+    file: Path
+    keypoints: dict[str, Array]
+    descriptions: dict[str, str]
+    scale: float | None
+    axis: Literal["x", "y", "z"] | None
+    joint_range: tuple[float, float] | None
+    convex: bool
+    license: str | None
+    unknown: tuple[str, ...] = field(default=())
+
+
+def read_info(folder: ObjectFolder) -> Info:
+    """``info.json`` of an object.
+
+    Raises:
+        AssetError: missing, not JSON, without usable keypoints, or a field cannot be used.
+    """
+    value, file = folder.read_json(INFO), folder.path / INFO
+    points = value.get("keypoints")
+    if not isinstance(points, dict) or not points:
+        raise AssetError("no keypoints", file=file, field="keypoints", remedy="name at least one point")
+    if len(points) > MOST_KEYPOINTS:
+        raise AssetError(f"{len(points)} keypoints, at most {MOST_KEYPOINTS}", file=file, field="keypoints")
+    keypoints = {
+        plain_name(name, file, "keypoints"): numbers(point, 3, file, f"keypoints.{name}")
+        for name, point in points.items()
+    }
+    limits = value.get("joint_position_range")
+    return Info(
+        file=file,
+        keypoints=keypoints,
+        descriptions=_descriptions(value.get("keypoint_descriptions"), file),
+        scale=_scale(value.get("scale"), file),
+        axis=_axis(value.get("axis"), file),
+        joint_range=None if limits is None else _range(limits, file),
+        convex=_convex(value.get("collision"), file),
+        license=_text(value.get("license"), file, "license"),
+        unknown=tuple(sorted(name[:40] for name in value if name not in (*FIELDS, *OWN_NOTES))),
+    )
+
+
+def numbers(value: Any, count: int, file: Path, name: str) -> Array:
+    """(``count``,) array of a JSON list of finite numbers.
+
+    Raises:
+        AssetError: it is something else, or a number is beyond ``LARGEST``.
+    """
+    wanted = {2: "two finite numbers", 3: "three finite numbers"}[count]
+    if not isinstance(value, list) or len(value) != count or not all(is_number(v) for v in value):
+        raise AssetError(f"not {wanted}", file=file, field=name)
+    return np.array(value, float)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a JSON value is a number of a size that somebody could mean."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
+
+
+def _descriptions(value: Any, file: Path) -> dict[str, str]:
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise AssetError("not a phrase for each keypoint", file=file, field="keypoint_descriptions")
+    found = {name: _text(text, file, f"keypoint_descriptions.{name[:40]}") for name, text in value.items()}
+    return {name: text for name, text in found.items() if text}
+
+
+def _text(value: Any, file: Path, name: str) -> str | None:
+    if value is None:
+        return None
+    if not isinstance(value, str):
+        raise AssetError(f"{reprlib.repr(value)} is no text", file=file, field=name)
+    text = " ".join(value.split())
+    if not text.isprintable() or len(text) > LONGEST_TEXT:
+        remedy = f"up to {LONGEST_TEXT} printable characters"
+        raise AssetError(f"{reprlib.repr(text)} cannot be printed", file=file, field=name, remedy=remedy)
+    return text or None
+
+
+def _scale(value: Any, file: Path) -> float | None:
+    if value is None:
+        return None
+    if not is_number(value) or not value >= SMALLEST_SCALE:
+        remedy = f"metres a unit, {SMALLEST_SCALE:g} to {LARGEST:g}"
+        raise AssetError("not a positive number in range", file=file, field="scale", remedy=remedy)
+    return float(value)
+
+
+def _axis(value: Any, file: Path) -> Literal["x", "y", "z"] | None:
+    if value is None:
+        return None
+    if value == "x":
+        return "x"
+    if value == "y":
+        return "y"
+    if value == "z":
+        return "z"
+    raise AssetError(f"{reprlib.repr(value)} is not x, y or z", file=file, field="axis")
+
+
+def _range(value: Any, file: Path) -> tuple[float, float]:
+    low, high = (float(v) for v in numbers(value, 2, file, "joint_position_range"))
+    if not high - low >= NARROWEST:
+        remedy = f"lower and upper, at least {NARROWEST:g} rad or m apart"
+        raise AssetError("not an increasing range", file=file, field="joint_position_range", remedy=remedy)
+    return low, high
+
+
+def _convex(value: Any, file: Path) -> bool:
+    if value not in (None, "convex"):
+        raise AssetError(
+            f"{reprlib.repr(value)} is not known", file=file, field="collision", remedy='"convex", or leave it out'
+        )
+    return value is not None

@@ -1,0 +1,162 @@
+"""Just enough of Wavefront OBJ and MTL: vertices, polygons, one diffuse colour a group."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.errors import MissingFileError
+from gensim2.objects.library.folder import ObjectFolder, Reference
+from gensim2.objects.shapes import Look, Mesh
+
+Array = npt.NDArray[np.float64]
+
+DEFAULT_LOOK = Look((0.7, 0.7, 0.7, 1.0))
+MOST_MESH, MOST_MATERIALS = 32 * 2**20, 4 * 2**20  # bytes of one file
+MOST_LOOKS = 2_000  # groups of one file: each becomes a mesh of its own
+FARTHEST_VERTEX = 1e6  # units
+
+
+class ObjFile(NamedTuple):
+    """Meshes, one a material, and the material files that it names: whether each is there."""
+
+    meshes: list[Mesh]
+    materials: dict[str, bool]
+
+
+def read_materials(text: str, file: str) -> dict[str, Look]:
+    """Materials of an MTL file by name.
+
+    Raises:
+        ValueError: a colour is not a finite number.
+    """
+    looks: dict[str, Look] = {}
+    name, colour, alpha, specular = "", (0.7, 0.7, 0.7), 1.0, 0.0
+
+    def keep() -> None:
+        if name:
+            rgb = tuple(round(min(max(c, 0.0), 1.0), 3) for c in colour)
+            shine = min(max(specular, 0.0), 1.0)
+            looks[name] = Look((rgb[0], rgb[1], rgb[2], min(max(alpha, 0.15), 1.0)), 0.0, 0.7 - 0.4 * shine)
+
+    for line in text.splitlines():
+        word, *rest = line.split() or [""]
+        if word == "newmtl":
+            keep()
+            name, colour, alpha, specular = " ".join(rest), (0.7, 0.7, 0.7), 1.0, 0.0
+        elif word == "Kd" and len(rest) >= 3:
+            colour = (float(rest[0]), float(rest[1]), float(rest[2]))
+        elif word == "d" and rest:
+            alpha = float(rest[-1])
+        elif word == "Ks" and rest:
+            specular = float(rest[0])
+        if not np.isfinite([*colour, alpha, specular]).all():
+            raise ValueError(f"{file}: material {name[:40]} has a colour that is no number")
+    keep()
+    return looks
+
+
+def read_obj(folder: ObjectFolder, name: str, named_by: Reference | None = None) -> ObjFile:
+    """Meshes of an OBJ file, each with the file's whole vertex list thinned to what it uses.
+
+    Args:
+        name: of the file, relative to the object's folder.
+        named_by: where the name was found, for errors.
+
+    Raises:
+        AssetError: the file, or a material file that it names, cannot be read.
+        ValueError: the file is not OBJ, holds no triangle, or has vertices that are not numbers.
+    """
+    vertices: list[list[float]] = []
+    looks: dict[str, Look] = {}
+    libraries: dict[str, bool] = {}
+    groups: dict[str, list[tuple[int, int, int]]] = {}
+    material = ""
+    text = folder.read(name, MOST_MESH, named_by).decode(errors="replace").replace("\r\n", "\n").replace("\\\n", " ")
+    for line in text.splitlines():
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == "v":
+            if len(words) < 4:
+                raise ValueError("a vertex has under three numbers")
+            vertices.append([float(words[1]), float(words[2]), float(words[3])])
+        elif words[0] == "f":
+            corners = [_index(word, len(vertices)) for word in words[1:]]
+            if len(corners) < 3:
+                raise ValueError("a face has under three corners")
+            faces = groups.setdefault(material, [])
+            faces.extend((corners[0], corners[k], corners[k + 1]) for k in range(1, len(corners) - 1))
+        elif words[0] == "usemtl":
+            material = " ".join(words[1:])
+        elif words[0] == "mtllib" and len(words) > 1:
+            library = str(PurePosixPath(name).parent / line.split(None, 1)[1].strip())
+            if library not in libraries:
+                try:
+                    found = folder.read(library, MOST_MATERIALS, Reference(name, "mtllib"))
+                    looks.update(read_materials(found.decode(errors="replace"), PurePosixPath(library).name))
+                    libraries[library] = True
+                except MissingFileError:
+                    libraries[library] = False
+    meshes = _meshes(np.array(vertices, float).reshape(-1, 3), groups, looks)
+    return ObjFile(meshes, libraries)
+
+
+def _index(word: str, count: int) -> int:
+    """Index from 0 of a face's corner ``12/3/4``; negative ones count back from the ``count`` vertices so far."""
+    index = int(word.split("/", 1)[0])
+    if index > 0:
+        return index - 1
+    if index == 0 or index < -count:
+        raise ValueError("a face refers to a vertex that is not there")
+    return count + index
+
+
+def _meshes(points: Array, groups: dict[str, list[tuple[int, int, int]]], looks: dict[str, Look]) -> list[Mesh]:
+    if not groups:
+        raise ValueError("holds no triangle")
+    if len(groups) > MOST_LOOKS:
+        raise ValueError(f"{len(groups)} materials, at most {MOST_LOOKS}")
+    if not np.isfinite(points).all():
+        raise ValueError("a vertex is not finite")
+    if len(points) and np.abs(points).max() > FARTHEST_VERTEX:
+        raise ValueError(f"a vertex is beyond {FARTHEST_VERTEX:g}")
+    meshes = []
+    for name, faces in groups.items():
+        if max(map(max, faces)) >= len(points):
+            raise ValueError("a face refers to a vertex that is not there")
+        used, renumbered = np.unique(np.array(faces, np.int64), return_inverse=True)
+        meshes.append(Mesh(points[used], renumbered.reshape(-1, 3), looks.get(name, DEFAULT_LOOK)))
+    return meshes
+
+
+def write_obj(path: Path, meshes: Sequence[Mesh]) -> None:
+    """Write meshes as one OBJ file with its MTL beside it, a material a look.
+
+    MTL has no roughness: its specular share stands for it, as in :func:`read_materials`.
+    """
+    looks = list(dict.fromkeys(mesh.look for mesh in meshes))
+    lines, first = [f"mtllib {path.with_suffix('.mtl').name}"], 1
+    for number, look in enumerate(looks):
+        lines.append(f"usemtl look_{number}")
+        for mesh in meshes:
+            if mesh.look == look:
+                lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices + 0.0]
+                lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + first]
+                first += len(mesh.vertices)
+    path.write_text("\n".join(lines) + "\n")
+    materials = []
+    for number, look in enumerate(looks):
+        red, green, blue, alpha = look.rgba
+        specular = min(max((0.7 - look.roughness) / 0.4, 0.0), 1.0)
+        materials += [
+            f"newmtl look_{number}",
+            f"Kd {red:g} {green:g} {blue:g}",
+            f"Ks {specular:g} {specular:g} {specular:g}",
+            f"d {alpha:g}",
+        ]
+    path.with_suffix(".mtl").write_text("\n".join(materials) + "\n")

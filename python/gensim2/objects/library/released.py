@@ -1,0 +1,289 @@
+"""Reader of the GenSim2 release's folder layout: ``<class>/<id>/{mobility.urdf, info.json, textured_objs/}``.
+
+Rules for what is odd, each noted in the instance's warnings:
+
+- links joined by fixed joints become one: the body in the root frame, and the moving link;
+- a mesh file that is missing or unreadable is left out and counted, a missing material file is counted;
+- a collision file that is one slanted triangle has no hull, and PhysX drops it: it becomes a plate, and is counted;
+- ``joint_position_range`` replaces the limits; prismatic limits of the URDF are scaled, the range is not;
+- no ``scale``: the median of the class;
+- keypoints with colour names only: the one nearest to the moving link becomes ``articulated_object_head``; where none
+  lies within 3 cm, that keypoint is derived from the moving link's geometry;
+- no ``axis``: the axis of the object frame that is closest to the joint's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import statistics
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
+
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.cache import cached_hulls, source_digest
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.info import INFO, NARROWEST, Info, read_info
+from gensim2.objects.library.keypoints import closest_axis, read_keypoints
+from gensim2.objects.library.meshes import MeshReader, listed
+from gensim2.objects.library.urdf import (
+    Urdf,
+    UrdfJoint,
+    fixed_frames,
+    mesh_elements,
+    movable_joint,
+    read_urdf,
+    unit_axis,
+)
+from gensim2.objects.meshwork.clearance import Motion, decompose_pair
+from gensim2.objects.model import ROOT_LINK, LinkGeometry, Model
+from gensim2.objects.shapes import Mesh
+
+Array = npt.NDArray[np.float64]
+
+LICENSE = "PartNet-Mobility terms of use: non-commercial research only"
+FALLBACK_SCALE = 0.25
+FARTHEST = 10.0  # m or rad from the origin: what is beyond is a mistake, and no grid could hold it
+SOLID_CORNERS = 4  # a collision file with fewer has no volume
+HULL_MODULES = (
+    "gensim2.objects.meshwork.clearance",
+    "gensim2.objects.meshwork.convexes",
+    "gensim2.objects.meshwork.decompose",
+    "gensim2.objects.meshwork.voidspace",
+)
+READER_MODULES = (
+    *HULL_MODULES,
+    "gensim2.objects.library.folder",
+    "gensim2.objects.library.info",
+    "gensim2.objects.library.keypoints",
+    "gensim2.objects.library.meshes",
+    "gensim2.objects.library.objfile",
+    "gensim2.objects.library.released",
+    "gensim2.objects.library.urdf",
+)
+
+
+def _scale(folder: ObjectFolder, info: Info, warnings: list[str]) -> float:
+    """Metres a unit: as ``info.json`` says, else the median of those of the class that say so."""
+    if info.scale is not None:
+        return info.scale
+    others = []
+    for other in sorted(folder.path.parent.iterdir()):
+        if other != folder.path and (other / INFO).is_file():
+            try:
+                others.append(read_info(ObjectFolder(other)).scale)
+            except AssetError:
+                others.append(None)  # says so itself when it is loaded
+    known = [scale for scale in others if scale is not None]
+    scale = statistics.median(known) if known else FALLBACK_SCALE
+    warnings.append(f"no scale: {scale:g}, {'the median of its class' if known else 'the default'}")
+    return scale
+
+
+def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) -> dict[str, list[Array]]:
+    """Convex parts of both links, from the cache where the same meshes were taken apart before."""
+    digest = hashlib.sha256(source_digest(*HULL_MODULES).encode())
+    for meshes in solid.values():
+        for mesh in meshes:
+            digest.update(mesh.vertices.tobytes() + b"/" + mesh.faces.tobytes() + b"/")
+        digest.update(b"//")
+    digest.update(np.round(motion.T_root_link, 9).tobytes() + np.round(motion.axis, 9).tobytes())
+    digest.update(repr((motion.revolute, round(motion.lower, 9), round(motion.upper, 9))).encode())
+
+    def make() -> tuple[list[Array], dict[str, int]]:
+        pieces = {link: [(mesh.vertices, mesh.faces) for mesh in meshes] for link, meshes in solid.items()}
+        pair = decompose_pair(pieces["body"], pieces["moving"], motion)
+        counts = {"body": pair.dropped_body, "moving": pair.dropped_moving, "of_body": len(pair.body)}
+        return [*pair.body, *pair.moving], counts
+
+    hulls, counts = cached_hulls(digest.hexdigest()[:24], make)
+    for link in solid:
+        if counts[link]:
+            warnings.append(f"{link}: {counts[link]} collision pieces under a millimetre left out")
+    return {"body": hulls[: counts["of_body"]], "moving": hulls[counts["of_body"] :]}
+
+
+def _engines_drop(meshes: list[Mesh]) -> bool:
+    """Whether the meshes of one collision file are too little for a hull: under four corners, and not even flat along
+    an axis, which PhysX takes for a box."""
+    if not meshes:
+        return False
+    corners = np.unique(np.concatenate([mesh.vertices for mesh in meshes]), axis=0)
+    return len(corners) < SOLID_CORNERS and float(np.ptp(corners, axis=0).min()) > 1e-6
+
+
+def declared_license(folder: ObjectFolder) -> str | None:
+    """The terms that ``info.json`` of an instance states, if any; what is wrong with the file shows at loading."""
+    try:
+        return read_info(folder).license
+    except AssetError:
+        return None
+
+
+def _declared_hulls(meshes: list[Mesh], info: Info) -> list[Array]:
+    """Hulls of meshes that are said to be convex."""
+    hulls = []
+    for mesh in meshes:
+        try:
+            hulls.append(mesh.vertices[ConvexHull(mesh.vertices).vertices])
+        except (QhullError, ValueError) as error:
+            raise AssetError("a collision piece has no volume", file=info.file, field="collision") from error
+    return hulls
+
+
+def read_model(path: Path, asset_class: str, content_hash: str, expected_type: str | None) -> Model:
+    """Read one instance.
+
+    Args:
+        path: ``<class>/<id>``.
+        expected_type: joint type that the class is known for, to note a contradiction.
+
+    Raises:
+        AssetError: the instance cannot be used; names the file and the field.
+    """
+    folder = ObjectFolder(path)
+    warnings: list[str] = []
+    info = read_info(folder)
+    if info.unknown:
+        warnings.append(f"{len(info.unknown)} unknown fields of {INFO} not used: {listed(info.unknown)}")
+    scale = _scale(folder, info, warnings)
+    urdf = read_urdf(folder)
+    joint = movable_joint(urdf)
+    axis = unit_axis(joint, urdf.file)
+    if joint.child == ROOT_LINK:
+        raise AssetError("a moving link cannot be named so", file=urdf.file, field=f"link {ROOT_LINK}", remedy="rename")
+    kind: Literal["revolute", "prismatic"] = "revolute" if joint.type == "revolute" else "prismatic"
+    if expected_type and expected_type != kind:
+        warnings.append(f"joint is {kind}, the class is known as {expected_type}")
+
+    frames = fixed_frames(urdf, joint)
+    geometry = _read_geometry(folder, urdf, frames, joint, scale, warnings)
+    lower, upper = _limits(info, urdf, joint, scale, warnings)
+    T_root_link = frames["body"][joint.parent] @ joint.T
+    T_root_link[:3, 3] *= scale
+    T_link_object = geometry.T_object.copy()
+    T_link_object[:3, 3] *= scale
+    within("geometry", geometry.extent(), info.file, "scale")
+    within("joint", max(float(np.abs(T_root_link[:3, 3]).max()), -lower, upper), info.file, "joint_position_range")
+    for name, point in info.keypoints.items():
+        within("keypoint", scale * float(np.abs(point).max()), info.file, f"keypoints.{name}")
+    if info.convex:
+        hulls = {group: _declared_hulls(meshes, info) for group, meshes in geometry.solid.items()}
+    else:
+        motion = Motion(T_root_link, axis, kind == "revolute", lower, upper)
+        hulls = _hulls(geometry.solid, motion, warnings)
+    if not hulls["moving"]:
+        raise AssetError(
+            "the moving link has no collision geometry", file=urdf.file, field=f"link {joint.child}",
+            remedy="; ".join(geometry.unread) or "give it collision elements of some volume",
+        )  # fmt: skip
+    keypoints = read_keypoints(info, scale, T_link_object, joint.child, kind, axis, hulls["moving"], warnings)
+    return Model(
+        asset_class=asset_class,
+        id=path.name,
+        source="real",
+        body=LinkGeometry(hulls["body"], geometry.seen["body"]),
+        moving=LinkGeometry(hulls["moving"], geometry.seen["moving"]),
+        joint_name=joint.name,
+        joint_type=kind,
+        moving_link=joint.child,
+        T_root_link=T_root_link,
+        axis=axis,
+        lower=lower,
+        upper=upper,
+        keypoints=keypoints,
+        T_link_object=T_link_object,
+        object_axis=info.axis or closest_axis(axis, T_link_object),
+        content_hash=content_hash,
+        license=info.license or LICENSE,
+        warnings=tuple(warnings),
+    )
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """Scaled meshes by what moves them: what is ``seen`` and what is ``solid``.
+
+    ``T_object`` (4, 4) is the pose of the moving link's first collision element, unscaled; ``unread`` says which files
+    could not be read.
+    """
+
+    seen: dict[str, list[Mesh]]
+    solid: dict[str, list[Mesh]]
+    T_object: Array
+    unread: tuple[str, ...]
+
+    def extent(self) -> float:
+        """Largest coordinate in metres."""
+        meshes = (mesh for part in (*self.solid.values(), *self.seen.values()) for mesh in part)
+        return max((float(np.abs(mesh.vertices).max()) for mesh in meshes), default=0.0)
+
+
+def _read_geometry(
+    folder: ObjectFolder,
+    urdf: Urdf,
+    frames: dict[str, dict[str, Array]],
+    joint: UrdfJoint,
+    scale: float,
+    warnings: list[str],
+) -> _Geometry:
+    reader = MeshReader(folder)
+    seen: dict[str, list[Mesh]] = {group: [] for group in frames}
+    solid: dict[str, list[Mesh]] = {group: [] for group in frames}
+    T_object: Array = np.eye(4)
+    flat: list[str] = []
+    for group, members in frames.items():
+        for name, T in members.items():
+            for element in mesh_elements(urdf, name, "visual"):
+                seen[group] += reader.get(element, scale, T)
+            collisions = mesh_elements(urdf, name, "collision")
+            if name == joint.child and collisions:
+                T_object = collisions[0].T
+            for element in collisions:
+                read = reader.get(element, scale, T)
+                if _engines_drop(read):
+                    flat.append(element.name)
+                solid[group] += read
+    if flat:
+        warnings.append(
+            f"{len(flat)} collision files are one slanted triangle, which PhysX drops, made a plate: {listed(flat)}"
+        )
+    warnings += reader.warnings()
+    return _Geometry(seen, solid, T_object, tuple(reader.warnings()))
+
+
+def within(what: str, value: float, file: Path, field: str) -> None:
+    """Refuse what is farther from the origin than ``FARTHEST``.
+
+    Raises:
+        AssetError: it is.
+    """
+    if not value <= FARTHEST:
+        raise AssetError(
+            f"its {what} reaches to {value:.3g}, which nothing on a table does",
+            file=file,
+            field=field,
+            remedy=f"stay within {FARTHEST:g} m or rad: see the scale, the range and the joint's origin",
+        )
+
+
+def _limits(info: Info, urdf: Urdf, joint: UrdfJoint, scale: float, warnings: list[str]) -> tuple[float, float]:
+    own = joint.limits
+    if own is not None and joint.type == "prismatic":
+        own = (own[0] * scale, own[1] * scale)
+    if info.joint_range is None:
+        field = f"joint {joint.name}: limit"
+        if own is None:
+            raise AssetError("no limits", file=urdf.file, field=field, remedy="write lower and upper")
+        if not own[1] - own[0] >= NARROWEST:
+            remedy = f"lower and upper, at least {NARROWEST:g} rad or m apart"
+            raise AssetError("empty range", file=urdf.file, field=field, remedy=remedy)
+        return own
+    low, high = info.joint_range
+    if own is not None and (low > own[1] or high < own[0]):
+        warnings.append(f"range {low:g}..{high:g} is disjoint from the limits {own[0]:g}..{own[1]:g}: the range holds")
+    return low, high

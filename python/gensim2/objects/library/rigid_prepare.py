@@ -1,0 +1,227 @@
+"""From the parts of a rigid object to a prepared folder: masses, the pose it rests in, where it can be held."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull, QhullError
+
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.cache import DAMAGE, folder_once, join_hulls, split_hulls
+from gensim2.objects.library.prepare import write_hull, write_visual
+from gensim2.objects.physics import Inertial, inertial
+from gensim2.objects.rigid import Grip, RigidKeypoint, RigidObject
+from gensim2.objects.shapes import Mesh, rotation
+from gensim2.objects.types import Array, Placement
+
+SCHEMA_VERSION = 1
+#: Tilt (rad) after which an object that stands on its foot would fall over; with less it is laid down.
+STEADY = np.radians(10)
+#: Tilt (rad) with which an object still counts as upright: scanned feet are not level.
+LEAN = np.radians(5)
+#: Vertices this far (m) above the lowest still carry: scanned feet are uneven.
+FOOT = 2e-3
+#: Opening of a Panda hand, less a little to get in (m).
+WIDEST_GRIP = 0.076
+#: Thinner matter (m) is an edge, not a hold.
+THINNEST_GRIP = 1.5e-3
+#: Directions and heights at which holds are looked for.
+GRIP_ANGLES, GRIP_HEIGHTS = 24, 9
+#: Fingers are about this wide (m).
+FINGER = 0.018
+
+
+def steadiness(points: Array, center: Array) -> float:
+    """Tilt in rad by which a body with corners (N, 3) and centre of mass (3,), standing on its lowest ones, falls over.
+
+    Negative where it falls by itself.
+    """
+    low = float(points[:, 2].min())
+    foot = points[points[:, 2] < low + FOOT][:, :2]
+    try:
+        planes = ConvexHull(foot).equations
+    except (QhullError, ValueError):
+        return -1.0
+    inside = float(-(planes[:, :2] @ center[:2] + planes[:, 2]).max())
+    return float(np.arctan2(inside, center[2] - low))
+
+
+def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
+    """The pose in which an object lies on the table: upright where that is steady, else where it ends up most often.
+
+    Poses of its convex hull that are statically stable, and their probabilities, are trimesh's.
+    """
+    points = np.concatenate(list(hulls))
+    shell = trimesh.convex.convex_hull(points)
+    transforms, chances = trimesh.poses.compute_stable_poses(shell, center_mass=mass.center, seed=0)
+    poses = [_least_turn(np.asarray(T[:3, :3], float)) for T in transforms] or [np.eye(3)]
+    R = max(poses, key=lambda pose: float(pose[2, 2]))
+    if R[2, 2] < np.cos(LEAN) or steadiness(points @ R.T, R @ mass.center) < STEADY:
+        R = poses[int(np.argmax(np.round(chances, 6)))] if len(chances) else R
+    low = float((points @ R[2]).min())
+    quaternion = trimesh.transformations.quaternion_from_matrix(R)
+    return Placement(np.array([0.0, 0.0, -low]), np.asarray(quaternion, float))
+
+
+def _least_turn(R: Array) -> Array:
+    """Of all rotations with the same side down, the one that turns least from upright."""
+    down = R[2]  # world up in the object frame
+    axis = np.cross(down, [0, 0, 1])
+    angle = float(np.arccos(np.clip(down[2], -1, 1)))
+    if np.linalg.norm(axis) < 1e-9:
+        return np.eye(3) if angle < 1 else np.diag([1.0, -1.0, -1.0])
+    return rotation(axis, angle)
+
+
+def best_grip(hulls: Sequence[Array], center: Array, resting: Placement) -> Grip:
+    """The best hold between two parallel fingers that come from above, over directions, heights and parts.
+
+    Narrow ones are best, at the height of the centre of mass (round things slip out of fingers that hold them higher)
+    and not far beside it. A finger is ``FINGER`` wide: what counts is the extent of the matter within half of that
+    from the fingers' plane.
+    """
+    R = resting.rotation
+    placed = [hull @ R.T + resting.position for hull in hulls]
+    top = max(float(h[:, 2].max()) for h in placed)
+    middle_of_mass = R @ center + resting.position
+    best: tuple[float, float, Array, Array] | None = None
+    for height in [middle_of_mass[2], *np.linspace(0, top, GRIP_HEIGHTS + 2)[1:-1]]:
+        slices = [s for s in (_slice(h, float(height)) for h in placed) if s is not None]
+        if not slices:
+            continue
+        for angle in np.pi * np.arange(GRIP_ANGLES) / GRIP_ANGLES:
+            u, v = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+            for middle in [s.mean(axis=0) @ v for s in slices]:
+                for low, high in _spans(slices, u, v, float(middle)):
+                    point = np.array([*((low + high) / 2 * u + middle * v), height])
+                    off = np.abs(point - middle_of_mass)
+                    cost = (high - low) + 2.0 * float(off[2]) + 0.6 * float(np.hypot(off[0], off[1]))
+                    if high - low > THINNEST_GRIP and (best is None or cost < best[0] - 1e-6):
+                        best = (cost, high - low, point, np.array([*u, 0.0]))
+    if best is None:
+        raise AssetError("has no matter that fingers could hold", field="collision")
+    _, width, point, axis = best
+    return Grip(R.T @ (point - resting.position), R.T @ axis, width)
+
+
+def _slice(hull: Array, height: float) -> Array | None:
+    """Corners (N, 2) of a hull's section, a finger's half width above and below included."""
+    near = hull[np.abs(hull[:, 2] - height) < FINGER / 4]
+    above, below = hull[hull[:, 2] >= height], hull[hull[:, 2] < height]
+    if not (len(above) and len(below)):
+        return near[:, :2] if len(near) else None
+    share = (height - below[:, None, 2]) / (above[None, :, 2] - below[:, None, 2])
+    cut = below[:, None, :2] + share[..., None] * (above[None, :, :2] - below[:, None, :2])
+    return np.asarray(cut.reshape(-1, 2))
+
+
+def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[tuple[float, float]]:
+    """Intervals along ``u`` of the matter within half a finger of the line ``v = middle``, joined where they touch."""
+    spans = []
+    for corners in slices:
+        along, across = corners @ u, corners @ v - middle
+        if across.min() < FINGER / 2 and across.max() > -FINGER / 2:
+            spans.append((float(along.min()), float(along.max())))
+    spans.sort()
+    joined: list[tuple[float, float]] = []
+    for low, high in spans:
+        # A gap that no finger fits into counts as matter.
+        if joined and low < joined[-1][1] + FINGER:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], high))
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def prepare(
+    key: str,
+    name: str,
+    source: Literal["generated", "real"],
+    hulls: Sequence[Array],
+    meshes: Sequence[Mesh],
+    keypoints: dict[str, RigidKeypoint],
+    mass: float | None,
+    density: float,
+    friction: float,
+    license: str,
+    content_hash: str,
+    warnings: Sequence[str] = (),
+) -> RigidObject:
+    """Prepare an object under ``key`` in the cache, unless it is there.
+
+    Args:
+        hulls: convex parts, each (N, 3) metres in the object frame.
+        meshes: what is seen, same frame.
+        mass: kg; None: by ``density`` (kg/m³) of the hulls, which also gives the shape of the inertia.
+    """
+
+    def make(folder: Path) -> None:
+        body = inertial(list(hulls), density)
+        if mass is not None:
+            body = Inertial(mass, body.center, body.inertia * mass / body.mass)
+        resting = resting_pose(hulls, body)
+        grip = best_grip(hulls, body.center, resting)
+        for i, hull in enumerate(hulls):
+            write_hull(folder / f"hull_{i}.obj", hull)
+        if meshes:
+            write_visual(folder / "visual.glb", list(meshes))
+        np.savez(folder / "hulls.npz", **join_hulls(list(hulls)))
+        value = {
+            "schema_version": SCHEMA_VERSION,
+            "name": name,
+            "source": source,
+            "mass": body.mass,
+            "center": body.center.tolist(),
+            "inertia": body.inertia.tolist(),
+            "friction": friction,
+            "keypoints": {
+                k: {"position": np.asarray(p.position).tolist(), "description": p.description}
+                for k, p in keypoints.items()
+            },
+            "resting": {"position": resting.position.tolist(), "quaternion": resting.quaternion.tolist()},
+            "grip": {"point": grip.point.tolist(), "axis": grip.axis.tolist(), "width": grip.width},
+            "license": license,
+            "content_hash": content_hash,
+            "warnings": list(warnings),
+        }
+        (folder / "rigid.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+    return read(folder_once(key, make))
+
+
+def read(folder: Path) -> RigidObject:
+    """A prepared object.
+
+    Raises:
+        AssetError: the folder is damaged.
+    """
+    try:
+        value: dict[str, Any] = json.loads((folder / "rigid.json").read_text())
+        with np.load(folder / "hulls.npz") as data:
+            hulls = tuple(split_hulls(data["points"], data["sizes"]))
+        grip = value["grip"]
+        return RigidObject(
+            name=value["name"],
+            source=value["source"],
+            folder=folder,
+            hulls=hulls,
+            inertial=Inertial(value["mass"], np.array(value["center"]), np.array(value["inertia"])),
+            friction=value["friction"],
+            keypoints={
+                k: RigidKeypoint(np.array(p["position"]), p["description"]) for k, p in value["keypoints"].items()
+            },
+            resting=Placement(np.array(value["resting"]["position"]), np.array(value["resting"]["quaternion"])),
+            grip=Grip(np.array(grip["point"]), np.array(grip["axis"]), grip["width"]),
+            license=value["license"],
+            content_hash=value["content_hash"],
+            warnings=tuple(value["warnings"]),
+        )
+    except (AttributeError, IndexError, TypeError, *DAMAGE) as error:
+        raise AssetError(
+            f"is damaged: {error}", file=folder, remedy="delete this folder; it will be made again"
+        ) from error

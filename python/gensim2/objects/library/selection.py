@@ -1,0 +1,70 @@
+"""Which objects a person means: words like ``drawer``, ``drawer/test`` or ``drawer/3``."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Sequence
+
+from gensim2.errors import InputError
+from gensim2.objects.library.articulated import Library
+
+Item = tuple[str, str]
+
+
+def select(library: Library, words: Sequence[str], *, every: bool = False, drawn: int = 0, seed: int = 0) -> list[Item]:
+    """(class, id) pairs, each once, in the order in which they were named.
+
+    Args:
+        words: ``CLASS`` (all its instances) or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``all`` or ``random``.
+        every: all of the library. It is also what no word at all means, unless ``drawn`` asks for something.
+        drawn: this many more of each class, or of each class that is named: new numbers where objects are generated,
+            else any of the folder's.
+        seed: of ``random`` and ``drawn``.
+
+    Raises:
+        InputError: no such class or instance, or a class too small for a test split.
+    """
+    items: dict[Item, None] = {}
+    if every or not (words or drawn):
+        words = [*words, *library.classes()]
+    for word in words:
+        asset_class, slash, which = word.partition("/")
+        if slash and not which:
+            raise InputError(f"no instance in {word!r}", field="object", remedy="write CLASS or CLASS/ID")
+        for instance_id in library.choose(asset_class, which or "all", seed):
+            items[asset_class, instance_id] = None
+    if drawn:
+        named = dict.fromkeys(word.partition("/")[0] for word in words)
+        for asset_class in named or library.classes():
+            for instance_id in library.sample(asset_class, drawn, seed):
+                items[asset_class, instance_id] = None
+    return list(items)
+
+
+def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
+    """The (class, id) of ``CLASS/WHICH``, of which the first counts, or the first of ``CLASS``.
+
+    Raises:
+        InputError: as for :func:`select`.
+    """
+    return select(library, [word], seed=seed)[0]
+
+
+def wanted_classes(
+    libraries: Sequence[Library], classes: Sequence[str] | None
+) -> list[tuple[Library, tuple[str, ...]]]:
+    """Each library with those of its classes that are named, all where ``classes`` is None; none without any.
+
+    Raises:
+        InputError: no library has a class of such a name.
+    """
+    if classes is None:
+        return [(library, library.classes()) for library in libraries]
+    known = sorted({name for library in libraries for name in library.classes()})
+    for name in classes:
+        if name not in known:
+            raise InputError(
+                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
+            )
+    chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
+    return [(library, names) for library, names in chosen if names]

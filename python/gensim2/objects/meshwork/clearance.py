@@ -1,0 +1,322 @@
+"""Convex parts of two links that keep out of each other's way.
+
+A hull may fill a little space that its mesh leaves free. Where the other link moves, that little is too much: first it
+is made dear while pieces are taken apart and merged; then what still reaches into the other link is cut off by planes,
+where that takes next to nothing of the hull's own surface. Where the meshes themselves overlap nothing is cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, QhullError
+
+from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, in_box, surface_samples
+from gensim2.objects.meshwork.decompose import THINNEST, Faces, connected_pieces, decompose, make_hull
+from gensim2.objects.meshwork.voidspace import VoidSpace
+from gensim2.objects.shapes import pose, transform
+
+Array = npt.NDArray[np.float64]
+Pieces = Sequence[tuple[Array, Faces]]
+
+POSES = 9  # joint values at which links are kept apart; the checks look at every second
+FINE = 0.0012  # m, cells of the grid that says what one link's mesh leaves free for the other
+SPACING = 0.004  # m between samples of a link's own surface
+RESIDUE = 0.0007  # m of overlap that may stay
+LOSS = 0.0012  # m of its own surface that a cut may take off a hull
+NOTICED = 0.0009  # m of overlap that is worth a cut
+HOPELESS = 0.004  # m of own surface between the links: more is the model's fault, and no cut is tried
+COVERED = 0.0002  # m that surface lies inside another hull that makes up for a cut
+PROGRESS = 0.0003  # m that a cut must take away
+ROUNDS = 3
+MOST_POINTS = 400  # that a separating plane is looked for with, of either side
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the moving link moves: its frame at joint value zero in the root frame (4, 4), unit axis (3,) in its own."""
+
+    T_root_link: Array
+    axis: Array
+    revolute: bool
+    lower: float
+    upper: float
+
+    def at(self, share: float) -> Array:
+        """(4, 4) moving link in the root frame at an openness."""
+        q = self.lower + share * (self.upper - self.lower)
+        return np.asarray(self.T_root_link @ (pose(axis=self.axis, angle=q) if self.revolute else pose(q * self.axis)))
+
+    def off_hinge(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Which of (N, 3) points in the root frame do not count as hinge."""
+        if not self.revolute:
+            return np.ones(len(points), bool)
+        axis = self.T_root_link[:3, :3] @ self.axis
+        apart = np.linalg.norm(np.cross(points - self.T_root_link[:3, 3], axis), axis=1)
+        return np.asarray(apart > HINGE, bool)
+
+
+@dataclass(frozen=True)
+class PairHulls:
+    """Hulls, each (N, 3), of the body in the root frame and of the moving link in its own; pieces left out of each."""
+
+    body: list[Array]
+    moving: list[Array]
+    dropped_body: int
+    dropped_moving: int
+
+
+def decompose_pair(body: Pieces, moving: Pieces, motion: Motion) -> PairHulls:
+    """Convex hulls of both links of an object.
+
+    Args:
+        body, moving: meshes (vertices (N, 3) in metres, faces (M, 3)) in the root frame and in the moving link's.
+        motion: of the joint between them.
+    """
+    body, moving = connected_pieces(body), connected_pieces(moving)
+    if not body or not moving:
+        still, free = decompose(body), decompose(moving)
+        return PairHulls(still.hulls, free.hulls, still.dropped, free.dropped)
+    of_body, of_moving = VoidSpace(body), VoidSpace(moving)
+    own_body, own_moving = _surface(body), _surface(moving)
+    poses = [motion.at(float(share)) for share in np.linspace(0, 1, POSES)]
+    inverse = [np.asarray(np.linalg.inv(T), float) for T in poses]
+    matter = np.concatenate([own_moving, of_moving.occupied()])
+    there = [transform(T, matter) for T in poses]
+    of_body.keep_clear(_needed(of_body, np.concatenate([p[motion.off_hinge(p)] for p in there])))
+    matter = np.concatenate([own_body, of_body.occupied()])
+    matter = matter[motion.off_hinge(matter)]
+    of_moving.keep_clear(_needed(of_moving, np.concatenate([transform(T, matter) for T in inverse])))
+    still, free = decompose(body, of_body), decompose(moving, of_moving)
+    parts_body, parts_moving = _Parts(still.hulls, own_body), _Parts(free.hulls, own_moving)
+    for _ in range(ROUNDS):
+        changed = parts_moving.cut_free(parts_body, inverse, lambda p, k: motion.off_hinge(transform(poses[k], p)))
+        changed |= parts_body.cut_free(parts_moving, poses, lambda p, k: motion.off_hinge(p))
+        if not changed:
+            break
+    return PairHulls(parts_body.hulls, parts_moving.hulls, still.dropped, free.dropped)
+
+
+def _needed(space: VoidSpace, points: Array) -> Array:
+    """Those of (N, 3) points in and on the other link where this link's mesh leaves space, thinned to a grid."""
+    points = points[in_box(points, space.low, space.high)]
+    points = points[_first_in_cells(points, SPACING)]
+    return points[space.is_free_finely(points, FINE)]
+
+
+def _first_in_cells(points: Array, cell: float) -> npt.NDArray[np.int64]:
+    """Numbers of the first of (N, 3) points in each cell of a grid, ascending."""
+    if not len(points):
+        return np.zeros(0, np.int64)
+    index = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    size = index.max(axis=0) + 1
+    _, first = np.unique((index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2], return_index=True)
+    return np.sort(first)
+
+
+def _surface(pieces: Pieces) -> Array:
+    """(N, 3) points on all triangles, corners included, ``SPACING`` apart."""
+    found = []
+    for vertices, faces in pieces:
+        triangles = vertices[faces]
+        edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+        steps = np.maximum(1, np.ceil(edges / SPACING)).astype(np.int64)
+        for n in np.unique(steps):
+            i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
+            u, v = i[i + j <= n] / n, j[i + j <= n] / n
+            weights = np.stack([1 - u - v, u, v], axis=1)
+            found.append(np.matmul(weights, triangles[steps == n]).reshape(-1, 3))
+    points = np.concatenate(found)
+    return points[_first_in_cells(points, 0.5 * SPACING)]
+
+
+class _Parts:
+    """Hulls of one link, each with the samples of the link's meshes that it had to cover when it was made."""
+
+    def __init__(self, hulls: Sequence[Array], surface: Array) -> None:
+        """``hulls``: each (N, 3); ``surface``: (K, 3) samples of the link's meshes."""
+        self.hulls = list(hulls)
+        self.blocks = [Block.of(hull) for hull in hulls]
+        self._owned = [surface[_near(surface, block)] for block in self.blocks]
+        self._settled = [False] * len(self.hulls)  # found clear once: the other link's hulls only get smaller
+
+    def cut_free(
+        self, others: _Parts, poses: Sequence[Array], counts: Callable[[Array, int], npt.NDArray[np.bool_]]
+    ) -> bool:
+        """Cut what the hulls fill of the space where the other link's hulls move; whether anything was cut.
+
+        Args:
+            others: the other link's, in its frame.
+            poses: (4, 4) the other link in this link's frame, at each joint value.
+            counts: which of (N, 3) points in this link's frame count at a joint value, by its number; else hinge.
+        """
+        samples = [surface_samples(hull) for hull in others.hulls]
+        placed = [[transform(T, points) for points in samples] for T in poses]
+        changed = False
+        for index in reversed(range(len(self.hulls))):
+            if self._settled[index]:
+                continue
+            hull, block = self.hulls[index], self.blocks[index]
+            intruders = _intruders(hull, block, placed, others.blocks, poses, counts)
+            if not len(intruders):
+                self._settled[index] = True
+                continue
+            rest = [other for k, other in enumerate(self.blocks) if k != index]
+            own = self._owned[index]
+            part = _clear_of(hull, own[depth_inside(own, rest) < COVERED], intruders)
+            if part is hull:
+                continue
+            changed = True
+            if part is None:
+                del self.hulls[index], self.blocks[index], self._owned[index], self._settled[index]
+            else:
+                self.hulls[index], self.blocks[index] = part, Block.of(part)
+        return changed
+
+
+def _near(points: Array, block: Block) -> npt.NDArray[np.bool_]:
+    """Which of (N, 3) points lie in a hull or within half a millimetre of it."""
+    margin = 0.0005
+    around = np.flatnonzero(in_box(points, block.low - margin, block.high + margin))
+    found = np.zeros(len(points), bool)
+    found[around] = block.depth(points[around]) > -margin
+    return found
+
+
+def _intruders(
+    hull: Array,
+    block: Block,
+    placed: Sequence[Sequence[Array]],
+    shapes: Sequence[Block],
+    poses: Sequence[Array],
+    counts: Callable[[Array, int], npt.NDArray[np.bool_]],
+) -> Array:
+    """(N, 3) points in this link's frame that lie in ``hull`` and in the other link, where one is deep enough.
+
+    ``placed``: samples of the other link's hulls in this link's frame, at each of ``poses``.
+    """
+    own = surface_samples(hull)
+    found = []
+    worst = 0.0
+    for number, T in enumerate(poses):
+        back = np.asarray(np.linalg.inv(T), float)
+        corners = transform(back, hull)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        touching = [k for k, shape in enumerate(shapes) if (shape.low <= high).all() and (shape.high >= low).all()]
+        if not touching:
+            continue
+        local = transform(back, own)
+        for k in touching:
+            points, shape = placed[number][k], shapes[k]
+            theirs = points[in_box(points, block.low, block.high)]
+            near = in_box(local, shape.low, shape.high)
+            ours = own[near]
+            depth_theirs = block.depth(theirs) if len(theirs) else np.zeros(0)
+            depth_ours = shape.depth(local[near]) if len(ours) else np.zeros(0)
+            points_in = np.concatenate([theirs[depth_theirs > 0], ours[depth_ours > 0]])
+            depths = np.concatenate([depth_theirs[depth_theirs > 0], depth_ours[depth_ours > 0]])
+            if len(points_in):
+                kept = counts(points_in, number)
+                worst = max(worst, float(depths[kept].max(initial=0.0)))
+                found.append(points_in[kept & (depths > RESIDUE)])
+    return np.concatenate(found) if worst > NOTICED and found else np.zeros((0, 3))
+
+
+def _thin_out(points: Array) -> Array:
+    """At most ``MOST_POINTS`` of (N, 3) points, those that reach farthest in many directions first among them."""
+    if len(points) <= MOST_POINTS:
+        return points
+    step = len(points) / MOST_POINTS
+    return points[(np.arange(MOST_POINTS) * step).astype(np.int64)]
+
+
+def _clear_of(hull: Array, own: Array, intruders: Array) -> Array | None:
+    """``hull`` without what the intruders need; None where nothing is left, ``hull`` itself where no plane does it.
+
+    Args:
+        own: (K, 3) surface that only this hull covers.
+        intruders: (N, 3) points that must come out.
+    """
+    if not len(own):
+        return None  # other hulls cover all of its surface
+    normal = _separating(hull, own, intruders)
+    if normal is None:
+        return hull
+    offset = max(float((intruders @ normal).min()) + RESIDUE, float((own @ normal).max()) - LOSS)
+    if offset > float((hull @ normal).max()) - PROGRESS:
+        return hull
+    return cut_by_plane(hull, normal, offset)
+
+
+def _separating(hull: Array, own: Array, intruders: Array) -> Array | None:
+    """(3,) unit normal of a plane with the intruders beyond it and the hull's own surface before it.
+
+    None where that would take more than ``HOPELESS`` off the surface.
+    """
+    axes = np.linalg.eigh(np.cov((hull - hull.mean(axis=0)).T))[1].T
+    table = np.concatenate([np.eye(3), ConvexHull(hull).equations[:, :3], axes])
+    table = np.concatenate([table, -table])
+    losses = (own @ table.T).max(axis=0) - (intruders @ table.T).min(axis=0) - RESIDUE
+    best = float(losses.min())
+    if best > LOSS and (normal := _widest_gap(hull.mean(axis=0), own, intruders)) is not None:
+        loss = float((own @ normal).max() - (intruders @ normal).min()) - RESIDUE
+        if loss < best:
+            return normal if loss <= HOPELESS else None
+    if best > HOPELESS:
+        return None
+    # Of those that take little off the surface, the one that leaves most of the hull.
+    fine = np.flatnonzero(losses <= max(0.5 * LOSS, best))
+    left = (intruders @ table[fine].T).min(axis=0) - (hull @ table[fine].T).min(axis=0)
+    width = np.ptp(hull @ table[fine].T, axis=0)
+    return np.asarray(table[fine[int(np.argmax(left / np.maximum(width, 1e-9)))]])
+
+
+def _widest_gap(center: Array, own: Array, intruders: Array) -> Array | None:
+    """(3,) unit normal of the plane that keeps both clouds apart best, by linear programming; None without one."""
+    inner, outer = _thin_out(own) - center, _thin_out(intruders) - center
+    # Maximize m with n·p - d >= m for intruders, n·s - d <= -m for own surface, |n| <= 1 by component.
+    rows = [
+        np.column_stack([-outer, np.ones(len(outer)), np.ones(len(outer))]),
+        np.column_stack([inner, -np.ones(len(inner)), np.ones(len(inner))]),
+    ]
+    answer = linprog(
+        [0, 0, 0, 0, -1],
+        A_ub=np.concatenate(rows),
+        b_ub=np.zeros(len(inner) + len(outer)),
+        bounds=[(-1, 1)] * 3 + [(None, None)] * 2,
+        method="highs",
+    )
+    if answer.x is None or float(np.linalg.norm(answer.x[:3])) < 1e-9:
+        return None
+    return np.asarray(answer.x[:3] / np.linalg.norm(answer.x[:3]))
+
+
+def cut_by_plane(hull: Array, normal: Array, offset: float) -> Array | None:
+    """(M, 3) vertices of the part of a hull with normal·x <= offset, ``THINNEST`` thick at least: physics needs that.
+
+    What is too thin grows on the side away from the cut. None where nothing is left.
+    """
+    height = hull @ normal - offset
+    if (height <= 0).all():
+        return hull
+    if (height > 0).all():
+        return None
+    try:
+        simplices = ConvexHull(hull).simplices
+    except QhullError:
+        return None
+    edges = np.unique(np.sort(simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    a, b = edges[:, 0], edges[:, 1]
+    crossing = (height[a] > 0) != (height[b] > 0)
+    a, b = a[crossing], b[crossing]
+    t = height[a] / (height[a] - height[b])
+    points = np.concatenate([hull[height <= 0], hull[a] + t[:, None] * (hull[b] - hull[a])])
+    thickness = float(np.ptp(points @ normal))
+    if thickness < THINNEST:
+        points = np.concatenate([points, points - (THINNEST - thickness) * normal])
+    made = make_hull(points)
+    return None if made is None else made.points

@@ -1,0 +1,72 @@
+"""A rigid model with one joint, whatever it was made from: the value between the sources and the cache."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.shapes import Mesh, pose, transform
+from gensim2.objects.types import Keypoint
+
+Array = npt.NDArray[np.float64]
+
+ROOT_LINK = "base"
+
+
+@dataclass(frozen=True)
+class LinkGeometry:
+    """Collision hulls, each (N, 3), and visual meshes of a link, metres in the link frame."""
+
+    hulls: list[Array]
+    meshes: list[Mesh]
+
+
+@dataclass(frozen=True)
+class Model:
+    """An object with one joint, at its final size.
+
+    Attributes:
+        body: geometry that stands still, in the root frame.
+        moving: geometry that the joint moves, in the moving link's frame.
+        T_root_link: (4, 4) moving link at joint value zero, in the root frame.
+        axis: (3,) unit joint axis through the moving link's origin, in the moving link's frame.
+        T_link_object: (4, 4) object frame in the moving link's frame.
+        content_hash: hex digest of everything that the model was made from.
+        license: terms of the data.
+        warnings: what was odd and how it was repaired.
+    """
+
+    asset_class: str
+    id: str
+    source: Literal["generated", "real"]
+    body: LinkGeometry
+    moving: LinkGeometry
+    joint_name: str
+    joint_type: Literal["revolute", "prismatic"]
+    moving_link: str
+    T_root_link: Array
+    axis: Array
+    lower: float
+    upper: float
+    keypoints: dict[str, Keypoint]
+    T_link_object: Array
+    object_axis: Literal["x", "y", "z"]
+    content_hash: str
+    license: str
+    root_link: str = ROOT_LINK
+    warnings: tuple[str, ...] = field(default=())
+
+    def T_root_link_at(self, q: float) -> Array:
+        """(4, 4) moving link in the root frame at joint value ``q``."""
+        motion = pose(q * self.axis) if self.joint_type == "prismatic" else pose(axis=self.axis, angle=q)
+        return np.asarray(self.T_root_link @ motion)
+
+    def keypoint_in_root(self, name: str, q: float) -> Array:
+        """(3,) keypoint in the root frame at joint value ``q``."""
+        keypoint = self.keypoints[name]
+        if keypoint.link == self.root_link:
+            return keypoint.position
+        return np.asarray(transform(self.T_root_link_at(q), keypoint.position[None])[0])

@@ -1,0 +1,149 @@
+"""Masses, inertias, joint friction: numbers of ours, since the released models carry none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.shapes import convex_hull
+
+Array = npt.NDArray[np.float64]
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class ClassRule:
+    """What holds for every instance of a class.
+
+    Attributes:
+        density: kg per cubic metre of collision hull. Effective: a hull stands for a thin shell with air inside.
+        default_openness: mean of the randomized openness.
+        stance: ``"upright"``, or ``"flat"`` for what lies on its back (the model's front looks up).
+        turn: which side the robot works on. ``"front"``: the model's front; turned about where the keypoint is behind.
+            ``"swing"``: the side that the keypoint moves towards as the joint opens. ``"bar"``: a quarter turn, so that
+            the hand at rest straddles a bar that runs along the model's x.
+    """
+
+    density: float
+    default_openness: float = 0.5
+    stance: Literal["upright", "flat"] = "upright"
+    turn: Literal["front", "swing", "bar"] = "front"
+
+
+CLASS_RULES: dict[str, ClassRule] = {
+    "bag_lift": ClassRule(60, 0.0, turn="bar"),
+    "bag_move": ClassRule(60, 0.0),
+    "bag_swing": ClassRule(60),
+    "bottle_cap": ClassRule(400),
+    "box_move": ClassRule(150, 0.0),
+    "box_rotate": ClassRule(300),
+    "bucket_lift": ClassRule(300, 0.0, turn="bar"),
+    "bucket_move": ClassRule(300, 0.0),
+    "bucket_swing": ClassRule(500, turn="swing"),
+    "coffee_machine": ClassRule(300),
+    "dishwasher": ClassRule(250),
+    "door": ClassRule(300),
+    "drawer": ClassRule(300),
+    "faucet": ClassRule(2000),
+    "kitchen_pot": ClassRule(600),
+    "laptop_move": ClassRule(800, 0.0),
+    "laptop_rotate": ClassRule(800),
+    "microwave": ClassRule(300),
+    "oven": ClassRule(250),
+    "refrigerator": ClassRule(200),
+    "safe_move": ClassRule(150, 0.0),
+    "safe_rotate": ClassRule(500),
+    "stapler_move": ClassRule(1000, 0.0),
+    "stapler_press": ClassRule(1000, 1.0),
+    "suitcase_move": ClassRule(60, 0.0, stance="flat"),
+    "suitcase_rotate": ClassRule(100, stance="flat"),
+    "switch": ClassRule(500),
+    "toaster_move": ClassRule(150, 0.0),
+    "toaster_press": ClassRule(300, 0.0),
+    "toilet": ClassRule(300),
+    "trash_can": ClassRule(200),
+    "washing_machine": ClassRule(250),
+    "window_push": ClassRule(250),
+    "window_rotate": ClassRule(250),
+}
+OTHER_CLASS = ClassRule(300)
+
+
+def class_rule(asset_class: str) -> ClassRule:
+    """The rule of a class; ``OTHER_CLASS`` for classes that a user brings."""
+    return CLASS_RULES.get(asset_class, OTHER_CLASS)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass in kg, centre of mass (3,) in metres, inertia (3, 3) in kg m² about it, link axes."""
+
+    mass: float
+    center: Array
+    inertia: Array
+
+
+def hull_moments(points: Array) -> tuple[float, Array, Array]:
+    """Volume, centroid (3,) and second moments (3, 3) about the origin of the hull of (N, 3) points.
+
+    Sums over tetrahedra from the first vertex; the canonical second moment of a tetrahedron is (1 + δ) / 120 det.
+    """
+    hull = convex_hull(points)
+    a = points[hull.vertices].mean(axis=0)
+    tetra = points[hull.simplices] - a
+    det = np.abs(np.linalg.det(tetra))
+    volume = float(det.sum() / 6)
+    centroid = (det[:, None] * tetra.sum(axis=1)).sum(axis=0) / 24 / volume
+    total = tetra.sum(axis=1)
+    second = (np.einsum("n,nki,nkj->ij", det, tetra, tetra) + np.einsum("n,ni,nj->ij", det, total, total)) / 120
+    shifted = second + volume * np.outer(centroid, a) + volume * np.outer(a, centroid) + volume * np.outer(a, a)
+    return volume, centroid + a, shifted
+
+
+def inertial(hulls: Sequence[Array], density: float) -> Inertial:
+    """Inertial of a link whose mass is spread evenly over its hulls, each (N, 3) in the link frame."""
+    if not hulls:
+        return Inertial(1e-3, np.zeros(3), 1e-6 * np.eye(3))
+    moments = [hull_moments(points) for points in hulls]
+    volume = sum(v for v, _, _ in moments)
+    center = np.asarray(sum(v * c for v, c, _ in moments)) / volume
+    second = np.asarray(sum(s for _, _, s in moments)) - volume * np.outer(center, center)
+    inertia = density * (np.trace(second) * np.eye(3) - second)
+    floor = 1e-8 * np.eye(3)
+    return Inertial(density * volume, center, inertia + floor)
+
+
+def joint_resistance(
+    joint_type: str, axis: Array, origin: Array, moving: Inertial, lower: float, upper: float, gravity: Array
+) -> tuple[float, float]:
+    """Friction and damping that keep a joint where it was left and let a push move it.
+
+    Friction is 1.3 times the largest load that gravity puts on the joint over its range, and a little more; damping
+    takes a tenth of a second's worth of that friction at unit speed.
+
+    Args:
+        axis, origin: (3,) of the joint in the moving link's frame at joint value zero.
+        moving: inertial of the moving link, same frame.
+        gravity: (3,) m/s² in that frame.
+
+    Returns:
+        friction in N m or N, damping in N m s/rad or N s/m.
+    """
+    from gensim2.objects.shapes import rotation
+
+    if joint_type == "prismatic":
+        load = moving.mass * abs(float(gravity @ axis))
+        weight = moving.mass * float(np.linalg.norm(gravity))
+        friction = 1.3 * load + 0.15 * weight + 0.3
+        return friction, 5.0 + 0.5 * friction
+    arm = moving.center - origin
+    loads = [
+        float(np.cross(rotation(axis, q) @ arm, moving.mass * gravity) @ axis) for q in np.linspace(lower, upper, 41)
+    ]
+    reach = float(np.linalg.norm(np.cross(axis, arm)))
+    friction = 1.3 * max(abs(t) for t in loads) + 0.05 * moving.mass * 9.81 * reach + 0.01
+    return friction, 0.02 + 0.1 * friction

@@ -1,0 +1,113 @@
+"""Where an object stands in front of the robot, from its geometry alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects.model import Model
+from gensim2.objects.physics import ClassRule
+from gensim2.objects.shapes import rotation, transform
+from gensim2.objects.types import Placement
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+SAMPLES = 13
+LYING = np.array(
+    [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
+)  # on its back: the model's front looks up, its top at the robot
+
+
+def quaternion_from_matrix(R: Array) -> Array:
+    """(w, x, y, z) with w >= 0 of a (3, 3) rotation."""
+    m = np.array(
+        [
+            1 + R[0, 0] + R[1, 1] + R[2, 2],
+            1 + R[0, 0] - R[1, 1] - R[2, 2],
+            1 - R[0, 0] + R[1, 1] - R[2, 2],
+            1 - R[0, 0] - R[1, 1] + R[2, 2],
+        ]
+    )
+    i = int(np.argmax(m))
+    s = 2 * np.sqrt(m[i])
+    if i == 0:
+        q = np.array([s / 4, (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s])
+    elif i == 1:
+        q = np.array([(R[2, 1] - R[1, 2]) / s, s / 4, (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s])
+    elif i == 2:
+        q = np.array([(R[0, 2] - R[2, 0]) / s, (R[0, 1] + R[1, 0]) / s, s / 4, (R[1, 2] + R[2, 1]) / s])
+    else:
+        q = np.array([(R[1, 0] - R[0, 1]) / s, (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s, s / 4])
+    q = q / np.linalg.norm(q)
+    return np.asarray(q if q[0] >= 0 else -q) + 0.0
+
+
+def work_keypoint(model: Model) -> str:
+    """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first on the moving link."""
+    if "articulated_object_head" in model.keypoints:
+        return "articulated_object_head"
+    return next((n for n, k in model.keypoints.items() if k.link == model.moving_link), next(iter(model.keypoints)))
+
+
+def stance(model: Model, rule: ClassRule) -> Array:
+    """(3, 3) root to world: upright or flat, then turned so that the robot's side faces the robot."""
+    tilt = LYING if rule.stance == "flat" else np.eye(3)
+    name = work_keypoint(model)
+    values = model.lower + (model.upper - model.lower) * np.linspace(0, 1, SAMPLES)
+    track = np.array([model.keypoint_in_root(name, q) for q in values]) @ tilt.T
+    yaw = 0.0
+    if rule.turn == "bar":
+        yaw = -np.pi / 2
+    elif rule.turn == "swing":
+        middle = SAMPLES // 2
+        yaw = np.pi if track[middle + 1, 0] > track[middle - 1, 0] else 0.0
+    elif rule.stance == "upright":
+        points = np.concatenate(model.body.hulls or model.moving.hulls) @ tilt.T
+        low, high = points[:, 0].min(), points[:, 0].max()
+        start = values[0] + rule.default_openness * (values[-1] - values[0])
+        at_start = tilt @ model.keypoint_in_root(name, start)
+        yaw = np.pi if at_start[0] > (low + high) / 2 + 0.35 * (high - low) and track[:, 0].min() > low else 0.0
+    return np.round(rotation((0, 0, 1), yaw)) @ tilt
+
+
+def place(model: Model, rule: ClassRule, robot: RobotProfile) -> Placement:
+    """Default placement of a model in front of a robot.
+
+    Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
+    comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
+    of the robot.
+    """
+    space, base_x = robot.workspace, robot.base_position[0]
+    R = stance(model, rule)
+    name = work_keypoint(model)
+    body = [transform(np.eye(4), h) @ R.T for h in model.body.hulls]
+    swept = []
+    track = []
+    for share in np.linspace(0, 1, SAMPLES):
+        q = model.lower + share * (model.upper - model.lower)
+        T = model.T_root_link_at(q)
+        swept.append(np.concatenate([transform(T, h) for h in model.moving.hulls]) @ R.T)
+        track.append(R @ model.keypoint_in_root(name, q))
+    path = np.array(track)
+    everything = np.concatenate([*body, *swept])
+    z = -float(everything[:, 2].min())
+
+    # What an episode usually starts with, and the way to both ends that a task usually asks for.
+    shares = np.linspace(0, 1, SAMPLES)
+    first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
+    usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]
+    y = -float(np.clip(usual[:, 1].mean(), -space.sideways, space.sideways))
+    sideways = float(usual[:, 1].mean()) + y
+    ahead = np.sqrt(space.comfortable**2 - min(abs(sideways), 0.3) ** 2)
+    comfortable = base_x + ahead - float(usual[:, 0].mean())
+
+    start = np.concatenate([*body, *swept[int(first * (SAMPLES - 1)) : int(np.ceil(last * (SAMPLES - 1))) + 1]])
+    clear = space.nearest_x - float(start[:, 0].min())
+    tall = start[(start[:, 2] + z > space.hand_low_point) & (np.abs(start[:, 1] + y) < space.hand_half_width)]
+    if len(tall):
+        clear = max(clear, space.hand_at_rest[0] + space.hand_clearance - float(tall[:, 0].min()))
+    across = np.abs(path[:, 1] + y)
+    farthest = float((base_x + np.sqrt(np.maximum(space.farthest**2 - across**2, 0)) - path[:, 0]).min())
+    x = max(comfortable, min(clear, farthest))
+    return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion_from_matrix(R))

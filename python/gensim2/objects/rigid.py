@@ -1,0 +1,83 @@
+"""What the rest of the project knows of an object without a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from gensim2.objects.physics import Inertial
+from gensim2.objects.types import Array, Placement
+
+
+@dataclass(frozen=True)
+class RigidKeypoint:
+    """A named point: ``position`` (3,) metres in the object frame, ``description`` one phrase."""
+
+    position: Array
+    description: str
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Where two parallel fingers can hold the object at rest, as long as nothing else is in the way.
+
+    Attributes:
+        point: (3,) middle between the fingertips, metres in the object frame.
+        axis: (3,) unit direction in which the fingers close, object frame; level when the object rests.
+        width: metres between the fingertips.
+    """
+
+    point: Array
+    axis: Array
+    width: float
+
+
+@dataclass(frozen=True)
+class RigidObject:
+    """A rigid object ready to be simulated and planned for.
+
+    Attributes:
+        name: for example ``"mug"``.
+        source: ``"generated"`` or ``"real"``.
+        folder: prepared files: ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
+        hulls: convex collision parts, each (N, 3) metres in the object frame.
+        inertial: mass, centre and inertia in the object frame.
+        friction: of its surface, static and dynamic.
+        keypoints: by name; ``rigidbody_object_head`` always, ``rigidbody_object_tail`` where it has two ends.
+        resting: pose, object to world, in which it stays on a table at z = 0, its origin above the world's.
+        grip: the narrowest hold in that pose.
+        license: terms that the data carries.
+        content_hash: hex digest of everything that the object was made from.
+        warnings: what was odd and by which rule it was repaired.
+    """
+
+    name: str
+    source: Literal["generated", "real"]
+    folder: Path
+    hulls: tuple[Array, ...]
+    inertial: Inertial
+    friction: float
+    keypoints: dict[str, RigidKeypoint]
+    resting: Placement
+    grip: Grip
+    license: str
+    content_hash: str
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def size(self) -> Array:
+        """(3,) extents in metres along the axes of the object frame."""
+        return np.asarray(np.ptp(np.concatenate(self.hulls), axis=0))
+
+    @property
+    def visual(self) -> Path | None:
+        """File to look at, or None where the object has none."""
+        file = self.folder / "visual.glb"
+        return file if file.is_file() else None
+
+    def hull_file(self, index: int) -> Path:
+        """Wavefront OBJ of collision part ``index``."""
+        return self.folder / f"hull_{index}.obj"

@@ -1,0 +1,189 @@
+"""Pictures of objects and the page that shows them."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gensim2.errors import InputError
+from gensim2.inspection import pictures
+from gensim2.inspection.gallery import build_gallery
+from gensim2.objects import Instance, Library, RigidLibrary, RigidObject, open_library, open_rigid_library
+from gensim2.sim.rendering import can_render
+
+needs_driver = pytest.mark.skipif(not can_render(), reason="no Vulkan driver works on this machine")
+
+
+class Pretend:
+    """A studio that needs no driver: grey pictures."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.keypoint = ""
+
+    def put(self, instance: Instance, openness: object = (), azimuths: object = ()) -> None:
+        """Any object will do."""
+        self.keypoint = "articulated_object_head"
+
+    def put_rigid(self, rigid: RigidObject, azimuths: object = ()) -> None:
+        """Any object will do."""
+        self.keypoint = min(rigid.keypoints)
+
+    def shoot(self, openness: float = 0.0, azimuth: float = 0.0) -> pictures.Shot:
+        """A grey picture with a keypoint in its middle."""
+        mark = pictures.Mark(self.size / 2, self.size / 2, hidden=False)
+        return pictures.Shot(np.full((self.size, self.size, 3), 128, np.uint8), {self.keypoint: mark})
+
+
+@pytest.fixture
+def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No renderer."""
+    monkeypatch.setattr(pictures, "Studio", Pretend)
+
+
+def test_page_is_whole_and_keeps_its_pictures(library: Library, tmp_path: Path, pretend: None) -> None:
+    found = tmp_path / "findings.json"
+    finding = {"check": "overlap of the meshes, mm", "value": 2.5, "limit": 1.0}
+    objects = [
+        {"class": "switch", "id": "0", "sound": False, "findings": [finding]},
+        {"class": "switch", "id": "1", "sound": True, "findings": []},
+    ]
+    found.write_text(json.dumps({"objects": objects}))
+    made = build_gallery([library], tmp_path / "out", classes=["switch"], findings=[found], views=2, size=40)
+    assert (made.made, made.kept, made.refused) == (2, 0, ())
+    page = made.index.read_text()
+    for wanted in ("switch/0", "switch/1", "overlap of the meshes, mm: 2.5 (limit 1.0)", "1 finding", "sound", "head"):
+        assert wanted in page
+    shown = re.findall(r'data-picture="([^"]+)"', page)
+    assert len(shown) == 2
+    for name in shown:
+        assert not name.startswith(("/", "http", "file"))
+        assert Image.open(made.index.parent / name).size == (2 * 40, 3 * 40)
+    assert "://" not in page, "nothing is fetched from anywhere"
+
+    (made.index.parent / shown[0]).unlink()
+    again = build_gallery([library], tmp_path / "out", classes=["switch"], views=2, size=40)
+    assert (again.made, again.kept) == (1, 1)
+    other = build_gallery([library], tmp_path / "out", classes=["switch"], views=3, size=40)
+    assert (other.made, other.kept) == (2, 0), "other pictures than those that are there"
+    assert len(list((tmp_path / "out").rglob("*.webp"))) == 2, "outdated ones are gone"
+
+
+class Shelf(RigidLibrary):
+    """A few of the generated rigid objects."""
+
+    name, license = "shelf", "generated"
+
+    def names(self) -> tuple[str, ...]:
+        """Two that there are and one that is broken."""
+        return ("apple", "broken", "mug")
+
+    def describe(self, name: str) -> str:
+        """Nothing more."""
+        return name
+
+    def _load(self, name: str) -> RigidObject:
+        if name == "broken":
+            raise InputError("no mesh", field="broken", remedy="mend it")
+        return open_rigid_library("builtin").load(name)
+
+
+def test_rigid_objects_stand_beside_the_others(library: Library, tmp_path: Path, pretend: None) -> None:
+    found = tmp_path / "findings.json"
+    wrong = {"check": "turns over when put down, degrees", "value": 40.0, "limit": 5.0}
+    found.write_text(json.dumps({"objects": [{"class": "rigid", "id": "mug", "sound": False, "findings": [wrong]}]}))
+    made = build_gallery(
+        [library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], findings=[found], views=2, size=40
+    )
+    assert made.made == 4
+    assert [(name, number) for name, number, _ in made.refused] == [("rigid", "broken")]
+    page = made.index.read_text()
+    for wanted in (
+        "rigid/apple",
+        "rigid/mug",
+        "held at",
+        "turns over when put down, degrees: 40.0 (limit 5.0)",
+        "no mesh",
+    ):
+        assert wanted in page, wanted
+    rows = {name: Image.open(made.index.parent / name).size for name in re.findall(r'data-picture="([^"]+)"', page)}
+    assert sorted(size for name, size in rows.items() if "/rigid/" in name) == [(80, 40), (80, 40)], "one row, at rest"
+    again = build_gallery([library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], views=2, size=40)
+    assert (again.made, again.kept) == (0, 4)
+
+
+def test_object_that_cannot_be_loaded_is_on_the_page(tmp_path: Path, pretend: None) -> None:
+    broken = tmp_path / "assets" / "drawer" / "7"
+    broken.mkdir(parents=True)
+    (broken / "mobility.urdf").write_text("<robot/>")
+    (broken / "info.json").write_text("{}")
+    made = build_gallery([open_library(tmp_path / "assets")], tmp_path / "out", views=1, size=40)
+    assert [(name, number) for name, number, _ in made.refused] == [("drawer", "7")]
+    assert "no keypoints" in made.index.read_text()
+
+
+@pytest.mark.parametrize(
+    ("classes", "text", "message"),
+    [
+        (["no_such_class"], '{"objects": []}', "no class"),
+        (["switch"], '{"objects": [{"id": "0"}]}', "holds no findings"),
+        (["switch"], '{"objects": [{"class": "switch", "id": "0", "findings": [{}]}]}', "holds no findings"),
+        (["switch"], "[" * 100_000, "not JSON: nested too deeply"),
+        (["switch"], "[]", "holds no fields"),
+        (["switch"], "not JSON", "not JSON"),
+    ],
+)
+def test_bad_input_is_named(
+    library: Library, tmp_path: Path, pretend: None, classes: list[str], text: str, message: str
+) -> None:
+    file = tmp_path / "findings.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        build_gallery([library], tmp_path / "out", classes=classes, findings=[file])
+
+
+@needs_driver
+def test_pictures_show_the_object_its_motion_and_its_keypoints(library: Library, tmp_path: Path) -> None:
+    studio = pictures.Studio(96)
+    drawer = library.load("drawer", "0")
+    studio.put(drawer)
+    shut, wide = studio.shoot(0.0), studio.shoot(1.0)
+    corner = shut.pixels[:6, :6].reshape(-1, 3).mean(axis=0)
+    covered = np.abs(shut.pixels.astype(float) - corner).max(axis=2) > 40
+    assert 0.08 < covered.mean() < 0.9, "the object fills a good part of the picture"
+    assert np.abs(shut.pixels.astype(float) - wide.pixels).max(axis=2).mean() > 2, "the drawer moves"
+    head = shut.marks["articulated_object_head"]
+    assert not head.hidden
+    assert studio.shoot(0.0, azimuth=180.0).marks["articulated_object_head"].hidden, "seen from behind"
+    assert covered[int(head.y), int(head.x)], "the head lies on the object"
+    seen = pictures.annotated(shut, drawer, names=False)
+    red = np.array([int(pictures.mark_colour(drawer, "articulated_object_head")[i : i + 2], 16) for i in (1, 3, 5)])
+    np.testing.assert_allclose(np.asarray(seen)[int(head.y), int(head.x)], red, atol=30)
+
+    studio.put(library.load("faucet", "0"), [0.5])
+    sheet = pictures.contact_sheet(studio, [(drawer, 0.5), (library.load("faucet", "0"), 0.5)], 2)
+    assert sheet.width == 2 * 96 + 6
+    first = io.BytesIO()
+    pictures.strip(studio, drawer).save(first, "PNG")
+    second = io.BytesIO()
+    pictures.strip(studio, drawer).save(second, "PNG")
+    assert first.getvalue() == second.getvalue(), "the same object, the same picture"
+
+
+@needs_driver
+def test_picture_of_a_rigid_object_shows_it_at_rest(library: Library) -> None:
+    studio = pictures.Studio(96)
+    mug = open_rigid_library("builtin").load("mug")
+    sheet = np.asarray(pictures.rigid_turntable(studio, mug, 3)).astype(float)
+    assert sheet.shape == (96, 3 * 96, 3)
+    views = [sheet[:, 96 * k : 96 * (k + 1)] for k in range(3)]
+    for view in views:
+        covered = np.abs(view - view[:6, :6].reshape(-1, 3).mean(axis=0)).max(axis=2) > 40
+        assert 0.05 < covered.mean() < 0.9, "the mug fills a good part of the picture"
+    assert np.abs(views[0] - views[1]).max(axis=2).mean() > 2, "its handle goes round"

@@ -1,0 +1,237 @@
+"""A plain PartNet-Mobility folder with two joints becomes a validated object."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gensim2.cli import main as cli
+from gensim2.errors import InputError
+from gensim2.inspection.checks import geometric_findings
+from gensim2.inspection.validate import check_object
+from gensim2.objects import AssetError, open_library
+from gensim2.objects.library.importer import import_object, on_surface, usual_size
+from gensim2.objects.library.sources import find_source
+from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.shapes import Look, Mesh, transform
+
+BOARDS = {
+    "floor": ((-0.6, -0.5, -0.4), (0.6, -0.45, 0.4)),
+    "left": ((-0.6, -0.45, -0.4), (-0.55, 0.3, 0.4)),
+    "right": ((0.55, -0.45, -0.4), (0.6, 0.3, 0.4)),
+    "back": ((-0.55, -0.45, -0.4), (0.55, 0.3, -0.35)),
+    "front": ((-0.55, -0.1, 0.35), (0.55, 0.3, 0.4)),
+    "shelf": ((-0.55, -0.1, -0.35), (0.55, -0.05, 0.35)),
+}
+LID = {"lid": ((-0.6, 0.31, -0.4), (0.6, 0.36, 0.4)), "knob": ((-0.05, 0.31, 0.4), (0.05, 0.36, 0.44))}
+TRAY = {
+    "tray_front": ((-0.53, -0.43, 0.36), (0.53, -0.12, 0.41)),
+    "tray_floor": ((-0.53, -0.43, -0.3), (0.53, -0.40, 0.36)),
+    "grip": ((-0.1, -0.3, 0.41), (0.1, -0.25, 0.47)),
+}
+HINGE = np.array([0.0, 0.31, -0.4])
+
+
+@pytest.fixture
+def partnet(tmp_path: Path, cube: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cabinet as PartNet-Mobility has them: a lid on a hinge (joint_0), a tray that slides (joint_1), no size."""
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "45001"
+    (folder / "textured_objs").mkdir(parents=True)
+
+    def link(name: str, boxes: dict[str, Any], origin: Any = (0, 0, 0)) -> str:
+        for part, (low, high) in boxes.items():
+            cube(folder / "textured_objs", part, low, high)
+        place = f'<origin xyz="{" ".join(str(-v) for v in origin)}"/>'
+        shapes = [
+            f'<{kind} name="{"handle-7" if part in ("knob", "grip") else "board-1"}">{place}<geometry>'
+            f'<mesh filename="textured_objs/{part}.obj"/></geometry></{kind}>'
+            for part in boxes
+            for kind in ("visual", "collision")
+        ]
+        return f'<link name="{name}">{"".join(shapes)}</link>'
+
+    (folder / "mobility.urdf").write_text(
+        '<?xml version="1.0" ?><robot name="partnet_45001"><link name="base"/>'
+        + link("link_0", LID, HINGE)
+        + link("link_1", TRAY)
+        + link("link_2", BOARDS)
+        + f'<joint name="joint_0" type="revolute"><origin xyz="{" ".join(map(str, HINGE))}"/><axis xyz="-1 0 0"/>'
+        '<child link="link_0"/><parent link="link_2"/><limit lower="0" upper="1.5"/></joint>'
+        '<joint name="joint_1" type="prismatic"><origin xyz="0 0 0"/><axis xyz="0 0 1"/>'
+        '<child link="link_1"/><parent link="link_2"/><limit lower="0" upper="0.6"/></joint>'
+        '<joint name="joint_2" type="fixed"><origin rpy="1.570796326794897 0 -1.570796326794897" xyz="0 0 0"/>'
+        '<child link="link_2"/><parent link="base"/></joint></robot>'
+    )
+    (folder / "semantics.txt").write_text(
+        "link_0 hinge rotation_lid\nlink_1 slider drawer\nlink_2 heavy furniture_body\n"
+    )
+    (folder / "meta.json").write_text('{"model_cat": "StorageFurniture", "model_id": "x"}')
+    return folder
+
+
+def change(folder: Path, old: str, new: str) -> None:
+    file = folder / "mobility.urdf"
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
+
+
+def test_command_makes_a_sound_object_of_two_joints(
+    partnet: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("sapien")
+    out = tmp_path / "mine"
+    words = ["assets", "import", str(partnet), "--class", "drawer", "--name", "45001", "--out", str(out)]
+    assert cli.run([*words, "--json", "-"]) == 0
+    result = json.loads(capfd.readouterr().out)
+    assert (result["joint"], result["fixed"]) == ("joint_1", ["joint_0"])
+    assert result["object"] == {"class": "drawer", "id": "45001", "sound": True, "findings": []}
+    assert any("joint_1 stays: the only prismatic joint" in note for note in result["notes"])
+    assert cli.run(words) == 2
+    assert "is there already" in capfd.readouterr().err
+    assert cli.run([*words, "--force"]) == 0
+    assert "ok     drawer/45001" in capfd.readouterr().out
+    assert cli.run(["assets", "validate", "--assets", str(out), "--workers", "1", "--no-physics"]) == 0
+
+
+@pytest.mark.parametrize(("asset_class", "joint"), [("drawer", "joint_1"), ("box_rotate", "joint_0")])
+def test_size_joint_and_keypoints(partnet: Path, tmp_path: Path, asset_class: str, joint: str) -> None:
+    done = import_object(partnet, tmp_path / "lib", asset_class, "a")
+    assert done.joint == joint
+    instance = open_library(tmp_path / "lib").load(asset_class, "a")
+    assert instance.warnings == ()
+    assert geometric_findings(instance) == []
+    points = np.concatenate([h for hulls in instance.hulls.values() for h in hulls])
+    # the longest side of the model is 1.2 units
+    assert done.scale * 1.2 == pytest.approx(usual_size(asset_class), rel=1e-3)
+    assert points[:, 1].max() - points[:, 1].min() == pytest.approx(1.2 * done.scale, rel=0.2)
+    head = transform(link_pose(instance, 0.0), instance.keypoints["articulated_object_head"].position[None])[0]
+    # model (x, y, z) is root (-z, -x, y)
+    part = TRAY["grip"] if joint == "joint_1" else LID["knob"]
+    middle = done.scale * np.mean(part, axis=0)
+    np.testing.assert_allclose(head, [-middle[2], -middle[0], middle[1]], atol=done.scale * 0.04)
+    assert "handle of the" in instance.keypoints["articulated_object_head"].description
+    if joint == "joint_1":
+        assert instance.joint.upper == pytest.approx(0.6 * done.scale)
+        np.testing.assert_allclose(instance.joint.axis, [-1, 0, 0], atol=1e-9)
+    else:
+        assert instance.joint.upper == pytest.approx(1.5)
+        tail = instance.lever_arm("articulated_object_tail")
+        assert tail < 0.3 * instance.lever_arm("articulated_object_head")
+
+
+def test_what_is_pushed_is_touched_from_behind(partnet: Path, tmp_path: Path) -> None:
+    change(partnet, 'name="handle-7"', 'name="board-7"')
+    pulled, pushed = (
+        json.loads((import_object(partnet, tmp_path / "lib", c, "a", joint="joint_1").folder / "info.json").read_text())
+        for c in ("drawer", "box_move")
+    )
+    for one, other in (("head", "tail"), ("tail", "head")):
+        assert pulled["keypoints"][f"articulated_object_{one}"] == pushed["keypoints"][f"articulated_object_{other}"]
+    assert pulled["keypoints"]["articulated_object_head"][2] == 0.47
+    assert "leads" in pulled["keypoint_descriptions"]["articulated_object_head"]
+    assert "trails" in pushed["keypoint_descriptions"]["articulated_object_head"]
+
+
+def test_what_the_user_edits_counts(partnet: Path, tmp_path: Path) -> None:
+    file = import_object(partnet, tmp_path / "lib", "drawer", "a", scale=0.2).folder / "info.json"
+    info = json.loads(file.read_text())
+    assert info["imported"]["fixed"] == ["joint_0"]
+    info["keypoints"]["articulated_object_inside"] = [0.0, -0.3, 0.0]
+    info["joint_position_range"][1] = 0.05
+    file.write_text(json.dumps(info))
+    instance = open_library(tmp_path / "lib").load("drawer", "a")
+    assert instance.joint.upper == 0.05
+    np.testing.assert_allclose(instance.keypoints["articulated_object_inside"].position, [0, -0.06, 0], atol=1e-9)
+
+
+def test_the_user_chooses_where_several_joints_could_be_meant(partnet: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        AssetError, match=r"2 movable joints \(choose with --joint one of joint_0 \(revolute, rot.*drawer"
+    ):
+        import_object(partnet, tmp_path / "lib", "furniture", "a")
+    with pytest.raises(AssetError, match="no movable joint 'joint_2'"):
+        import_object(partnet, tmp_path / "lib", "furniture", "a", joint="joint_2")
+    assert not (tmp_path / "lib").exists()
+    done = import_object(partnet, tmp_path / "lib", "furniture", "a", joint="joint_0")
+    assert done.fixed == ("joint_1",)
+    assert done.scale == 0.25
+    assert check_object(open_library(tmp_path / "lib"), "furniture", "a", physics=False).sound
+
+
+def test_joints_are_fixed_where_they_rest(partnet: Path, tmp_path: Path) -> None:
+    change(partnet, 'lower="0" upper="0.6"', 'lower="0.1" upper="0.6"')
+    done = import_object(partnet, tmp_path / "lib", "box_rotate", "a")
+    joints = {j.get("name"): j for j in ET.parse(done.folder / "mobility.urdf").getroot().findall("joint")}
+    origin = joints["joint_1"].find("origin")
+    assert joints["joint_1"].get("type") == "fixed"
+    assert origin is not None
+    assert origin.get("xyz") == "0 0 0.1"
+    limit = joints["joint_0"].find("limit")
+    assert limit is not None
+    assert {"effort", "velocity"} <= set(limit.attrib)
+
+
+def test_a_joint_that_opens_downwards_is_turned_around(partnet: Path, tmp_path: Path) -> None:
+    whole = import_object(partnet, tmp_path / "one", "box_rotate", "a")
+    change(partnet, 'axis xyz="-1 0 0"', 'axis xyz="1 0 0"')
+    change(partnet, 'lower="0" upper="1.5"', 'lower="-1.5" upper="0"')
+    done = import_object(partnet, tmp_path / "two", "box_rotate", "a")
+    assert any("turned around" in note for note in done.notes)
+    assert not any("turned around" in note for note in whole.notes)
+    one, two = (open_library(tmp_path / where).load("box_rotate", "a") for where in ("one", "two"))
+    np.testing.assert_allclose(link_pose(one, 0.7), link_pose(two, 0.7), atol=1e-9)
+
+
+def test_a_continuous_joint_gets_a_range(partnet: Path, tmp_path: Path) -> None:
+    change(partnet, 'type="revolute"', 'type="continuous"')
+    change(partnet, '<limit lower="0" upper="1.5"/>', "")
+    done = import_object(partnet, tmp_path / "lib", "box_rotate", "a")
+    assert any("0 to 90 degrees" in note for note in done.notes)
+    joint = open_library(tmp_path / "lib").load("box_rotate", "a").joint
+    assert (joint.lower, joint.upper) == (0.0, pytest.approx(np.pi / 2))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('type="prismatic"', 'type="floating"', "joint type 'floating'"),
+        ("textured_objs/lid.obj", "../../lid.obj", "lies outside the folder"),
+        ('lower="0" upper="1.5"', 'lower="1" upper="1"', "joint_0: limit: empty range"),
+        ("</robot>", "", "not XML"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(partnet: Path, tmp_path: Path, old: str, new: str, message: str) -> None:
+    change(partnet, old, new)
+    with pytest.raises(AssetError, match=message):
+        import_object(partnet, tmp_path / "lib", "box_rotate", "a", joint="joint_0")
+
+
+def test_names_and_scales_are_checked(partnet: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"name: '\.\./a' cannot name a folder"):
+        import_object(partnet, tmp_path / "lib", "box_rotate", "../a")
+    words = ["assets", "import", str(partnet), "--class", "box_rotate", "--name", "a", "--out", str(tmp_path / "lib")]
+    assert cli.run([*words, "--scale", "-1"]) == 2
+    assert "neither 'auto' nor a positive number" in capfd.readouterr().err
+
+
+def test_downloads_of_maniskill_are_found_by_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path))
+    folder = tmp_path / "data" / "partnet_mobility" / "dataset" / "1000"
+    folder.mkdir(parents=True)
+    assert find_source("1000") == folder
+    assert find_source(str(tmp_path)) == tmp_path
+    with pytest.raises(InputError, match="partnet_mobility"):
+        find_source("1001")
+
+
+def test_on_surface_is_the_nearest_point() -> None:
+    triangle = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), Look())
+    np.testing.assert_allclose(on_surface(np.array([0.2, 0.2, 0.7]), [triangle]), [0.2, 0.2, 0])
+    np.testing.assert_allclose(on_surface(np.array([-1.0, -1, 0]), [triangle]), [0, 0, 0])

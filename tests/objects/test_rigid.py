@@ -1,0 +1,157 @@
+"""Rigid objects: sizes and masses of the YCB set, rest in physics, holds that a Panda can take, three sources."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from gensim2.errors import InputError
+from gensim2.inspection.rigid import physical_findings
+from gensim2.objects import RigidLibrary, open_rigid_library
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.rigid import CLASSES
+from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose, steadiness
+from gensim2.objects.physics import Inertial
+
+# Published with the YCB set (Calli et al., 2015): mass in g, extents in mm from small to large.
+YCB = {
+    "apple": (68, (75, 75, 75)),
+    "banana": (66, (36, 90, 190)),
+    "bowl": (147, (53, 159, 159)),
+    "cracker_box": (411, (60, 160, 230)),
+    "gelatin_box": (97, (28, 73, 85)),
+    "golf_ball": (46, (42.7, 42.7, 42.7)),
+    "lemon": (29, (54, 54, 68)),
+    "marker": (15.8, (18, 18, 121)),
+    "master_chef_can": (414, (102, 102, 139)),
+    "mustard_bottle": (603, (58, 95, 190)),
+    "potted_meat_can": (370, (50, 82, 97)),
+    "softball": (191, (96, 96, 96)),
+    "sugar_box": (514, (38, 89, 175)),
+    "tomato_soup_can": (349, (66, 66, 101)),
+    "tuna_fish_can": (171, (33, 85, 85)),
+    "wood_block": (729, (85, 85, 200)),
+}
+
+
+@pytest.fixture(scope="module")
+def rigid(library: object) -> RigidLibrary:
+    """The generated rigid objects, in the cache of the generated library's tests."""
+    return open_rigid_library("builtin")
+
+
+def test_forty_objects_by_the_names_that_people_know(rigid: RigidLibrary) -> None:
+    assert len(rigid.names()) >= 40
+    assert {"apple", "lemon", "mug", "cracker_box", "golf_ball", "softball", "gold_bar", "marker", "bowl"} <= set(
+        rigid.names()
+    )
+
+
+@pytest.mark.parametrize("name", YCB)
+def test_masses_and_sizes_are_those_of_the_real_things(rigid: RigidLibrary, name: str) -> None:
+    mass, size = YCB[name]
+    scale = CLASSES[name].scale
+    loaded = rigid.load(name)
+    assert loaded.inertial.mass == pytest.approx(mass / 1000 * scale**3, rel=0.02)
+    np.testing.assert_allclose(np.sort(loaded.size), np.array(size) / 1000 * scale, rtol=0.2)
+
+
+def test_generation_gives_the_same_object_again(
+    rigid: RigidLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = rigid.load("mug")
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path))
+    second = rigid.load("mug")
+    assert first.folder != second.folder
+    for file in ("visual.glb", "hull_0.obj", "rigid.json"):
+        assert (first.folder / file).read_bytes() == (second.folder / file).read_bytes()
+
+
+def box(x: float, y: float, z: float) -> np.ndarray:
+    """Corners (8, 3) of a box around the origin."""
+    return np.array([[a * x, b * y, c * z] for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
+
+
+def test_a_box_stands_until_its_centre_leaves_its_foot() -> None:
+    assert steadiness(box(0.04, 0.1, 0.2), np.zeros(3)) == pytest.approx(np.arctan2(0.02, 0.1))
+    assert steadiness(box(0.04, 0.1, 0.2), np.array([0.03, 0, 0])) < 0
+
+
+def test_what_cannot_stand_is_laid_on_its_largest_side() -> None:
+    mass = Inertial(0.1, np.zeros(3), np.eye(3))
+    standing = resting_pose([box(0.06, 0.1, 0.2)], mass)
+    np.testing.assert_allclose(standing.rotation, np.eye(3), atol=1e-9)
+    assert standing.position[2] == pytest.approx(0.1)
+    lying = resting_pose([box(0.01, 0.1, 0.2)], mass)
+    np.testing.assert_allclose(np.abs(lying.rotation[2]), [1, 0, 0], atol=1e-9)
+    assert lying.position[2] == pytest.approx(0.005)
+
+
+def test_a_box_is_held_across_its_narrow_side() -> None:
+    hulls = [box(0.03, 0.07, 0.1)]
+    grip = best_grip(hulls, np.zeros(3), resting_pose(hulls, Inertial(0.1, np.zeros(3), np.eye(3))))
+    assert grip.width == pytest.approx(0.03)
+    np.testing.assert_allclose(np.abs(grip.axis), [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(grip.point, np.zeros(3), atol=1e-9)
+
+
+def test_a_mug_is_held_by_its_wall_or_handle(rigid: RigidLibrary) -> None:
+    assert rigid.load("mug").grip.width < 0.02
+
+
+def write_ycb(folder: Path) -> Path:
+    """A folder as ManiSkill's YCB download makes it, with one small box in it."""
+    model = folder / "models" / "004_sugar_box"
+    model.mkdir(parents=True)
+    mesh = trimesh.creation.box((0.04, 0.09, 0.17))
+    mesh.export(model / "collision.ply")
+    mesh.export(model / "textured.obj")
+    entry = {"bbox": {"min": [-0.02, -0.045, -0.085], "max": [0.02, 0.045, 0.085]}, "scales": [0.8], "density": 700}
+    (folder / "info_pick_v0.json").write_text(json.dumps({"004_sugar_box": entry, "005_not_there": entry}))
+    return folder
+
+
+def test_maniskill_ycb_download_is_read(library: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path))
+    with pytest.raises(InputError, match="download_asset ycb"):
+        open_rigid_library("ycb")
+    write_ycb(tmp_path / "data" / "assets" / "mani_skill2_ycb")
+    found = open_rigid_library("ycb")
+    assert found.names() == ("004_sugar_box",)
+    loaded = found.load("004_sugar_box")
+    np.testing.assert_allclose(loaded.size, [0.032, 0.072, 0.136], atol=1e-6)
+    assert loaded.inertial.mass == pytest.approx(0.514 * 0.8**3)
+    np.testing.assert_allclose(loaded.keypoints["rigidbody_object_head"].position, [0, 0, 0.068], atol=1e-9)
+    assert physical_findings(loaded) == []
+
+
+def test_released_layout_is_read(library: object, tmp_path: Path) -> None:
+    model = tmp_path / "rigidbody_objs" / "models" / "brick"
+    model.mkdir(parents=True)
+    trimesh.creation.box((0.05, 0.07, 0.05)).export(model / "collision.obj")
+    info = {"scale": 0.5, "keypoints": {"rigidbody_object_head": [0, 0, 0.025]}}
+    (model / "info.json").write_text(json.dumps(info))
+    loaded = open_rigid_library(tmp_path).load("brick")
+    assert loaded.source == "real"
+    assert loaded.visual is None
+    assert "nothing to look at" in loaded.warnings[0]
+    np.testing.assert_allclose(loaded.size, [0.025, 0.035, 0.025], atol=1e-6)
+    np.testing.assert_allclose(loaded.keypoints["rigidbody_object_head"].position, [0, 0, 0.0125])
+    (model / "info.json").write_text(json.dumps({**info, "scale": -1}))
+    with pytest.raises(AssetError, match="scale"):
+        open_rigid_library(tmp_path).load("brick")
+
+
+def test_unknown_names_and_damage_are_told(rigid: RigidLibrary, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="mug"):
+        rigid.load("mugg")
+    copy = tmp_path / "copy"
+    shutil.copytree(rigid.load("apple").folder, copy)
+    (copy / "rigid.json").write_text("{}")
+    with pytest.raises(AssetError, match="damaged"):
+        read(copy)

@@ -1,0 +1,95 @@
+"""Rooms know what lies below them only: what the sources import, read from the sources."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import gensim2.objects
+
+PYTHON = Path(__file__).parents[1] / "python"
+
+#: Rooms that know nothing of the simulator, and what lies above them.
+BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.tasks")
+FROM_SIM_UP = ("gensim2.demos", "gensim2.inspection", "gensim2.pipeline", "gensim2.sim")
+#: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
+WITHIN_OBJECTS = {
+    "core": {"core"},
+    "meshwork": {"core", "meshwork"},
+    "generators": {"core", "generators"},
+    "library": {"core", "meshwork", "generators", "library"},
+}
+
+
+def imports(source: str) -> set[str]:
+    """Full names of everything that a source imports, wherever the statement stands; both the module and its names."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports name the whole package"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def lies_in(name: str, package: str) -> bool:
+    """Whether a full name is that of the package or of something in it."""
+    return f"{name}.".startswith(f"{package}.")
+
+
+def sources(package: str) -> Iterator[Path]:
+    """All modules of a package."""
+    found = sorted((PYTHON / package.replace(".", "/")).rglob("*.py"))
+    assert found, package
+    yield from found
+
+
+def room_within_objects(name: str) -> str:
+    """Room of a full name in ``gensim2.objects``, or of a path in its folder."""
+    first = name.removeprefix("gensim2.objects").strip(".").split(".")[0]
+    return first if first in WITHIN_OBJECTS else "core"
+
+
+def test_imports_are_found_wherever_they_stand() -> None:
+    source = "import a.b\ndef f():\n    from c import d\nif TYPE_CHECKING:\n    from gensim2 import sim as s\n"
+    assert imports(source) == {"a.b", "c.d", "gensim2.sim"}
+    assert lies_in("gensim2.sim", "gensim2.sim")
+    assert lies_in("gensim2.sim.env.X", "gensim2.sim")
+    assert not lies_in("gensim2.simple", "gensim2.sim")
+
+
+@pytest.mark.parametrize("room", BELOW_SIM)
+def test_nothing_below_the_simulator_knows_it(room: str) -> None:
+    for path in sources(room):
+        for name in imports(path.read_text()):
+            assert not any(lies_in(name, above) for above in FROM_SIM_UP), f"{path}: {name}"
+
+
+def test_the_simulator_knows_neither_episodes_nor_what_looks_at_objects() -> None:
+    for path in sources("gensim2.sim"):
+        for name in imports(path.read_text()):
+            assert not any(lies_in(name, above) for above in FROM_SIM_UP[:3]), f"{path}: {name}"
+
+
+def test_rooms_of_objects_depend_in_one_direction() -> None:
+    top = PYTHON / "gensim2" / "objects"
+    for path in sources("gensim2.objects"):
+        if path == top / "__init__.py":
+            continue  # the front door: offers libraries by name, and imports them when asked for
+        room = room_within_objects(".".join(path.relative_to(top).with_suffix("").parts))
+        for name in imports(path.read_text()):
+            if lies_in(name, "gensim2.objects"):
+                assert room_within_objects(name) in WITHIN_OBJECTS[room], f"{path}: {name}"
+                assert name.removeprefix("gensim2.objects.") not in gensim2.objects.__all__, f"{path}: {name}"
+
+
+def test_holding_an_object_loads_no_library() -> None:
+    """The front door is lazy: else the core would depend on libraries, and importing either would import both."""
+    tree = ast.parse((PYTHON / "gensim2" / "objects" / "__init__.py").read_text())
+    at_once = {name for node in tree.body if not isinstance(node, ast.If) for name in imports(ast.unparse(node))}
+    assert at_once
+    assert not any(lies_in(name, "gensim2.objects.library") for name in at_once)
