@@ -39,8 +39,8 @@ from gensim2.sim.table import HALF_SIZE, build_table, corners
 
 Array = npt.NDArray[np.float64]
 
-#: Where objects lie: distance from the robot's base (m), and angle about it (rad).
-DISTANCE, ANGLE = (0.4, 0.65), (-0.6, 0.6)
+#: Where objects lie: distance from the robot's base beyond what is comfortable (m), and angle about it (rad).
+DISTANCE, ANGLE = (-0.15, 0.1), (-0.6, 0.6)
 LIFT, RAISED, HOLD_SECONDS = 0.15, 0.10, 2.0
 SETTLE_STEPS = 4
 #: Beyond the lag of the drives.
@@ -134,7 +134,8 @@ class Lift:
 def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
     """x, y in the world and yaw of an object."""
     random = rng(seed, f"grasps/{name}", episode)
-    distance, angle = random.uniform(*DISTANCE), random.uniform(*ANGLE)
+    distance = profile.workspace.comfortable + random.uniform(*DISTANCE)
+    angle = random.uniform(*ANGLE)
     yaw = random.uniform(-np.pi, np.pi)
     return profile.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
 
