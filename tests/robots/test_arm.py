@@ -18,7 +18,7 @@ from gensim2.errors import InputError
 from gensim2.robots import RobotProfile, robot, robot_names
 from gensim2.sim import agents
 from gensim2.sim.arm import Arm
-from gensim2.sim.physics import new_system, sim_config
+from gensim2.sim.physics import OURS
 
 
 class AloneEnv(BaseEnv):  # type: ignore[misc]
@@ -41,7 +41,7 @@ class AloneEnv(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return sim_config(self.profile.physics_hz, self.profile.control_hz)
+        return OURS.sim_config(self.profile)
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
@@ -65,13 +65,13 @@ class Alone:
 
     def __init__(self, profile: RobotProfile) -> None:
         self.profile = profile
-        self.system = new_system(profile)
+        self.system = OURS.new_system(profile)
         self.scene = sapien.Scene([self.system])
-        self.arm = Arm(self.scene, profile)
-        self.arm.reset()
+        self.arm = Arm(self.scene, profile, OURS)
+        self.arm.put()
 
     def step(self, action: np.ndarray) -> None:
-        self.arm.command(action)
+        self.arm.drive(action)
         for _ in range(self.profile.physics_hz // self.profile.control_hz):
             self.system.step()
 
@@ -95,9 +95,8 @@ def test_states_are_those_of_maniskills_agent(name: str) -> None:
         alone.step(action)
         assert np.array_equal(built.qpos, alone.arm.articulation.qpos)
         assert np.array_equal(built.qvel, alone.arm.articulation.qvel)
-    tool = env.agent.robot.links_map[profile.tool_link].pose
-    assert np.array_equal(tool.p[0].numpy(), alone.arm.tool.entity.pose.p)
-    assert np.array_equal(tool.q[0].numpy(), alone.arm.tool.entity.pose.q)
+    tool = env.agent.robot.links_map[profile.tool_link].pose.raw_pose
+    assert np.array_equal(tool[0].numpy(), alone.arm.observed()[-1])
     env.close()
 
 
@@ -158,4 +157,4 @@ def test_actions_that_cannot_be_used_are_refused() -> None:
     alone = Alone(robot("panda"))
     for action in (np.zeros(7), np.full(8, np.nan)):
         with pytest.raises(InputError, match="must be 8 finite numbers"):
-            alone.arm.command(action)
+            alone.arm.drive(action)

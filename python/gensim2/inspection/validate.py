@@ -149,6 +149,7 @@ class _Stage:
             from sapien.physx import PhysxCpuSystem
 
             from gensim2.sim import objects
+            from gensim2.sim.physics import OURS
         except ImportError as error:
             raise MissingExtraError("sapien", "sim") from error
         self.instance, self._sim = instance, objects
@@ -163,8 +164,7 @@ class _Stage:
         self._object = builder.build(fix_root_link=True)
         place = instance.placement
         self._object.set_root_pose(sapien.Pose(place.position, place.quaternion))
-        self._joint = self._object.active_joints[0]
-        self._joint.set_friction(0.0)  # PhysX's own is a share of the load that the joint carries, 0.05 by default
+        self._resistance = OURS.resist(self._object, instance)
 
     def whole(self) -> list[Finding]:
         """Nothing vanished or became something else on the way into the physics engine."""
@@ -197,16 +197,10 @@ class _Stage:
         joint = self.instance.joint
         return (float(self._object.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
 
-    def _friction(self) -> None:
-        speed = float(self._object.qvel[0])
-        joint = self.instance.joint
-        limit = joint.friction + joint.damping * abs(speed)
-        self._joint.set_drive_properties(0.0, limit / self._sim.CREEP_SPEED, limit, "force")
-
     def _run(self, seconds: float) -> None:
         for step in range(round(seconds / TIME_STEP)):
             if step % CONTROL_STEPS == 0:
-                self._friction()
+                self._resistance.update()
             self._scene.step()
 
     def rest(self, openness: float) -> float:
@@ -233,7 +227,7 @@ class _Stage:
                 if left < 0:
                     break
             if step % CONTROL_STEPS == 0:
-                self._friction()
+                self._resistance.update()
                 T = link_pose(instance, float(np.clip(openness, 0, 1)))
                 center = T[:3, :3] @ moving.center + T[:3, 3]
                 weight = moving.mass * gravity

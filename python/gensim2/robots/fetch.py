@@ -39,7 +39,7 @@ def fetch_files() -> RobotFiles:
         hand="fetch_hand",
         pitch=pi / 2,  # the palm looks along its x, hands look along z
         tool="fetch_hand_tcp",
-        reach=FINGERTIP,
+        tool_at=FINGERTIP,
     )
     srdf = (source / "fetch.srdf").read_text()
     folder = cache_dir() / "robots" / hashlib.sha256((urdf + srdf).encode()).hexdigest()[:16]
@@ -93,6 +93,7 @@ def fetch() -> RobotProfile:
             "tool_tail": "the middle point between the two finger bases",
             "tool_side": "the tip of the right finger",
         },
+        reach=0.77,
         stiffness=1e3,
         damping=1e2,
         force_limit=100.0,

@@ -24,7 +24,7 @@ def fixed_base(
     hand: str,
     pitch: float,
     tool: str,
-    reach: float,
+    tool_at: float,
 ) -> str:
     """URDF text derived from another's.
 
@@ -40,7 +40,7 @@ def fixed_base(
         hand: name of a new link without shapes at the palm's origin, between the palm and its parent.
         pitch: of the hand in the palm's frame, rad.
         tool: name of a new link without shapes on the hand's z axis.
-        reach: of the tool along that axis, m.
+        tool_at: where it is along that axis, m.
     """
     root = ET.parse(urdf).getroot()
     _drop_above(root, base)
@@ -60,7 +60,7 @@ def fixed_base(
     turn = RigidTransform.from_rotation(Rotation.from_euler("y", pitch))
     _join(root, _link(over, "parent"), hand, _origin(over) * turn, over)
     _join(root, hand, palm, turn.inv())
-    _join(root, hand, tool, RigidTransform.from_translation([0.0, 0.0, reach]))
+    _join(root, hand, tool, RigidTransform.from_translation([0.0, 0.0, tool_at]))
     return ET.tostring(root, encoding="unicode")
 
 

@@ -50,6 +50,7 @@ def panda() -> RobotProfile:
             "tool_tail": "the middle point between the two finger bases",
             "tool_side": "the tip of the right finger",
         },
+        reach=0.75,
         stiffness=1e3,
         damping=1e2,
         force_limit=100.0,

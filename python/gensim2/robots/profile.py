@@ -114,6 +114,7 @@ class RobotProfile:
         base_position: (3,) of its base in the world, m; no rotation.
         tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``.
         tool_keypoint_descriptions: what a person or a language model is told of them.
+        reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
         stiffness, damping, force_limit: of the arm's drives: N m/rad, N m s/rad, N m.
         workspace: where it likes its objects.
         physics_hz, control_hz: rates.
@@ -130,6 +131,7 @@ class RobotProfile:
     base_position: tuple[float, float, float]
     tool_keypoints: Mapping[str, Array]
     tool_keypoint_descriptions: Mapping[str, str]
+    reach: float
     stiffness: float
     damping: float
     force_limit: float
@@ -186,6 +188,16 @@ class RobotProfile:
         pose = np.eye(4)
         pose[:3, 3] = self.base_position
         return pose
+
+    def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
+        """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""
+        turn, place = T_world_hand[:3, :3], T_world_hand[:3, 3]
+        return {name: np.asarray(turn @ point + place) for name, point in self.tool_keypoints.items()}
+
+    @cached_property
+    def gripper_at_rest(self) -> Mapping[str, Array]:
+        """Tool keypoints in the world at the start of an episode, (3,) m each."""
+        return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.array(self.reset_qpos)))
 
     @property
     def lag(self) -> float:

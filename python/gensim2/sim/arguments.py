@@ -10,9 +10,13 @@ import numpy as np
 import torch
 
 from gensim2.errors import InputError
+from gensim2.objects import Library, RigidObject
 from gensim2.objects.types import Instance
+from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
-from gensim2.tasks.library import load_task, parse_task
+from gensim2.sim.rooms import with_rigid_objects
+from gensim2.tasks.library import load_task
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -20,7 +24,7 @@ class ObjectSource(Protocol):
     """What the environment needs of an object library."""
 
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
-    def load(self, asset_class: str, instance_id: str, /) -> Instance: ...
+    def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject: ...
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
 
 
@@ -35,32 +39,63 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
     raise InputError(f"must be a name, a TaskSpec or its fields, is {task!r}", field="task")
 
 
+def check_names(task: TaskSpec, robot: RobotProfile) -> None:
+    """Refuse a task whose object is called as the robot is: states of a scene are kept by name."""
+    if robot.agent in task.objects:
+        raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
+
+
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
     """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
-    if assets is None or isinstance(assets, str | Path):
-        from gensim2.objects import open_library
-
-        return open_library(assets)
+    if assets is None or isinstance(assets, str | Path | Library):
+        return with_rigid_objects(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
         raise InputError(f"must be None, 'builtin', a folder or an opened library, is {assets!r}", field="assets")
     return assets
 
 
-def chosen_instances(library: ObjectSource, task: TaskSpec, instances: str | Sequence[str]) -> tuple[str, ...]:
-    """Ids that resets draw from: those that one or several words stand for."""
-    words = (instances,) if isinstance(instances, str) else instances
+Words = str | Sequence[str]
+"""Which instances of a class: ``"all"``, ``"train"``, ``"test"``, an id, or several of these."""
+
+
+def chosen_instances(
+    library: ObjectSource, task: TaskSpec, instances: Words | Mapping[str, Words]
+) -> dict[str, tuple[str, ...]]:
+    """Ids that resets draw from, by object.
+
+    Args:
+        library: of the objects.
+        task: an object of it may say itself which instances; the others take all.
+        instances: of objects by name, in place of what the task says; words alone are about the task's first object,
+            unless the task says which it takes.
+    """
+    given = dict(instances) if isinstance(instances, Mapping) else {}
+    for name in given:
+        if name not in task.objects:
+            known = ", ".join(task.objects)
+            raise InputError(f"there is no object {name!r}", field="instances", remedy=f"there are {known}")
+    chosen: dict[str, tuple[str, ...]] = {}
+    for index, (name, spec) in enumerate(task.objects.items()):
+        asked = "all" if index or isinstance(instances, Mapping) else instances
+        words = _words(given.get(name, asked if spec.instances is None else spec.instances))
+        ids = tuple(dict.fromkeys(i for word in words for i in library.choose(spec.asset_class, word)))
+        if not ids:
+            raise InputError(f"no instance of {spec.asset_class} to choose from", field="instances")
+        chosen[name] = ids
+    return chosen
+
+
+def _words(words: object) -> Sequence[str]:
+    words = (words,) if isinstance(words, str) else words
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"must be text or a list of it, is {instances!r}", field="instances")
+        raise InputError(f"must be text or a list of it, is {words!r}", field="instances")
     if "random" in words:
         raise InputError(
             "'random' is one object, drawn by a run's seed, and an environment has none before its first reset",
             field="instances",
             remedy="use 'all': each reset draws one",
         )
-    chosen = tuple(dict.fromkeys(i for word in words for i in library.choose(task.asset_class, word)))
-    if not chosen:
-        raise InputError(f"no instance of {task.asset_class} to choose from", field="instances")
-    return chosen
+    return words
 
 
 def check_one_of(value: Any, known: Sequence[str], field: str) -> None:

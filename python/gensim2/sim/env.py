@@ -1,10 +1,10 @@
-"""The one environment: a robot at a table with one articulated object, driven by a task spec."""
+"""The one environment: a robot at a table with the objects of a task spec."""
 
 from __future__ import annotations
 
 import dataclasses
 import gc
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,61 +16,67 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils.structs import Articulation
 from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
-from gensim2.objects.types import Instance
+from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT, robot_names
 from gensim2.robots import robot as robot_profile
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import (
     ObjectSource,
+    Words,
     as_library,
     as_task,
+    check_names,
     check_one_of,
     check_words,
     checked_action,
     checked_seed,
     chosen_instances,
 )
-from gensim2.sim.objects import apply_friction, load_object
-from gensim2.sim.physics import sim_config
-from gensim2.sim.randomize import RESET_OPTIONS, check_options
+from gensim2.sim.objects import load_object
+from gensim2.sim.options import RESET_OPTIONS, read_options
+from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
+from gensim2.sim.physics import PhysicsName, named_physics
 from gensim2.sim.registration import MODULE
-from gensim2.sim.scene_state import read_scene
-from gensim2.sim.setup import SceneSetup, set_up
+from gensim2.sim.rigid import load_rigid
+from gensim2.sim.scene_state import RobotReader, measure, read_scene
+from gensim2.sim.setup import Setup, set_up
 from gensim2.sim.table import build_table
-from gensim2.tasks.criteria import succeeded
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
 
 class GenSim2Env(BaseEnv):  # type: ignore[misc]
-    """A robot at a table with one articulated object.
+    """A robot at a table with the objects of a task.
 
     Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
     and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
 
-    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad, and
-    the gripper from -1 (closed) to 1 (open).
+    An action of the default control mode ``pd_joint_pos`` is (m + 1,): targets of the m arm joints in rad (the
+    Panda's 7), and the gripper from -1 (closed) to 1 (open).
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         assets: as in :func:`gensim2.objects.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
-            that the library lists: any number up to 10^6 is a generated object.
+            that the library lists: any number up to 10^6 is a generated object. Said of the task's first object, or
+            of several as a mapping from an object's name.
         robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
+        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
 
     Reset options, each of which replaces what would have been drawn: ``instance`` (id), ``openness`` (0..1),
-    ``offset`` (x, y, yaw from the default placement) or ``pose`` (root in the world: x, y, z, qw, qx, qy,
-    qz).
+    ``offset`` (x, y, yaw from where it stands before) or ``pose`` (root in the world: x, y, z, qw, qx, qy,
+    qz). Where a task has several objects, each is a mapping from an object's name to its value.
 
     Raises:
         InputError: an argument or a reset option is wrong.
@@ -84,9 +90,10 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         *args: Any,
         task: str | TaskSpec | Mapping[str, Any],
         assets: str | Path | ObjectSource | None = None,
-        instances: str | Sequence[str] = "all",
+        instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT,
         robot_uids: str | None = None,
+        physics: PhysicsName = "ours",
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -101,16 +108,24 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         if reconfiguration_freq not in (None, 1):
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
-        check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
-        self.robot = robot_profile(robot)
-        if robot_uids not in (None, self.robot.agent):
-            raise InputError(f"is {self.robot.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="use robot")
-        agents.register(self.robot)
+        check_words(
+            robot=robot,
+            physics=physics,
+            obs_mode=obs_mode,
+            control_mode=control_mode,
+            render_backend=render_backend,
+        )
+        self.profile = robot_profile(robot)
+        if robot_uids not in (None, self.profile.agent):
+            raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
+        agents.register(self.profile)
+        self.physics = named_physics(physics)
         self.task = as_task(task)
+        check_names(self.task, self.profile)
         self._library = as_library(assets)
         self._instances = chosen_instances(self._library, self.task, instances)
-        self.instance: Instance | None = None
-        self._setup: SceneSetup | None = None
+        self._setup: Setup | None = None
+        self._parts: dict[str, Part] = {}
         self._spec: EnvSpec | None = None
         self.reset_options: dict[str, Any] = {}
         self._closed = False
@@ -119,7 +134,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             super().__init__(
                 *args,
                 num_envs=1,
-                robot_uids=self.robot.agent,
+                robot_uids=self.profile.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
                 render_backend=_render_backend(render_backend, obs_mode, render_mode),
@@ -141,8 +156,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         return self.task.max_episode_steps
 
     @property
-    def instance_ids(self) -> tuple[str, ...]:
-        """Ids that a reset draws from."""
+    def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
+        """Ids that a reset draws from, by object."""
         return self._instances
 
     @property
@@ -163,7 +178,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return sim_config(self.robot.physics_hz, self.robot.control_hz)
+        return self.physics.sim_config(self.profile)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -183,7 +198,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             ClosedEnvError: the environment is closed.
         """
         self._require_open()
-        check_options(options)
+        read_options(options, tuple(self.task.objects))
         seed = checked_seed(seed)
         if seed is not None:  # gymnasium's own generator, which nothing here draws from
             self._np_random, self._np_random_seed = np_random(seed)
@@ -192,75 +207,92 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         return result
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(self.robot.base_position)))
+        super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
+        self.physics.prepare_robot(self.agent.robot._objs[0])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
-        setup = set_up(self.task, self._library, self._instances, seed, options)
-        self._setup, self.instance, self.object_yaw = setup, setup.instance, setup.yaw
-        self.initial_openness = setup.openness
+        given = read_options(options, tuple(self.task.objects))
+        setup = set_up(self.task, self._library, self._instances, seed, given, self.profile, self.physics)
+        self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
-        self.object: Articulation
-        pose = sapien.Pose(setup.position, setup.quaternion)
-        self.object, self.object_warnings = load_object(self.scene, setup.instance, pose)
+        self._parts = {}
+        for name, thing in setup.objects.items():
+            pose = sapien.Pose(thing.position, thing.quaternion)
+            if isinstance(thing.model, RigidObject):
+                actor = load_rigid(self.scene, thing.model, pose, name, self.physics)
+                self._parts[name] = RigidPart(name, thing, actor._objs[0])
+            else:
+                built, warnings = load_object(self.scene, thing.model, pose, name, self.physics)
+                self._parts[name] = ArticulatedPart(
+                    name, thing, built._objs[0], self.physics.resist(built._objs[0], thing.model), warnings
+                )
+        if setup.has_rigid_objects:
+            self.physics.prepare_for_rigid_objects(self.scene.px)
+        self._setup = setup
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(self.robot.reset_qpos, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(self.robot.base_position)))
-        assert self._setup is not None
-        self.object.set_qpos(torch.tensor([[self._setup.joint_value]], dtype=torch.float32))
-        self.object.set_qvel(torch.zeros((1, 1)))
+        self.agent.reset(np.array(self.profile.reset_qpos, dtype=np.float32))
+        self.agent.robot.set_pose(sapien.Pose(p=list(self.profile.base_position)))
+        for part in self._parts.values():
+            part.put()
 
     def _before_simulation_step(self) -> None:
-        instance = self._require_instance()
-        if instance.joint.damping > 0:
-            apply_friction(self.object._objs[0], instance, float(self.object._objs[0].qvel[0]))
-
-    def _require_instance(self) -> Instance:
-        self._require_open()
-        if self.instance is None:
-            raise GenSim2Error("the environment has not been reset yet")
-        return self.instance
+        for part in self._parts.values():
+            part.before_substep()
 
     # ------------------------------------------------------------ measurement
 
     @property
-    def openness(self) -> float:
-        """(q - lower) / (upper - lower) of the object's joint; may leave 0..1 by the joint's give."""
-        joint = self._require_instance().joint
-        value = float(self.object.get_qpos()[0, 0])
-        return (value - joint.lower) / (joint.upper - joint.lower)
+    def setup(self) -> Setup:
+        """What stands on the table: what was drawn at the last reset."""
+        self._require_open()
+        if self._setup is None:
+            raise GenSim2Error("the environment has not been reset yet")
+        return self._setup
+
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """The objects as they stand in the scene, by name."""
+        assert self.setup
+        return self._parts
+
+    @property
+    def object_warnings(self) -> tuple[str, ...]:
+        """What building the objects lost, by object."""
+        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
+
+    def measure(self) -> Measurement:
+        """What criteria and verdicts go by, this instant, in the world frame."""
+        return measure(self._robot, self.parts)
 
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
-        instance = self._require_instance()
-        return read_scene(self.agent.robot._objs[0], self.robot, self.object._objs[0], instance, self.object_yaw)
+        return read_scene(self._robot, self.parts)
 
-    def evaluate(self) -> dict[str, torch.Tensor]:
-        """``success`` (1,) bool: every criterion of the task holds now; ``openness`` (1,)."""
-        openness = self.openness
+    def evaluate(self) -> dict[str, Any]:
+        """``success`` (1,) bool: all of the task's goal holds now; ``openness``: (1,) of each articulated object."""
+        measured = self.measure()
         return {
-            "success": torch.tensor([succeeded(self.task, openness)]),
-            "openness": torch.tensor([openness], dtype=torch.float32),
+            "success": torch.tensor([all_hold(self.task.success, measured)]),
+            "openness": {name: torch.tensor([value]) for name, value in measured.openness.items()},
         }
 
-    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
-        """Hand pose in the world; with state observations also where the object and its link stand."""
-        extra = {"tcp_pose": self.agent.robot.links_map[self.robot.tool_link].pose.raw_pose}
+    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Hand pose in the world; with state observations also where the objects and their links stand."""
+        extra: dict[str, Any] = {"tcp_pose": self.agent.robot.links_map[self.profile.tool_link].pose.raw_pose}
         if self.obs_mode_struct.use_state:
-            extra |= {
-                "openness": info["openness"],
-                "object_qpos": self.object.get_qpos(),
-                "object_pose": self.object.pose.raw_pose,
-                "moving_link_pose": self.object.links_map[self._require_instance().joint.child_link].pose.raw_pose,
+            extra["objects"] = {
+                name: {what: torch.from_numpy(row[None]) for what, row in part.observed().items()}
+                for name, part in self.parts.items()
             }
         return extra
 
     def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
-        """(1,) float: 1 where the task's criteria hold, else 0."""
+        """(1,) float: 1 where the task's goal holds, else 0."""
         reward: torch.Tensor = info["success"].to(torch.float32)
         return reward
 
@@ -333,17 +365,25 @@ def _jsonable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
         plain["task"] = plain["task"].model_dump(mode="json")
     if isinstance(plain.get("assets"), Path):
         plain["assets"] = str(plain["assets"])
-    if isinstance(plain.get("instances"), tuple):
-        plain["instances"] = list(plain["instances"])
+    instances = plain.get("instances")
+    if isinstance(instances, Mapping):
+        plain["instances"] = {name: _listed(words) for name, words in instances.items()}
+    elif instances is not None:
+        plain["instances"] = _listed(instances)
     return plain
+
+
+def _listed(words: Words) -> str | list[str]:
+    return words if isinstance(words, str) else list(words)
 
 
 def make_env(
     task: str | TaskSpec | Mapping[str, Any],
     *,
     assets: str | Path | ObjectSource | None = None,
-    instances: str | Sequence[str] = "all",
+    instances: Words | Mapping[str, Words] = "all",
     robot: str = DEFAULT,
+    physics: PhysicsName = "ours",
     obs_mode: str = "state",
     render_mode: str | None = None,
 ) -> GenSim2Env:
@@ -352,5 +392,11 @@ def make_env(
     It behaves as ``gym.make(env_id(task), ...)`` does.
     """
     return GenSim2Env(
-        task=task, assets=assets, instances=instances, robot=robot, obs_mode=obs_mode, render_mode=render_mode
+        task=task,
+        assets=assets,
+        instances=instances,
+        robot=robot,
+        physics=physics,
+        obs_mode=obs_mode,
+        render_mode=render_mode,
     )

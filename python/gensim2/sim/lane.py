@@ -7,34 +7,33 @@ observations that nobody asked for, and the parsing of the robot's URDF at every
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sapien
-from sapien import physx
 
-from gensim2.errors import GenSim2Error
-from gensim2.objects.types import Instance
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT
 from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
-from gensim2.sim.arguments import ObjectSource, as_library, as_task, chosen_instances
-from gensim2.sim.arm import Arm
-from gensim2.sim.articulations import built, parsed
-from gensim2.sim.objects import apply_friction, check_object, link_name
-from gensim2.sim.physics import new_system
-from gensim2.sim.randomize import RESET_OPTIONS, check_options
-from gensim2.sim.scene_state import read_scene
-from gensim2.sim.setup import SceneSetup, set_up
+from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
+from gensim2.sim.arm import Arm, built, parsed
+from gensim2.sim.objects import check_object
+from gensim2.sim.options import RESET_OPTIONS, read_options
+from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
+from gensim2.sim.physics import Physics, PhysicsName, named_physics
+from gensim2.sim.rigid import build_rigid
+from gensim2.sim.scene_state import RobotReader, measure, read_scene
+from gensim2.sim.setup import Placed, Setup, set_up
 from gensim2.sim.table import build_table
-from gensim2.tasks.criteria import succeeded
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
-
-Row = npt.NDArray[np.float32]
 
 
 class Lane:
@@ -43,8 +42,10 @@ class Lane:
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
         assets: as in :func:`gensim2.objects.open_library`, or an opened library.
-        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one.
+        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
+            object, or of several as a mapping from an object's name.
         robot: name of its profile.
+        physics: ours, or as the original has it.
 
     Raises:
         InputError: an argument is wrong.
@@ -57,15 +58,19 @@ class Lane:
         task: str | TaskSpec | Mapping[str, Any],
         *,
         assets: str | Path | ObjectSource | None = None,
-        instances: str | Sequence[str] = "all",
+        instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT,
+        physics: PhysicsName = "ours",
     ) -> None:
-        self.robot = robot_profile(robot)
+        self.physics = named_physics(physics)
         self.task = as_task(task)
+        self.profile = robot_profile(robot)
+        check_names(self.task, self.profile)
         self._library = as_library(assets)
         self.instance_ids = chosen_instances(self._library, self.task, instances)
-        self._setup: SceneSetup | None = None
+        self._setup: Setup | None = None
         self._arm: Arm | None = None
+        self._parts: dict[str, Part] = {}
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
@@ -83,38 +88,50 @@ class Lane:
         Args:
             seed: 0 to 2**32 - 1.
             options: as in :class:`~gensim2.sim.env.GenSim2Env`.
-            robot: leave the arm out where False, to see what the object does by itself.
+            robot: leave the arm out where False, to see what the objects do by themselves.
 
         Raises:
-            InputError: a seed or an option cannot be used, or the object's files.
+            InputError: a seed or an option cannot be used, or an object's files.
         """
-        check_options(options)
+        given = read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        setup = set_up(self.task, self._library, self.instance_ids, self.seed, self.reset_options)
-        self._system = new_system(self.robot)
+        setup = set_up(self.task, self._library, self.instance_ids, self.seed, given, self.profile, self.physics)
+        self._system = self.physics.new_system(self.profile)
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
-        self._arm = Arm(scene, self.robot) if robot else None
+        self._arm = Arm(scene, self.profile, self.physics) if robot else None
         build_table(scene, visible=False)
-        self._object, self.object_warnings = _build_object(scene, setup)
+        self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
+        if setup.has_rigid_objects:
+            self.physics.prepare_for_rigid_objects(self._system)
         self._setup, self.elapsed_steps = setup, 0
         if self._arm is not None:
-            self._arm.reset()
-        self._object.qpos = np.array([setup.joint_value], dtype=np.float32)
+            self._arm.put()
+        for part in self._parts.values():
+            part.put()
+        self._robot = RobotReader(self.profile, None) if self._arm is None else self._arm.reader
 
     @property
-    def instance(self) -> Instance:
-        """The object that stands on the table."""
-        return self._require_setup().instance
-
-    def _require_setup(self) -> SceneSetup:
+    def setup(self) -> Setup:
+        """What stands on the table: what was drawn at the last reset."""
         if self._setup is None:
             raise GenSim2Error("the environment has not been reset yet")
         return self._setup
 
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """The objects as they stand in the scene, by name."""
+        assert self.setup
+        return self._parts
+
+    @property
+    def object_warnings(self) -> tuple[str, ...]:
+        """What building the objects lost, by object."""
+        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
+
     def _require_arm(self) -> Arm:
-        self._require_setup()
+        assert self.setup
         if self._arm is None:
             raise GenSim2Error("the scene was built without the robot")
         return self._arm
@@ -125,87 +142,97 @@ class Lane:
         """One control step (0.05 s).
 
         Args:
-            action: (m + 1,): targets of the arm joints, and the gripper from -1 (closed) to 1 (open).
+            action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
         """
-        self._require_arm().command(action)
+        self._require_arm().drive(action)
         self._advance()
 
     def wait(self) -> None:
         """One control step in which nothing is commanded."""
-        self._require_setup()
+        assert self.setup
         self._advance()
 
     def _advance(self) -> None:
-        instance = self.instance
-        for _ in range(self.robot.physics_hz // self.robot.control_hz):
-            if instance.joint.damping > 0:
-                apply_friction(self._object, instance, float(self._object.qvel[0]))
+        parts = self._parts.values()
+        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+            for part in parts:
+                part.before_substep()
             self._system.step()
         self.elapsed_steps += 1
 
+    def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
+        """Disturb an object, as a bump would: what the seed drew (``setup``) stays as it was.
+
+        Args:
+            name: of the object.
+            dx, dy: metres in the world.
+            dyaw: rad about the vertical through its root.
+
+        Raises:
+            InputError: there is no such object.
+        """
+        if name not in self.parts:
+            raise InputError(f"there is no object {name!r}", field="name", remedy=f"there are {', '.join(self.parts)}")
+        self._parts[name].nudge(dx, dy, dyaw)
+
     # ------------------------------------------------------------ measurement
 
-    @property
-    def openness(self) -> float:
-        """(q - lower) / (upper - lower) of the object's joint; may leave 0..1 by the joint's give."""
-        joint = self.instance.joint
-        return (float(self._object.qpos[0]) - joint.lower) / (joint.upper - joint.lower)
+    def measure(self) -> Measurement:
+        """What criteria and verdicts go by, this instant, in the world frame; without the arm, as if it stood still."""
+        assert self.setup
+        return measure(self._robot, self._parts)
 
     @property
     def success(self) -> bool:
-        """Whether every criterion of the task holds now."""
-        return succeeded(self.task, self.openness)
+        """Whether all of the task's goal holds now."""
+        return all_hold(self.task.success, self.measure())
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still gives numbers for the robot and the object's root."""
-        robot = [] if self._arm is None else [self._arm.articulation.qpos]
-        return all(np.isfinite(row).all() for row in (*robot, _pose(self._object.root)))
+        """Whether physics still gives numbers for the robot and the objects."""
+        return bool(np.isfinite(self._robot.q).all()) and all(part.is_finite for part in self.parts.values())
+
+    @property
+    def q(self) -> npt.NDArray[np.float64]:
+        """(n,) robot joints, rad and m."""
+        return self._require_arm().reader.q
+
+    @property
+    def qvel(self) -> npt.NDArray[np.float64]:
+        """(n,) velocities of the robot's joints, rad/s and m/s."""
+        return self._require_arm().reader.qvel
 
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
-        return read_scene(
-            self._require_arm().articulation, self.robot, self._object, self.instance, self._require_setup().yaw
-        )
+        return read_scene(self._require_arm().reader, self._parts)
 
     def state(self) -> dict[str, dict[str, Row]]:
-        """ManiSkill's ``env_states`` of this instant: (13 + 2 n,) root pose, root velocities, qpos and qvel of each."""
-        parts = {self.robot.agent: self._require_arm().articulation, "object": self._object}
-        return {"actors": {}, "articulations": {name: _articulation_state(part) for name, part in parts.items()}}
+        """ManiSkill's ``env_states`` of this instant: root pose (7,) and velocities (6,) of each; of what has joints
+        also qpos and qvel (n,)."""
+        arm = self._require_arm()
+        found: dict[str, dict[str, Row]] = {"actors": {}, "articulations": {self.profile.agent: arm.state()}}
+        for name, part in self._parts.items():
+            found["actors" if isinstance(part, RigidPart) else "articulations"][name] = part.state()
+        return found
 
     def observation(self) -> Row:
-        """(D,) the environment's state observation of this instant."""
-        arm, instance = self._require_arm(), self.instance
-        links = {link_name(link): link for link in self._object.links}
-        return np.concatenate(
-            [
-                arm.articulation.qpos,
-                arm.articulation.qvel,
-                _pose(arm.tool),
-                np.array([self.openness], dtype=np.float32),
-                self._object.qpos,
-                _pose(self._object.root),
-                _pose(links[instance.joint.child_link]),
-            ]
-        ).astype(np.float32)
+        """(D,) the environment's state observation of this instant: qpos, qvel and tool pose of the robot, then of each
+        object in the task's order openness, qpos, pose of its root and of its moving link, or the pose alone of a
+        rigid one."""
+        arm = self._require_arm()
+        objects = [row for part in self._parts.values() for row in part.observed().values()]
+        return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
 
 
-def _pose(link: physx.PhysxArticulationLinkComponent) -> Row:
-    pose = link.entity.pose
-    return np.concatenate([pose.p, pose.q])
-
-
-def _articulation_state(articulation: physx.PhysxArticulation) -> Row:
-    root = articulation.root
-    velocity = [root.linear_velocity, root.angular_velocity]
-    return np.concatenate([_pose(root), *velocity, articulation.qpos, articulation.qvel]).astype(np.float32)
-
-
-def _build_object(scene: sapien.Scene, setup: SceneSetup) -> tuple[physx.PhysxArticulation, tuple[str, ...]]:
-    made = built(parsed(str(setup.instance.urdf)), scene, sapien.Pose(setup.position, setup.quaternion))
-    warnings = check_object(made, setup.instance)
-    apply_friction(made, setup.instance)
-    return made, warnings
+def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> Part:
+    pose = sapien.Pose(thing.position, thing.quaternion)
+    if isinstance(thing.model, RigidObject):
+        return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
+    model = thing.model
+    builder = parsed(str(model.urdf), prepare=lambda loader: physics.prepare_loader(loader, model.asset_class))
+    articulation = built(builder, scene, pose)
+    warnings = check_object(articulation, model)
+    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), warnings)

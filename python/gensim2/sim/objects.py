@@ -14,9 +14,7 @@ from sapien import physx
 
 from gensim2.errors import InputError
 from gensim2.objects.types import Instance
-
-CREEP_SPEED = 5e-5
-"""Speed, rad/s or m/s, at which the friction gives its full torque: an object left alone creeps slower."""
+from gensim2.sim.physics import OURS, Physics
 
 
 class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
@@ -37,9 +35,9 @@ the real objects one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256)."""
 
 
 def load_object(
-    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object"
+    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object", physics: Physics = OURS
 ) -> tuple[Articulation, tuple[str, ...]]:
-    """Build ``instance`` with its root fixed at ``pose`` (root to world).
+    """Build ``instance`` with its root fixed at ``pose`` (root to world); nothing resists its joint yet.
 
     Returns:
         the articulation, and a warning for each hull that lost a part when it was cooked.
@@ -52,35 +50,12 @@ def load_object(
     loader.set_scene(scene)
     loader.fix_root_link = True
     loader.name = name
+    physics.prepare_loader(loader, instance.asset_class)
     builder = loader.parse(str(instance.urdf))["articulation_builders"][0]
     builder.initial_pose = pose
     articulation = builder.build()
     warnings = check_object(articulation._objs[0], instance)
-    apply_friction(articulation._objs[0], instance)
     return articulation, warnings
-
-
-def apply_friction(articulation: physx.PhysxArticulation, instance: Instance, speed: float = 0.0) -> None:
-    """Give the joint Coulomb friction of ``instance.joint.friction`` N m (or N), plus viscous damping at
-    ``speed``.
-
-    PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
-    in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
-    1). SAPIEN sets it to 0.05 where nobody says otherwise, which is enough to double the resistance of a
-    moving lid; here it is 0.
-
-    Instead a velocity drive with target zero and a force limit is Coulomb friction, regularized below
-    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.0002 rad in 5 s, holds at 0.98 of the
-    torque that should move it, and at 1.1 of it is as fast after 0.1 s as the excess torque makes it, to 1 %.
-
-    ``speed`` (rad/s or m/s) is the joint's present speed: the damping is added to the limit, so that it never
-    reverses the motion however light the link is.
-    """
-    joint = instance.joint
-    limit = joint.friction + joint.damping * abs(speed)
-    for active in articulation.active_joints:
-        active.set_friction(0.0)
-        active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 
 def link_name(link: physx.PhysxArticulationLinkComponent) -> str:

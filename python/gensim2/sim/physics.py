@@ -1,48 +1,288 @@
-"""PhysX's settings, stated once: ManiSkill's, with the solver written out; the rates are the robot's."""
+"""Physics by a switch: ours, or as the original GenSim2 has it.
+
+What differs is all here: PhysX's settings, what resists a joint, what objects weigh, contact materials and where an
+object stands by default. Both environments ask the same :class:`Physics` for it, so they stay the same.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cache
+from typing import Any, Literal, Protocol, get_args
 
-from mani_skill.utils.structs.types import SceneConfig, SimConfig
+import numpy as np
+import numpy.typing as npt
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 from sapien import physx
+from sapien.wrapper.urdf_loader import URDFLoader
 
+from gensim2.errors import InputError
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance, MovingJoint
 from gensim2.robots import RobotProfile
+from gensim2.sim import original
+
+Array = npt.NDArray[np.float64]
+
+PhysicsName = Literal["ours", "original"]
+PHYSICS_NAMES: tuple[PhysicsName, ...] = get_args(PhysicsName)
+
+RIGID_CONTACT_OFFSET = 0.005
+"""Metres, of every shape in a scene of ours with rigid objects. With ManiSkill's 20 mm each finger is in speculative
+contact with some 60 hulls of a bowl at once, and PhysX throws the bowl although nothing touches it."""
+
+CREEP_SPEED = 5e-5
+"""Speed, rad/s or m/s, at which our friction gives its full torque: an object left alone creeps slower."""
+
+
+class JointResistance(Protocol):
+    """What resists an object's joint."""
+
+    def update(self) -> None:
+        """To be called before each physics step."""
+
+
+@dataclass(frozen=True)
+class DefaultPlace:
+    """Where an object stands before its randomization.
+
+    Attributes:
+        position: (3,) of the root in the world, m.
+        quaternion: (4,) (w, x, y, z), root to world.
+        openness: mean of the randomized openness; 0 of a rigid object.
+        origin: whose place it is: the original's own, or ours.
+    """
+
+    position: Array
+    quaternion: Array
+    openness: float
+    origin: PhysicsName
+
+
+class Physics(ABC):
+    """One way to have physics; :func:`named_physics` gives it by name.
+
+    Attributes:
+        name: ``"ours"`` or ``"original"``.
+        scene_config: PhysX's settings, as ManiSkill takes them.
+        material: of what says nothing of its own.
+    """
+
+    name: PhysicsName
+    scene_config: SceneConfig
+    material: DefaultMaterialsConfig
+
+    def sim_config(self, robot: RobotProfile) -> SimConfig:
+        """What ManiSkill is told: these settings, and the robot's rates."""
+        return SimConfig(
+            sim_freq=robot.physics_hz,
+            control_freq=robot.control_hz,
+            scene_config=self.scene_config,
+            default_materials_config=self.material,
+        )
+
+    def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
+        """A PhysX system with these settings at the robot's rate, as ManiSkill makes one."""
+        scene = self.scene_config
+        physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
+        physx.set_body_config(
+            solver_position_iterations=scene.solver_position_iterations,
+            solver_velocity_iterations=scene.solver_velocity_iterations,
+            sleep_threshold=scene.sleep_threshold,
+        )
+        physx.set_scene_config(
+            gravity=scene.gravity,
+            bounce_threshold=scene.bounce_threshold,
+            enable_pcm=scene.enable_pcm,
+            enable_tgs=scene.enable_tgs,
+            enable_ccd=scene.enable_ccd,
+            enable_enhanced_determinism=scene.enable_enhanced_determinism,
+            enable_friction_every_iteration=scene.enable_friction_every_iteration,
+            cpu_workers=scene.cpu_workers,
+        )
+        physx.set_default_material(**self.material.dict())
+        system = physx.PhysxCpuSystem()
+        system.timestep = 1.0 / robot.physics_hz
+        return system
+
+    @abstractmethod
+    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
+        """What a scene with rigid objects needs besides, once it is built."""
+
+    @abstractmethod
+    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
+        """Give a robot's links their contact materials, once it is built."""
+
+    @abstractmethod
+    def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
+        """Say what the links of an articulated object weigh, before its URDF is parsed."""
+
+    @abstractmethod
+    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
+        """Give the joint of an articulated object, as it was built, its resistance."""
+
+    @abstractmethod
+    def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
+        """Contact material of a rigid object."""
+
+    @abstractmethod
+    def rigid_density(self, rigid: RigidObject) -> float | None:
+        """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
+
+    @abstractmethod
+    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
+        """Where an object stands before its randomization."""
+
+
+class OurPhysics(Physics):
+    """TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration; joints with Coulomb
+    friction, which stay where they are let go; objects that weigh what they say."""
+
+    name = "ours"
+    scene_config = SceneConfig(
+        enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
+    )
+    material = DefaultMaterialsConfig()
+
+    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
+        for body in (
+            *system.articulation_link_components,
+            *system.rigid_dynamic_components,
+            *system.rigid_static_components,
+        ):
+            for shape in body.collision_shapes:
+                shape.contact_offset = RIGID_CONTACT_OFFSET
+
+    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
+        """Leave ManiSkill's."""
+
+    def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
+        """Leave what the URDF says."""
+
+    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
+        return CoulombFriction(articulation, instance.joint)
+
+    def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
+        return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
+
+    def rigid_density(self, rigid: RigidObject) -> float | None:
+        return None
+
+    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
+        if isinstance(model, RigidObject):
+            return DefaultPlace(model.resting.position, model.resting.quaternion, 0.0, "ours")
+        return DefaultPlace(model.placement.position, model.placement.quaternion, model.default_openness, "ours")
+
+
+class CoulombFriction:
+    """Coulomb friction of ``joint.friction`` N m (or N), plus viscous damping.
+
+    PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
+    in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
+    1). SAPIEN sets it to 0.05 where nobody says otherwise, which is enough to double the resistance of a
+    moving lid; here it is 0.
+
+    Instead a velocity drive with target zero and a force limit is Coulomb friction, regularized below
+    ``CREEP_SPEED``: with a limit of 0.5 N m the same lid creeps under 0.0002 rad in 5 s, holds at 0.98 of the
+    torque that should move it, and at 1.1 of it is as fast after 0.1 s as the excess torque makes it, to 1 %.
+
+    The damping, at the joint's present speed, is added to the limit, so that it never reverses the motion however
+    light the link is.
+    """
+
+    def __init__(self, articulation: physx.PhysxArticulation, joint: MovingJoint) -> None:
+        self._articulation = articulation
+        self._joints = articulation.active_joints
+        self._friction, self._damping = joint.friction, joint.damping
+        for active in self._joints:
+            active.set_friction(0.0)
+        self._brake(0.0)
+
+    def update(self) -> None:
+        if self._damping > 0:
+            self._brake(abs(float(self._articulation.qvel[0])))
+
+    def _brake(self, speed: float) -> None:
+        limit = self._friction + self._damping * speed
+        for active in self._joints:
+            active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
+
+
+class OriginalPhysics(Physics):
+    """The original's scene defaults, masses from hulls by its densities, its contact materials, its coefficients of
+    joint friction and its default poses; not its fingers, hulls or controller."""
+
+    name = "original"
+
+    def __init__(self) -> None:
+        self._constants = original.constants()
+        self.scene_config = SceneConfig(**self._constants.scene)
+        self.material = DefaultMaterialsConfig(**self._constants.material)
+
+    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
+        """Nothing: contact offsets are the original's."""
+
+    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
+        material = self._material()
+        for link in robot.links:
+            for shape in link.collision_shapes:
+                shape.set_physical_material(material)
+
+    def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
+        loader.set_density(self._constants.density(asset_class))
+        build_link = loader._build_link
+
+        def without_inertial(link: Any, builder: Any) -> None:
+            link.inertial = None  # PhysX then makes mass and inertia of the hulls
+            build_link(link, builder)
+
+        loader._build_link = without_inertial
+
+    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
+        return CoefficientFriction(articulation, self._constants.joint_friction(instance.asset_class))
+
+    def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
+        return self._material()
+
+    def rigid_density(self, rigid: RigidObject) -> float | None:
+        return self._constants.rigid_density
+
+    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
+        # Rigid objects rest on the table: the original's height puts some of them into it. An id says something of the
+        # released models only: generated ones have numbers of their own.
+        known = isinstance(model, Instance) and model.source == "real"
+        pose = original.default_pose(model.asset_class, model.id) if known else None
+        if pose is None:
+            return OURS.default_place(model)
+        return DefaultPlace(pose.position, pose.quaternion, pose.openness, "original")
+
+    def _material(self) -> physx.PhysxMaterial:
+        return physx.PhysxMaterial(**self._constants.material)
+
+
+class CoefficientFriction:
+    """PhysX's articulation friction, a coefficient on the load that the joint carries; no drive, no damping."""
+
+    def __init__(self, articulation: physx.PhysxArticulation, coefficient: float) -> None:
+        for active in articulation.active_joints:
+            active.set_friction(coefficient)
+            active.set_drive_properties(0.0, 0.0)
+
+    def update(self) -> None:
+        """Nothing changes."""
+
+
+OURS: Physics = OurPhysics()
 
 
 @cache
-def sim_config(physics_hz: int, control_hz: int) -> SimConfig:
-    """TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration."""
-    return SimConfig(
-        sim_freq=physics_hz,
-        control_freq=control_hz,
-        scene_config=SceneConfig(
-            enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
-        ),
-    )
+def named_physics(name: str) -> Physics:
+    """The physics of that name, one value a process.
 
-
-def new_system(robot: RobotProfile) -> physx.PhysxCpuSystem:
-    """A PhysX system with these settings at the robot's rates, as ManiSkill makes one."""
-    config = sim_config(robot.physics_hz, robot.control_hz)
-    scene = config.scene_config
-    physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
-    physx.set_body_config(
-        solver_position_iterations=scene.solver_position_iterations,
-        solver_velocity_iterations=scene.solver_velocity_iterations,
-        sleep_threshold=scene.sleep_threshold,
-    )
-    physx.set_scene_config(
-        gravity=scene.gravity,
-        bounce_threshold=scene.bounce_threshold,
-        enable_pcm=scene.enable_pcm,
-        enable_tgs=scene.enable_tgs,
-        enable_ccd=scene.enable_ccd,
-        enable_enhanced_determinism=scene.enable_enhanced_determinism,
-        enable_friction_every_iteration=scene.enable_friction_every_iteration,
-        cpu_workers=scene.cpu_workers,
-    )
-    physx.set_default_material(**config.default_materials_config.dict())
-    system = physx.PhysxCpuSystem()
-    system.timestep = 1.0 / robot.physics_hz
-    return system
+    Raises:
+        InputError: there is none.
+    """
+    if name not in PHYSICS_NAMES:
+        raise InputError(f"must be one of {', '.join(PHYSICS_NAMES)}, is {name!r}", field="physics")
+    return OURS if name == "ours" else OriginalPhysics()

@@ -9,14 +9,20 @@ import sapien
 import trimesh
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor
+from sapien import physx
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
+from gensim2.sim.physics import OURS, Physics
 
 
 def load_rigid(
-    scene: ManiSkillScene, rigid: RigidObject, pose: sapien.Pose | None = None, name: str | None = None
+    scene: ManiSkillScene,
+    rigid: RigidObject,
+    pose: sapien.Pose | None = None,
+    name: str | None = None,
+    physics: Physics = OURS,
 ) -> Actor:
     """Build ``rigid`` at ``pose`` (object to world; default: resting at the world's origin).
 
@@ -27,20 +33,39 @@ def load_rigid(
         InputError: the physics engine dropped or replaced a collision hull.
     """
     builder = scene.create_actor_builder()
-    fill(builder, rigid, visual=scene.can_render())
+    fill(builder, rigid, visual=scene.can_render(), physics=physics)
     builder.initial_pose = resting_pose(rigid) if pose is None else pose
     actor = builder.build(name=name or rigid.name)
     check_shapes(actor._bodies[0].get_collision_shapes(), rigid)
     return actor
 
 
-def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool) -> None:
+def build_rigid(
+    scene: sapien.Scene, rigid: RigidObject, pose: sapien.Pose, name: str, physics: Physics
+) -> sapien.Entity:
+    """The same, for physics alone, in a scene of SAPIEN.
+
+    Raises:
+        InputError: the physics engine dropped or replaced a collision hull.
+    """
+    builder = scene.create_actor_builder()
+    fill(builder, rigid, visual=False, physics=physics)
+    builder.set_initial_pose(pose)
+    entity = builder.build(name=name)
+    check_shapes(entity.find_component_by_type(physx.PhysxRigidDynamicComponent).collision_shapes, rigid)
+    return entity
+
+
+def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = OURS) -> None:
     """Give a builder the object's shapes and inertia, and its visual where ``visual``."""
-    material = sapien.physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
+    material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
+    weight = {} if density is None else {"density": density}
     for index in range(len(rigid.hulls)):
-        builder.add_convex_collision_from_file(str(rigid.hull_file(index)), material=material)
+        builder.add_convex_collision_from_file(str(rigid.hull_file(index)), material=material, **weight)
     if visual and rigid.visual is not None:
         builder.add_visual_from_file(str(rigid.visual))
+    if density is not None:
+        return  # PhysX makes mass and inertia of the hulls
     mass = rigid.inertial
     values, axes = np.linalg.eigh(mass.inertia)
     frame = np.eye(4)

@@ -1,4 +1,4 @@
-"""From the simulator to :class:`~gensim2.planning.scene.Scene`: all in the robot base frame, in float64."""
+"""From the simulator to values: :class:`~gensim2.planning.scene.Scene` and :class:`Measurement`, in float64."""
 
 from __future__ import annotations
 
@@ -6,85 +6,96 @@ import numpy as np
 import numpy.typing as npt
 from sapien import physx
 
-from gensim2.objects.types import Instance
-from gensim2.planning.scene import JointState, Role, Scene, SceneBody
+from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
 from gensim2.sim.objects import link_name
+from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, matrix
 from gensim2.sim.table import HALF_SIZE, corners
+from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
 
+_TABLE_HULLS = (corners(),)
 
-def read_scene(
-    arm: physx.PhysxArticulation,
-    robot: RobotProfile,
-    articulation: physx.PhysxArticulation,
-    instance: Instance,
-    object_yaw: float,
-) -> Scene:
-    """Read out where everything stands.
+
+class RobotReader:
+    """What is read of a robot in a scene.
 
     Args:
-        arm: the robot as it was built.
-        robot: its profile.
-        articulation: ``instance`` as it was built.
-        instance: its hulls, keypoints and joint are carried over.
-        object_yaw: what the randomization turned it by, rad.
+        profile: of the robot.
+        articulation: as it was built; None where the scene was built without, and the robot counts as standing as at
+            the start of an episode.
     """
-    T_world_base = robot.T_world_base  # exact: the simulator's own value is rounded to float32
+
+    def __init__(self, profile: RobotProfile, articulation: physx.PhysxArticulation | None) -> None:
+        self.profile, self.articulation = profile, articulation
+        if articulation is not None:
+            self._hand = next(link for link in articulation.links if link_name(link) == profile.hand_link)
+            # ManiSkill puts the scene's and the robot's name before a joint's.
+            names = [joint.name for joint in articulation.active_joints]
+            self._fingers = [
+                next(index for index, name in enumerate(names) if name.endswith(finger))
+                for finger in profile.gripper.joints
+            ]
+
+    @property
+    def q(self) -> Array:
+        """(n,) joints, rad and m, in the profile's active joint order."""
+        if self.articulation is None:
+            return np.array(self.profile.reset_qpos)
+        return np.asarray(self.articulation.qpos, dtype=np.float64)
+
+    @property
+    def qvel(self) -> Array:
+        """(n,) their velocities."""
+        if self.articulation is None:
+            return np.zeros(len(self.profile.reset_qpos))
+        return np.asarray(self.articulation.qvel, dtype=np.float64)
+
+    def gripper(self) -> dict[str, Array]:
+        """Tool keypoints in the world, (3,) m."""
+        if self.articulation is None:
+            return dict(self.profile.gripper_at_rest)
+        return self.profile.gripper_at(matrix(self._hand.entity))
+
+    @property
+    def finger_opening(self) -> float:
+        """Distance between the fingers' pads, m."""
+        if self.articulation is None:
+            return len(self.profile.gripper.joints) * self.profile.gripper.open
+        q = self.q
+        return float(sum(q[index] for index in self._fingers))
+
+
+def measure(robot: RobotReader, parts: Parts) -> Measurement:
+    """What criteria and verdicts go by, this instant, in the world frame."""
+    articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
+    rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
+    return Measurement(
+        openness={name: part.openness for name, part in articulated.items()},
+        joint_speed={name: part.joint_speed for name, part in articulated.items()},
+        keypoints={name: part.keypoints() for name, part in parts.items()},
+        poses={name: part.pose for name, part in rigid.items()},
+        speeds={name: part.speeds for name, part in rigid.items()},
+        gripper=robot.gripper(),
+        finger_opening=robot.finger_opening,
+    )
+
+
+def read_scene(robot: RobotReader, parts: Parts) -> Scene:
+    """Where everything stands, in the robot base frame; what the hand holds is for the caller to know."""
+    T_world_base = robot.profile.T_world_base  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
-    T_base_link = {link_name(link): T_base_world @ _matrix(link) for link in articulation.links}
-    T_base_root = T_base_link[link_name(articulation.root)]
-    joint = instance.joint
-    moving = _moved_by(articulation, joint.child_link)
-    bodies = [_table(T_base_world)]
-    for link, hulls in instance.hulls.items():
-        if hulls:
-            role: Role = "moving_link" if link in moving else "object_body"
-            bodies.append(SceneBody(f"object/{link}", role, hulls, T_base_link[link]))
     return Scene(
-        q=np.asarray(arm.qpos, dtype=np.float64),
+        q=robot.q,
+        qvel=robot.qvel,
         T_world_base=T_world_base,
-        T_base_object=T_base_link[joint.child_link] @ instance.T_link_object,
-        object_keypoints={
-            name: _transform(T_base_link[point.link], point.position) for name, point in instance.keypoints.items()
-        },
-        joint=JointState(
-            type=joint.type,
-            origin=_transform(T_base_root, joint.origin),
-            axis=_unit(T_base_root[:3, :3] @ joint.axis),
-            value=float(articulation.qpos[0]),
-            lower=joint.lower,
-            upper=joint.upper,
-        ),
-        object_yaw=object_yaw,
-        bodies=tuple(bodies),
+        objects={name: part.scene_object(T_base_world) for name, part in parts.items()},
+        fixtures=(_table(T_base_world),),
     )
 
 
 def _table(T_base_world: Array) -> SceneBody:
     T_world_table = np.eye(4)
     T_world_table[2, 3] = -HALF_SIZE[2]
-    return SceneBody("table", "table", (corners(),), T_base_world @ T_world_table)
-
-
-def _matrix(link: physx.PhysxArticulationLinkComponent) -> Array:
-    return np.asarray(link.entity.pose.to_transformation_matrix(), dtype=np.float64)
-
-
-def _transform(pose: Array, point: Array) -> Array:
-    return np.asarray(pose[:3, :3] @ point + pose[:3, 3], dtype=np.float64)
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
-
-
-def _moved_by(articulation: physx.PhysxArticulation, link: str) -> set[str]:
-    """Names of the link and of everything fixed beneath it."""
-    moved = {link}
-    for candidate in articulation.links:  # parents come before their children
-        parent = candidate.parent
-        if parent is not None and link_name(parent) in moved:
-            moved.add(link_name(candidate))
-    return moved
+    return SceneBody("table", _TABLE_HULLS, T_base_world @ T_world_table)

@@ -4,72 +4,257 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance
+from gensim2.robots import RobotProfile
+from gensim2.seeding import rng
 from gensim2.sim.arguments import ObjectSource
-from gensim2.sim.randomize import draw_scene, openness_at_reset, placed
-from gensim2.tasks.spec import TaskSpec
+from gensim2.sim.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
+from gensim2.sim.options import ObjectOptions
+from gensim2.sim.physics import OURS, Physics, PhysicsName
+from gensim2.sim.randomize import Draw, draw_object, openness_at_reset, placed, redraw_placement
+from gensim2.sim.support import set_down
+from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 
 Array = npt.NDArray[np.float64]
 
+MOST_DRAWS = 100
+"""Of the placements of one scene."""
+GAP = 0.02
+"""Metres that footprints keep apart."""
+BASE_HALF, HAND_HALF = 0.12, 0.12
+"""Half sides (m) of what the robot's base and its hand at rest cover."""
+HAND_DROP = 0.02
+"""Metres below the tool at rest that an object keeps."""
+
+
+class PlacementError(InputError):
+    """A scene's objects find no room."""
+
 
 @dataclass(frozen=True)
-class SceneSetup:
-    """One object, where it stands and how far it is open.
+class Placed:
+    """One object and where it stands.
 
     Attributes:
-        instance: the object.
+        model: the object.
         position: (3,) of its root in the world, m.
         quaternion: (4,) of its root in the world, (w, x, y, z).
         yaw: what the randomization turned it by about the vertical, rad.
-        openness: of its joint, 0..1.
+        openness: of its joint, 0..1; None of a rigid object.
+        default_pose: whose default pose it was put from, the original's or ours; None: its pose was given.
     """
 
-    instance: Instance
+    model: Instance | RigidObject
     position: Array
     quaternion: Array
     yaw: float
-    openness: float
+    openness: float | None
+    default_pose: PhysicsName | None = None
 
     @property
     def joint_value(self) -> float:
-        """Value of the joint (rad or m) at that openness."""
-        joint = self.instance.joint
+        """Value of the joint (rad or m) at that openness; 0 of a rigid object."""
+        if not isinstance(self.model, Instance) or self.openness is None:
+            return 0.0
+        joint = self.model.joint
         return joint.lower + self.openness * (joint.upper - joint.lower)
+
+    def point(self) -> Array:
+        """(3,) its last keypoint in the world: the point that criteria go by."""
+        if isinstance(self.model, Instance):
+            local = keypoint_in_root(self.model, list(self.model.keypoints)[-1], self.joint_value)
+        else:
+            local = list(self.model.keypoints.values())[-1].position
+        return self.in_world(local)
+
+    def in_world(self, point: Array) -> Array:
+        """(3,) or (N, 3) points of the root frame in the world."""
+        return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).apply(point) + self.position)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A scene before its first moment.
+
+    Attributes:
+        objects: by name, in the task's order.
+        draws: of the placements, until all kept apart and within reach.
+    """
+
+    objects: Mapping[str, Placed]
+    draws: int
+
+    @property
+    def has_rigid_objects(self) -> bool:
+        """Whether any of them is rigid."""
+        return any(isinstance(thing.model, RigidObject) for thing in self.objects.values())
 
 
 def set_up(
-    task: TaskSpec, library: ObjectSource, instances: Sequence[str], seed: int, options: Mapping[str, Any]
-) -> SceneSetup:
+    task: TaskSpec,
+    library: ObjectSource,
+    instances: Mapping[str, Sequence[str]],
+    seed: int,
+    options: Mapping[str, ObjectOptions],
+    robot: RobotProfile,
+    physics: Physics = OURS,
+) -> Setup:
     """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
+
+    A single object on the table stands where it was drawn. Several are drawn again, at most ``MOST_DRAWS`` times,
+    until they keep ``GAP`` apart (an articulated one with all that its joint sweeps), within the robot's reach, and
+    rigid ones clear of the robot at rest. What options place is taken as it is.
 
     Args:
         task: whose ranges are drawn from.
         library: of the objects.
-        instances: ids to draw from.
+        instances: ids to draw from, by object.
         seed: of the reset.
-        options: reset options, checked.
+        options: by object, checked.
+        robot: that is to reach them.
+        physics: says where objects stand before their randomization.
 
     Raises:
         InputError: there is no such instance, or its files cannot be used.
+        PlacementError: there is no room for all of them.
     """
-    draw = draw_scene(task, seed, instances)
-    chosen = options.get("instance")
-    if chosen is not None and chosen not in library.instances(task.asset_class):
-        raise InputError(f"{task.asset_class} has no instance {chosen!r}", field="instance")
-    instance = library.load(task.asset_class, chosen or draw.instance)
-    if options.get("pose") is not None:
+    generator = rng(seed, task.name)
+    draws: dict[str, Draw] = {}
+    models: dict[str, Instance | RigidObject] = {}
+    for name, spec in task.objects.items():
+        draws[name] = draw_object(generator, spec.randomization, instances[name])
+        chosen = options[name].get("instance")
+        if chosen is not None and chosen not in library.instances(spec.asset_class):
+            raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
+        models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
+    room = _Room(task, models, options, robot) if len(models) > 1 else None
+    for count in range(1, MOST_DRAWS + 1):
+        objects = _stand_all(task, models, draws, options, physics)
+        if objects is not None and (room is None or room.holds(objects)):
+            return Setup(objects, count)
+        for name, spec in task.objects.items():
+            draws[name] = redraw_placement(generator, spec.randomization, draws[name])
+    names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
+    raise PlacementError(
+        f"{MOST_DRAWS} draws of seed {seed} found no room for {names}",
+        field="objects",
+        remedy="give place.at farther apart, or other instances",
+    )
+
+
+def model_id(model: Instance | RigidObject) -> str:
+    """Class and id of an object, for people."""
+    return f"{model.asset_class}/{model.id}" if isinstance(model, Instance) else model.name
+
+
+def _stand_all(
+    task: TaskSpec,
+    models: Mapping[str, Instance | RigidObject],
+    draws: Mapping[str, Draw],
+    options: Mapping[str, ObjectOptions],
+    physics: Physics,
+) -> dict[str, Placed] | None:
+    """Every object where it was drawn; None where one has no room on what it stands on."""
+    objects: dict[str, Placed] = {}
+    for name, spec in task.objects.items():
+        thing = _stand(spec, models[name], draws[name], options[name], objects, physics)
+        if thing is None:
+            return None
+        objects[name] = thing
+    return objects
+
+
+def _stand(
+    spec: ObjectSpec,
+    model: Instance | RigidObject,
+    draw: Draw,
+    options: ObjectOptions,
+    before: Mapping[str, Placed],
+    physics: Physics,
+) -> Placed | None:
+    """The object where it was drawn; None where what it stands on has no room for it there."""
+    openness = None
+    default = physics.default_place(model)
+    if isinstance(model, Instance):
+        given = options.get("openness")
+        mean = openness_at_reset(spec.randomization, draw, default.openness)
+        openness = mean if given is None else float(given)
+    elif "openness" in options:
+        raise InputError(f"{model.name} has no joint", field="openness")
+    if "pose" in options:
         pose = np.asarray(options["pose"], dtype=np.float64)
-        position, quaternion, yaw = pose[:3], pose[3:], 0.0
-    else:
-        offset = options.get("offset")
-        x, y, yaw = (draw.x, draw.y, draw.yaw) if offset is None else map(float, offset)
-        position, quaternion = placed(instance.placement.position, instance.placement.quaternion, x, y, yaw)
-    given = options.get("openness")
-    openness = openness_at_reset(task, draw, instance.default_openness) if given is None else float(given)
-    return SceneSetup(instance, position, quaternion, yaw, openness)
+        return Placed(model, pose[:3], pose[3:], 0.0, openness)
+    x, y, yaw = map(float, options.get("offset", (draw.x, draw.y, draw.yaw)))
+    position = np.array(default.position, dtype=np.float64)
+    support = None if spec.place.on == TABLE else before[spec.place.on]
+    if spec.place.at is not None:
+        position[:2] = spec.place.at
+    elif support is not None:
+        position[:2] = support.point()[:2]
+    thing = Placed(model, *placed(position, default.quaternion, x, y, yaw), yaw, openness, default.origin)
+    return thing if support is None else set_down(thing, support)
+
+
+class _Room:
+    """Whether objects that were drawn may stand together."""
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        models: Mapping[str, Instance | RigidObject],
+        options: Mapping[str, ObjectOptions],
+        robot: RobotProfile,
+    ) -> None:
+        self._on = {name: spec.place.on for name, spec in task.objects.items()}
+        self._drawn = {name for name in models if not {"pose", "offset"} & set(options[name])}
+        self._points = {name: swept_points(model) for name, model in models.items()}
+        self._base = np.array(robot.base_position)
+        self._reach = robot.reach
+        tool = robot.gripper_at_rest["tool_head"]
+        self._hand, self._hand_bottom = square(tool, HAND_HALF), float(tool[2]) - HAND_DROP
+
+    def holds(self, objects: Mapping[str, Placed]) -> bool:
+        """Whether all that was drawn keeps apart, clear of the robot at rest and within its reach."""
+        outlines = {
+            name: outline(self._points[name], thing.position, thing.quaternion) for name, thing in objects.items()
+        }
+        names = list(objects)
+        for index, name in enumerate(names):
+            if name in self._drawn and not (self._is_near(objects[name]) and self._is_clear(name, objects, outlines)):
+                return False
+            for other in names[:index]:
+                if not {name, other} & self._drawn or self._supports(other, name):
+                    continue
+                if not keep_apart(outlines[name], outlines[other], GAP):
+                    return False
+        return True
+
+    def _supports(self, below: str, above: str) -> bool:
+        while above in self._on:
+            above = self._on[above]
+            if above == below:
+                return True
+        return False
+
+    def _is_near(self, thing: Placed) -> bool:
+        if isinstance(thing.model, Instance):
+            head = keypoint_in_root(thing.model, work_keypoint(thing.model), thing.joint_value)
+        else:
+            head = np.concatenate(thing.model.hulls).mean(axis=0)
+        return bool(np.linalg.norm((thing.in_world(head) - self._base)[:2]) <= self._reach)
+
+    def _is_clear(self, name: str, objects: Mapping[str, Placed], outlines: Mapping[str, Array]) -> bool:
+        thing = objects[name]
+        if isinstance(thing.model, Instance):  # its own placement sees to that
+            return True
+        if not keep_apart(outlines[name], square(self._base, BASE_HALF), GAP):
+            return False
+        low = thing.in_world(self._points[name])[:, 2].max() < self._hand_bottom
+        return bool(low or keep_apart(outlines[name], self._hand, GAP))

@@ -97,7 +97,7 @@ class DistanceGripperRigid(_Criterion):
 
 
 class DistanceGripperArticulated(_Criterion):
-    """Any keypoint of the gripper is within ``threshold`` (m) of the articulated object's measured point, horizontally."""
+    """Any keypoint of the gripper is within ``threshold`` (m) of the articulated object's point, horizontally."""
 
     type: Literal["distance_gripper_articulated"] = "distance_gripper_articulated"
     articulated: str
@@ -114,11 +114,7 @@ class DistanceGripperArticulated(_Criterion):
 
 
 Criterion = Annotated[
-    ArticulatedOpen
-    | ArticulatedClosed
-    | DistanceArticulatedRigid
-    | DistanceGripperRigid
-    | DistanceGripperArticulated,
+    ArticulatedOpen | ArticulatedClosed | DistanceArticulatedRigid | DistanceGripperRigid | DistanceGripperArticulated,
     Field(discriminator="type"),
 ]
 

@@ -1,24 +1,29 @@
 """The task library: one folder of data a task, read through the package so that a wheel carries it.
 
-``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/solver.yaml`` the
-solver config that solves it.
+``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/strategies/<name>.yaml`` a
+way to do one of its steps. Folders of other tasks look the same; one of version 1 has a ``solver.yaml`` instead.
 """
 
 from __future__ import annotations
 
 import difflib
-import json
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from gensim2.errors import InputError
+from gensim2.tasks import version_1
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import check_finite, parse_yaml, read_yaml
+from gensim2.yaml_files import parse_yaml, read_yaml
+
+TASK_FILE = "task.yaml"
+STRATEGIES = "strategies"
+
+Strategy = dict[str, Any]
+"""A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
 def _folder() -> Traversable:
@@ -28,14 +33,12 @@ def _folder() -> Traversable:
 @cache
 def task_names() -> tuple[str, ...]:
     """Names of the tasks in the library, sorted."""
-    return tuple(
-        sorted(entry.name for entry in _folder().iterdir() if entry.is_dir() and (entry / "task.yaml").is_file())
-    )
+    return tuple(sorted(entry.name for entry in _folder().iterdir() if (entry / TASK_FILE).is_file()))
 
 
-def _known(name: str) -> str:
+def _known(name: str) -> Traversable:
     if name in task_names():
-        return name
+        return _folder() / name
     by_lower = {known.lower(): known for known in task_names()}
     near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
     remedy = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(task_names())}"
@@ -49,36 +52,48 @@ def load_task(name: str) -> TaskSpec:
     Raises:
         InputError: there is no such task; names near matches.
     """
-    source = _folder() / _known(name) / "task.yaml"
+    source = _known(name) / TASK_FILE
     task = parse_task(parse_yaml(source.read_bytes(), str(source)), str(source))
     if task.name != name:
         raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
     return task
 
 
-def load_config(name: str) -> dict[str, Any]:
-    """The solver config of a library task, as plain data.
+def load_strategies(name: str) -> dict[str, Strategy]:
+    """The strategies of a library task, by name: those that its steps name, in that order.
 
     Raises:
-        InputError: there is no such task, or it has no solver config.
+        InputError: there is no such task, or a strategy's file is missing.
     """
-    source = _folder() / _known(name) / "solver.yaml"
-    if not source.is_file():
-        raise InputError("the task has no solver config", file=str(source))
-    return parse_yaml(source.read_bytes(), str(source))
+    folder = _known(name)
+    return {
+        strategy: parse_yaml(file.read_bytes(), str(file))
+        for strategy, file in _strategy_files(folder, load_task(name)).items()
+    }
 
 
 def load_task_file(path: Path) -> TaskSpec:
-    """The spec in a YAML (or JSON) file.
+    """The spec in a YAML (or JSON) file, or in the ``task.yaml`` of a folder.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or a field is unknown, missing or out of range.
     """
-    return parse_task(read_yaml(path), str(path))
+    source = path / TASK_FILE if path.is_dir() else path
+    return parse_task(read_yaml(source), str(source))
 
 
-def load_config_file(path: Path) -> dict[str, Any]:
-    """The solver config in a YAML (or JSON) file, as plain data; numbers are finite.
+def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
+    """The strategies of a task that was read from a file or a folder, by name: those that its steps name.
+
+    Raises:
+        InputError: a strategy's file is missing, cannot be read, or holds NaN or infinity.
+    """
+    folder = path if path.is_dir() else path.parent
+    return {name: load_strategy_file(Path(str(file))) for name, file in _strategy_files(folder, task).items()}
+
+
+def load_strategy_file(path: Path) -> Strategy:
+    """One strategy in a YAML (or JSON) file; numbers are finite.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or holds NaN or infinity.
@@ -86,26 +101,27 @@ def load_config_file(path: Path) -> dict[str, Any]:
     return read_yaml(path)
 
 
-def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
-    """Validate a task given as plain data.
+def strategies_of(task: TaskSpec) -> tuple[str, ...]:
+    """Names of all strategies of a task, in the order in which its steps name them."""
+    return tuple(dict.fromkeys(name for step in task.steps for name in step.strategies))
 
-    Raises:
-        InputError: names the field that is wrong.
-    """
-    try:
-        check_finite(data, file)
-        # Strict JSON mode: lists become tuples, but a string or a bool does not pass for a number.
-        return TaskSpec.model_validate_json(json.dumps(data), strict=True)
-    except TypeError as error:  # Python knows more than JSON
-        raise InputError(f"holds a value of an unusable type: {error}", file=file) from error
-    except RecursionError as error:
-        raise InputError("holds itself, or too many values inside each other", file=file) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or None
-        if first["type"] == "extra_forbidden":
-            known = TaskSpec.model_fields if len(first["loc"]) == 1 else None
-            near = difflib.get_close_matches(str(first["loc"][-1]), known or (), n=1)
-            remedy = f"did you mean {near[0]!r}?" if near else "remove it"
-            raise InputError("unknown field", file=file, field=field, remedy=remedy) from error
-        raise InputError(first["msg"].lower(), file=file, field=field) from error
+
+def _strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
+    found: dict[str, Traversable] = {}
+    for name in strategies_of(task):
+        file = folder / STRATEGIES / f"{name}.yaml"
+        former = folder / f"{name}.yaml"
+        if not file.is_file() and name == version_1.STRATEGY and former.is_file():
+            file = former
+        if not file.is_file():
+            there = _names_in(folder / STRATEGIES)
+            near = difflib.get_close_matches(name, there, n=1)
+            remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
+            raise InputError(f"a step names a strategy {name!r} without a file", file=str(file), remedy=remedy)
+        found[name] = file
+    return found
+
+
+def _names_in(folder: Traversable) -> list[str]:
+    entries = folder.iterdir() if folder.is_dir() else ()
+    return sorted(entry.name.removesuffix(".yaml") for entry in entries if entry.name.endswith(".yaml"))

@@ -19,9 +19,6 @@ HAND = "hand"
 """Name of the robot's own tool; no object is called so."""
 TABLE = "table"
 """Name of what objects stand on where nobody says otherwise; no object is called so."""
-VERSION_1_ROLE = "object"
-"""Name of the only object of a task in a file of schema version 1."""
-
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 """Of an object, a step or a strategy."""
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -29,7 +26,9 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 def _pair(value: Any) -> Any:
     """A number stands for the range from minus it to it."""
-    return (-value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (-value, value)
+    return tuple(value) if isinstance(value, list) else value  # what a validator has touched is no JSON any more
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
@@ -131,11 +130,6 @@ class TaskSpec(_Value):
     goal: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)] | None = None
     max_episode_steps: Annotated[int, Field(gt=0, le=10_000)] = 400
 
-    @model_validator(mode="before")
-    @classmethod
-    def _read_version_1(cls, data: Any) -> Any:
-        return _of_version_1(data) if isinstance(data, dict) and "asset_class" in data else data
-
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
         for reserved in (HAND, TABLE):
@@ -174,21 +168,3 @@ class TaskSpec(_Value):
     def env_id(self) -> str:
         """Id for ``gymnasium.make``."""
         return f"GenSim2-{self.name}-v1"
-
-
-def _of_version_1(data: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a version 1 file: one object, one criterion list, one config (``solver.yaml``)."""
-    given = dict(data)
-    if given.pop("schema_version", 1) != 1:
-        return data  # its unknown field is told by the validator
-    success = given.pop("success", ())
-    criteria = [{**c, "object": VERSION_1_ROLE} if isinstance(c, dict) else c for c in success]
-    role: dict[str, Any] = {"class": given.pop("asset_class")}
-    if "randomization" in given:
-        role["randomization"] = given.pop("randomization")
-    return {
-        **given,
-        "schema_version": SCHEMA_VERSION,
-        "objects": {VERSION_1_ROLE: role},
-        "steps": [{"name": "act", "object": VERSION_1_ROLE, "strategies": ["solver"], "done": criteria}],
-    }

@@ -1,0 +1,88 @@
+"""What an object covers of the table, seen from above, and whether two such outlines keep apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
+
+Array = npt.NDArray[np.float64]
+
+JOINT_SAMPLES = 13
+
+
+def hulls_in_root(model: Instance | RigidObject, value: float) -> list[Array]:
+    """Convex parts, each (N, 3) m in the root frame, where the joint stands at ``value`` (a rigid object has none)."""
+    if isinstance(model, RigidObject):
+        return list(model.hulls)
+    joint, T = model.joint, model.joint.T_root_child
+    still = [hull for link, hulls in model.hulls.items() if link != joint.child_link for hull in hulls]
+    moving = model.hulls.get(joint.child_link, ())
+    return still + [_moved(hull @ T[:3, :3].T + T[:3, 3], model, value) for hull in moving]
+
+
+def swept_points(model: Instance | RigidObject) -> Array:
+    """(N, 3) m in the root frame: corners of the hull of all that the object fills, anywhere in its joint's range."""
+    if isinstance(model, RigidObject):
+        values = [0.0]
+    else:
+        values = list(np.linspace(model.joint.lower, model.joint.upper, JOINT_SAMPLES))
+    points = np.concatenate([hull for value in values for hull in hulls_in_root(model, value)])
+    return np.asarray(points[ConvexHull(points).vertices], dtype=np.float64)
+
+
+def work_keypoint(model: Instance) -> str:
+    """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first that moves."""
+    if "articulated_object_head" in model.keypoints:
+        return "articulated_object_head"
+    moving = (name for name, point in model.keypoints.items() if point.link == model.joint.child_link)
+    return next(moving, next(iter(model.keypoints)))
+
+
+def keypoint_in_root(model: Instance, name: str, value: float) -> Array:
+    """(3,) m in the root frame: a keypoint where the joint stands at ``value`` (rad or m)."""
+    point = model.keypoints[name]
+    if point.link != model.joint.child_link:
+        return np.asarray(point.position)
+    T = model.joint.T_root_child
+    return np.asarray(_moved((T[:3, :3] @ point.position + T[:3, 3])[None], model, value)[0])
+
+
+def outline(points: Array, position: Array, quaternion: Array) -> Array:
+    """(N, 2) m: corners of the convex outline from above, counter-clockwise, of (N, 3) points of a body at a pose.
+
+    Args:
+        points: in the body's frame.
+        position: (3,) of the body in the world.
+        quaternion: (4,) of the body in the world, (w, x, y, z).
+    """
+    seen = (Rotation.from_quat(quaternion, scalar_first=True).apply(points) + position)[:, :2]
+    return np.asarray(seen[ConvexHull(seen).vertices], dtype=np.float64)
+
+
+def square(center: Array, half: float) -> Array:
+    """(4, 2) corners, counter-clockwise."""
+    return np.asarray(center[:2] + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
+
+
+def keep_apart(first: Array, second: Array, gap: float) -> bool:
+    """Whether a strip of the width ``gap`` (m), parallel to an edge of one of two convex outlines, parts them."""
+    return _beyond_an_edge(first, second, gap) or _beyond_an_edge(second, first, gap)
+
+
+def _beyond_an_edge(of: Array, other: Array, gap: float) -> bool:
+    edges = np.roll(of, -1, axis=0) - of
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
+    nearest = (other @ outward.T).min(axis=0)
+    return bool(np.any(nearest - np.sum(of * outward, axis=1) >= gap))
+
+
+def _moved(at_zero: Array, model: Instance, value: float) -> Array:
+    joint = model.joint
+    if joint.type == "prismatic":
+        return np.asarray(at_zero + value * joint.axis)
+    return np.asarray(Rotation.from_rotvec(value * joint.axis).apply(at_zero - joint.origin) + joint.origin)

@@ -1,0 +1,96 @@
+"""From plain data to a :class:`~gensim2.tasks.spec.TaskSpec`: what is wrong is named by its field, with a remedy."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import types
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from gensim2.errors import InputError
+from gensim2.tasks import version_1
+from gensim2.tasks.spec import TaskSpec
+from gensim2.yaml_files import check_finite
+
+
+def parse_task(data: dict[str, Any], file: str | None = None) -> TaskSpec:
+    """Validate a task given as plain data, of schema version 1 or 2.
+
+    Raises:
+        InputError: names the field that is wrong.
+    """
+    former = version_1.is_version_1(data)
+    try:
+        check_finite(data, file)
+        # Strict JSON mode: lists become tuples, but a string or a bool does not pass for a number.
+        text = json.dumps(version_1.upgraded(data, file) if former else data)
+        return TaskSpec.model_validate_json(text, strict=True)
+    except TypeError as error:  # Python knows more than JSON
+        raise InputError(f"holds a value of an unusable type: {error}", file=file) from error
+    except RecursionError as error:
+        raise InputError("holds itself, or too many values inside each other", file=file) from error
+    except ValidationError as error:
+        raise _in_words(error.errors()[0], file, former) from error
+
+
+def _in_words(error: ErrorDetails, file: str | None, former: bool) -> InputError:
+    location, model = _walk(error["loc"])
+    if former:
+        location = version_1.place_of(location)
+    if error["type"].startswith("union_tag"):
+        location = (*location, "type")
+    field = ".".join(str(part) for part in location) or None
+    if error["type"] == "extra_forbidden":
+        known = version_1.FIELDS if former and len(location) == 1 else _field_names(model)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else "remove it"
+        return InputError("unknown field", file=file, field=field, remedy=remedy)
+    if error["type"] == "value_error":
+        return InputError(str(error["ctx"]["error"]), file=file, field=field)
+    return InputError(error["msg"].lower(), file=file, field=field)
+
+
+def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[BaseModel] | None]:
+    """The parts of a location that stand in a file, and the model that the last of them is a field of."""
+    kind: Any = TaskSpec
+    shown: list[int | str] = []
+    model: type[BaseModel] | None = None
+    for part in location:
+        kinds = _kinds(kind)
+        if len(kinds) > 1:  # a union: the part is the word that tells which
+            kind = next(kind for kind in kinds if kind.model_fields["type"].default == part)
+            continue
+        if part == "[key]":
+            continue
+        shown.append(part)
+        kind = kinds[0] if kinds else None
+        model = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+        kind = _inside(kind, part)
+    return tuple(shown), model
+
+
+def _kinds(kind: Any) -> list[Any]:
+    """What a value may be, None apart: annotations and unions taken away."""
+    if get_origin(kind) is Annotated:
+        return _kinds(get_args(kind)[0])
+    if get_origin(kind) in (Union, types.UnionType):
+        return [inner for one in get_args(kind) for inner in _kinds(one)]
+    return [] if kind in (None, type(None)) else [kind]
+
+
+def _inside(kind: Any, part: int | str) -> Any:
+    """What stands at a field, a key or an index."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        fields = kind.model_fields
+        return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)
+    arguments = get_args(kind)
+    if get_origin(kind) is dict:
+        return arguments[1]
+    return arguments[0] if arguments else None
+
+
+def _field_names(model: type[BaseModel] | None) -> list[str]:
+    return [] if model is None else [field.alias or name for name, field in model.model_fields.items()]

@@ -1,0 +1,63 @@
+"""Task files of schema version 1: one object, one list of criteria, one solver config (``solver.yaml``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gensim2.errors import InputError
+
+ROLE = "object"
+"""Name of the only object."""
+STEP = "act"
+STRATEGY = "solver"
+"""Name of the only step, and of its only strategy."""
+
+FIELDS = ("schema_version", "name", "description", "asset_class", "success", "randomization", "max_episode_steps")
+_OWN = ("asset_class", "success")
+_PLACES = {
+    ("objects", ROLE, "class"): ("asset_class",),
+    ("objects", ROLE, "randomization"): ("randomization",),
+    ("steps", 0, "done"): ("success",),
+}
+
+
+def is_version_1(data: dict[str, Any]) -> bool:
+    """Whether a task's fields are those of version 1."""
+    return "objects" not in data and (data.get("schema_version") == 1 or any(field in data for field in _OWN))
+
+
+def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
+    """The same task in the fields of version 2; values that are wrong stay so, and are told by whoever validates.
+
+    Raises:
+        InputError: a field of version 1 is missing, or the version is another.
+    """
+    given = dict(data)
+    if given.pop("schema_version", 1) != 1:
+        raise InputError(
+            "must be 1 where a task has asset_class and success",
+            file=file,
+            field="schema_version",
+            remedy="leave it out, or name the task's objects and steps",
+        )
+    for field in _OWN:
+        if field not in given:
+            raise InputError("field required", file=file, field=field)
+    success = given.pop("success")
+    if success == []:
+        raise InputError("must hold at least one criterion", file=file, field="success")
+    if isinstance(success, list):
+        success = [{**entry, "object": ROLE} if isinstance(entry, dict) else entry for entry in success]
+    role = {"class": given.pop("asset_class")}
+    if "randomization" in given:
+        role["randomization"] = given.pop("randomization")
+    step = {"name": STEP, "object": ROLE, "strategies": [STRATEGY], "done": success}
+    return {**given, "schema_version": 2, "objects": {ROLE: role}, "steps": [step]}
+
+
+def place_of(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Where version 1 has what stands at ``location`` in version 2."""
+    for new, old in _PLACES.items():
+        if location[: len(new)] == new:
+            return old + location[len(new) :]
+    return location
