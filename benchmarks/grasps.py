@@ -177,11 +177,16 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         env.close()
 
 
+def press(profile: RobotProfile) -> float:
+    """Target (m) of a finger joint with which it presses."""
+    return profile.gripper.closed
+
+
 def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) -> tuple[str, float]:
     """Run a pick; returns what became of it and how far the centre of mass was raised at least while holding (m)."""
     trajectory = plan.trajectory
     assert trajectory is not None
-    profile, press = env.robot, env.robot.gripper.closed
+    profile, pressed = env.robot, press(env.robot)
     arm = trajectory.sample_every(1.0 / profile.control_hz)[:, : profile.arm_size]
     arrive = profile.lag_steps + ARRIVE_STEPS
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
@@ -203,17 +208,17 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     go(arm[: grip + 1], wide)
     go(np.repeat(at_grasp, arrive, axis=0), wide)
     moved = float(np.linalg.norm(env.object_pose[:3, 3] - before[:3, 3]))
-    steps = int(np.ceil((wide - press) * profile.control_hz / FINGER_SPEED))
-    for fingers in np.linspace(wide, press, steps):
+    steps = int(np.ceil((wide - pressed) * profile.control_hz / FINGER_SPEED))
+    for fingers in np.linspace(wide, pressed, steps):
         go(at_grasp, float(fingers))
-    go(np.repeat(at_grasp, arrive, axis=0), press)
+    go(np.repeat(at_grasp, arrive, axis=0), pressed)
     gripped = all(env.touching())
-    go(arm[grip:], press)
-    go(np.repeat(arm[-1:], arrive, axis=0), press)
+    go(arm[grip:], pressed)
+    go(np.repeat(arm[-1:], arrive, axis=0), pressed)
     raised = height() - begin
     lifted = raised >= RAISED
     for _ in range(round(HOLD_SECONDS * profile.control_hz)):
-        go(arm[-1:], press)
+        go(arm[-1:], pressed)
         raised = min(raised, height() - begin)
     if raised >= RAISED and all(env.touching()):
         return "held", raised
