@@ -51,12 +51,14 @@ class Clock:
         moving_from: from then on that link moves, seconds.
         hinge: its joint.
         travel: (M,) rad or m at the times that are looked at, NaN where nobody can tell; None throughout.
+        letting_go: from then on what the hand held stands where it was, seconds.
     """
 
     touching_from: float
     moving_from: float
     hinge: Hinge | None = None
     travel: Array | None = None
+    letting_go: float = np.inf
 
 
 def judged_pairs(
@@ -73,15 +75,18 @@ def judged_pairs(
     """
     placed = arm.place(q)
     links = {name: Moved(name, arm.parts[name], placed[name]) for name in arm.parts}
-    held = [
-        Moved(each.name, each.parts, placed[arm.hand_link] @ each.pose) for each in obstacles if each.role == "attached"
-    ]
+    left = times > clock.letting_go
+    holding = placed[arm.hand_link].copy()
+    holding[left] = holding[np.flatnonzero(~left)[-1]]
+    held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
     always = np.ones(len(times), dtype=bool)
     pairs = [("self", Pair(links[one], links[two], always)) for one, two in arm.self_pairs]
     carried = arm.movers(arm.hand_link)
     for body in held:
-        apart = [name for name in arm.parts if name not in arm.holding_links and arm.movers(name) != carried]
-        pairs += [("self", Pair(body, links[name], always)) for name in apart]
+        for name in arm.parts:
+            if name not in arm.holding_links:
+                # What moves as the hand does keeps its place against what it holds.
+                pairs.append(("self", Pair(body, links[name], left if arm.movers(name) == carried else always)))
     movers = [links[name] for name in arm.moving_links] + held
     for obstacle in obstacles:
         if obstacle.role == "attached":

@@ -31,9 +31,10 @@ import gensim2_kpam as kpam
 from gensim2.objects import RigidObject, open_rigid_library
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
-from gensim2.robots import DEFAULT, RobotProfile, robot, robot_names
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
 from gensim2.seeding import rng
 from gensim2.sim import agents
+from gensim2.sim.physics import RIGID_CONTACT_OFFSET
 from gensim2.sim.rigid import load_rigid, resting_pose
 from gensim2.sim.table import HALF_SIZE, build_table, corners
 
@@ -47,13 +48,10 @@ SETTLE_STEPS = 4
 ARRIVE_STEPS = 4
 #: Of a closing finger, m/s.
 FINGER_SPEED = 0.06
-#: Metres. With ManiSkill's 20 mm each finger is in speculative contact with some 60 plates of a bowl at once, and
-#: PhysX throws the bowl although nothing touches it.
-CONTACT_OFFSET = 0.005
 
 
 class LiftEnv(BaseEnv):  # type: ignore[misc]
-    """A robot at the table with one rigid object; physics and control as in GenSim2Env, contact offset apart."""
+    """A robot at the table with one rigid object; physics and control as in GenSim2Env."""
 
     SUPPORTED_REWARD_MODES = ("none",)
 
@@ -80,7 +78,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
                 enable_pcm=True,
                 solver_position_iterations=15,
                 solver_velocity_iterations=1,
-                contact_offset=CONTACT_OFFSET,
+                contact_offset=RIGID_CONTACT_OFFSET,
             ),
         )
 
@@ -260,7 +258,7 @@ def report(results: list[dict[str, Any]]) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where less than 0.9 are held."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robot", choices=robot_names(), default=DEFAULT)
+    parser.add_argument("--robot", choices=robot_names(), default=DEFAULT_ROBOT)
     parser.add_argument("--objects", nargs="*", default=list(open_rigid_library("builtin").names()))
     parser.add_argument("--poses", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)

@@ -44,7 +44,8 @@ class Question:
 
     ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. ``hinge`` is
     the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the config's
-    post-actuation motions.
+    post-actuation motions, ``gripper`` its word for the fingers; at the end the hand lets go and moves back ``let_go``
+    metres, where that is not zero.
     """
 
     arm: Mechanism
@@ -55,7 +56,8 @@ class Question:
     start_velocity: Array
     start_acceleration: Array
     obstacles: Sequence[Obstacle] = ()
-    grasps: bool = False
+    gripper: str = "open"
+    let_go: float = 0.0
     hinge: Hinge | None = None
     contact: Array = field(default_factory=lambda: np.zeros(3))
     after: Sequence[Any] = ()
@@ -172,19 +174,27 @@ def rate_errors(question: Question, answer: Answer, times: Array, q: Array) -> l
         f"{joint} ends at acceleration {acceleration[-1][j]:.5g}"
         for j, joint in named(question, off > question.jerk * step + 1e-6 + noise)
     ]
-    acts = [time for label, time, _, reached in answer.keyframes if label == "actuation" and reached]
-    if question.grasps and acts and acts[0] is not None:
-        speed = np.abs(answer.motion.sample(acts[0])[1])
-        errors += [
-            f"{joint} moves at {speed[j]:.5g} per s where the gripper acts"
-            for j, joint in named(question, speed > 1e-6)
-        ]
+    for label, time, _, reached in answer.keyframes:
+        if label in acts(question, answer) and reached and time is not None:
+            speed = np.abs(answer.motion.sample(time)[1])
+            errors += [
+                f"{joint} moves at {speed[j]:.5g} per s where the gripper acts, at {label}"
+                for j, joint in named(question, speed > 1e-6)
+            ]
     return errors
+
+
+def acts(question: Question, answer: Answer) -> list[str]:
+    """Labels of the keyframes at which the gripper acts."""
+    found = ["actuation"] if question.gripper in ("grasp", "release") else []
+    if question.let_go > 0.0:
+        found.append(answer.keyframes[-2][0])
+    return found
 
 
 def keyframe_errors(question: Question, answer: Answer) -> list[str]:
     """Keyframes that are missed, out of order, or claimed and not reached."""
-    errors, last = [], -np.inf
+    errors, last = let_go_errors(question, answer), -np.inf
     for label, time, pose, reached in answer.keyframes:
         if not reached:
             if answer.whole:
@@ -199,6 +209,17 @@ def keyframe_errors(question: Question, answer: Answer) -> list[str]:
         if miss > (REST_SLACK if np.abs(velocity).max() < 1e-9 else PASSING_SLACK):
             errors.append(f"{label} is missed by {miss:.5f}")
     return errors
+
+
+def let_go_errors(question: Question, answer: Answer) -> list[str]:
+    """A hand that does not move back as it should from where it lets go."""
+    if question.let_go == 0.0:
+        return [f"{label}, which nobody asked for" for label, *_ in answer.keyframes if label == "let_go"]
+    (_, _, before, _), (label, _, after, _) = answer.keyframes[-2:]
+    wanted = before.copy()
+    wanted[:3, 3] -= question.let_go * before[:3, 2]
+    off = np.abs(wanted - after).max()
+    return [] if label == "let_go" and off < ROUNDING else [f"lets go at {label}, {off:.5f} from where it should end"]
 
 
 def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict: Verdict) -> list[str]:
@@ -219,7 +240,8 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
 def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Clock:
     """From pre_0 on (from the start, where there is none) the hand may touch the moving link."""
     at = {label: np.inf if time is None else time for label, time, _, _ in answer.keyframes}
-    clock = Clock(at.get("pre_0", -np.inf), at["actuation"], question.hinge)
+    letting_go = at[answer.keyframes[-2][0]] if question.let_go > 0.0 else np.inf
+    clock = Clock(at.get("pre_0", -np.inf), at["actuation"], question.hinge, letting_go=letting_go)
     if question.hinge is not None:
         clock.travel = joint_travel(question, question.hinge, at, times, question.arm.hand_poses(q))
     return clock

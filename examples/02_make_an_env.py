@@ -6,14 +6,15 @@ from gensim2.robots import robot
 
 env = gym.make("gensim2.sim:GenSim2-OpenDrawer-v1", obs_mode="state", assets="builtin")
 hold_still = robot("panda").rest_action  # seven joint targets in rad; 1 opens the gripper
+world = env.unwrapped
 for seed in (0, 1):
     observation, _ = env.reset(seed=seed)
-    instance = env.unwrapped.instance
+    drawer = world.setup.objects["drawer"].model
     print(
-        f"seed {seed}: {instance.asset_class}/{instance.id}, {instance.mass:.2f} kg, "
-        f"openness {env.unwrapped.openness:.2f}, observation {tuple(observation.shape)}"
+        f"seed {seed}: {drawer.asset_class}/{drawer.id}, {drawer.mass:.2f} kg, "
+        f"openness {world.measure().openness['drawer']:.2f}, observation {tuple(observation.shape)}"
     )
     for _ in range(20):  # one second
         observation, reward, terminated, truncated, info = env.step(hold_still)
-    print(f"  after a second: openness {env.unwrapped.openness:.2f}, success {bool(info['success'])}")
+    print(f"  after a second: openness {world.measure().openness['drawer']:.2f}, success {bool(info['success'])}")
 env.close()

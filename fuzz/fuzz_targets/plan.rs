@@ -81,6 +81,7 @@ struct Whole {
     workspace: Option<[[Number; 3]; 2]>,
     budgets: [u8; 4],
     flags: u8,
+    let_go: Option<Number>,
     window: Option<(u8, u8)>,
     resume: Option<u8>,
 }
@@ -186,7 +187,8 @@ fn config(whole: &Whole) -> Option<SolverConfig> {
     let list = |steps: &[Step]| steps.iter().take(3).map(motion).collect::<Vec<_>>();
     let mut out = json!({
         "constraint_list": constraints, "pre_actuation_motions": list(&whole.before),
-        "post_actuation_motions": list(&whole.after), "gripper": (["open", "closed", "grasp"][whole.flags as usize % 3]),
+        "post_actuation_motions": list(&whole.after), "let_go": whole.let_go.map(Number::value),
+        "gripper": (["open", "closed", "grasp", "hold", "release"][whole.flags as usize % 5]),
     });
     if let (Some(times), Some(map)) = (&whole.times, out.as_object_mut()) {
         let mut at = 0.0;
@@ -236,7 +238,8 @@ fn bodies(things: &[Thing]) -> Vec<Body> {
 fn options(whole: &Whole, n: usize) -> Options {
     let flag = |bit: u8| whole.flags & (1 << bit) != 0;
     let limits = |i: usize| whole.limits[i].map(|l| first(n, l));
-    let label = |k: u8| ["start", "pre_1", "pre_0", "actuation", "post_0", "post_1", "end"][k as usize % 7].to_owned();
+    let labels = ["start", "pre_1", "pre_0", "actuation", "post_0", "post_1", "let_go", "end"];
+    let label = |k: u8| labels[k as usize % labels.len()].to_owned();
     let window = |(from, to): (u8, u8)| ContactWindow {
         links: vec!["hand".to_owned()],
         bodies: vec!["thing0".to_owned()],

@@ -35,7 +35,7 @@ from ._native import (
     refine,
     retime,
 )
-from .options import ContactWindow, GraspOptions, Options
+from .options import ContactWindow, GraspOptions, Gripper, Options
 
 __all__ = [
     "Body",
@@ -45,6 +45,7 @@ __all__ = [
     "Grasp",
     "GraspOptions",
     "GraspPlan",
+    "Gripper",
     "Joint",
     "KeypointProblem",
     "KpamError",

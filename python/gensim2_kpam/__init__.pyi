@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from .options import ContactWindow as ContactWindow
 from .options import GraspOptions as GraspOptions
+from .options import Gripper as Gripper
 from .options import Options as Options
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +74,10 @@ class SolverConfig:
     def __init__(self, config: Mapping[str, Any]) -> None: ...
     def to_dict(self) -> dict[str, Any]: ...
     @property
-    def gripper(self) -> Literal["open", "closed", "grasp"]: ...
+    def gripper(self) -> Gripper: ...
+    @property
+    def let_go(self) -> float | None:
+        """How far (m) the hand moves back along its own z axis at the end, once it has let go; None where it stays."""
 
 class Shape:
     """A collision shape in the body frame. Pickles."""
@@ -281,7 +285,7 @@ class Plan:
         """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
     def keyframes(self) -> list[dict[str, Any]]:
-        """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0"), ``time`` (s or None),
+        """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0", "let_go"), ``time`` (s or None),
         ``T_base_hand`` (4, 4), ``reached``."""
     @property
     def trajectory(self) -> Trajectory | None: ...

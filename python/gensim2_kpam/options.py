@@ -5,9 +5,13 @@ from typing import Literal, TypedDict
 
 import numpy.typing as npt
 
+Gripper = Literal["open", "closed", "grasp", "hold", "release"]
+"""What a config's fingers do: open or closed throughout, closing at the actuation pose, as they are throughout
+(something is held), opening at the actuation pose."""
+
 ContactWindow = TypedDict("ContactWindow", {"links": Sequence[str], "bodies": Sequence[str], "from": str, "to": str})
 """Links (and bodies that ride on the hand) that may overlap bodies of the scene between two keyframes: in time "start",
-..., "pre_1", "pre_0", "actuation", "post_0", ..., "end"."""
+..., "pre_1", "pre_0", "actuation", "post_0", ..., "let_go", "end"."""
 
 
 class Options(TypedDict, total=False):

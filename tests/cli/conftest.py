@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import yaml
 
-from gensim2.files import write_atomic, write_json
+sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
+
+import fake_world
+
+from gensim2.episodes.record import Cause
+from gensim2.files import write_json
+from gensim2.pipeline.records import Verification
+from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.tasks.criteria import ArticulatedOpen
+from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 CONFIG = {
     "task_name": "OpenDemo",
@@ -25,53 +33,30 @@ CONFIG = {
 }
 
 
-def episode(index: int, success: bool) -> dict[str, Any]:
-    """One episode of a verification."""
-    start = float(np.random.default_rng(index).uniform(0.1, 0.4))
-    return {
-        "seed": 1000 + index,
-        "instance": str(index % 4),
-        "content_hash": "ab12",
-        "success": success,
-        "still_success": False,
-        "openness_start": start,
-        "openness_end": 0.93 if success else start + 0.1,
-        "steps": 90,
-        "cause": None if success else "the hand slipped",
-        "plan_status": "solved",
-        "plan_reason": "",
-    }
-
-
-def add_task(run_dir: Path, name: str, successes: int, *, parent: str = "tasks") -> None:
-    """Add a task of which ``successes`` of 20 episodes held."""
-    folder = run_dir / parent / name
-    task = {
-        "schema_version": 1,
-        "name": name,
-        "description": "raise the <lid> until it stands open",
-        "asset_class": "box_rotate",
-        "success": [{"type": "articulated_open", "threshold": 0.8}],
-        "max_episode_steps": 400,
-    }
-    write_atomic(folder / "task.yaml", yaml.safe_dump(task, sort_keys=False))
-    write_atomic(folder / "solver.yaml", yaml.safe_dump(CONFIG, sort_keys=False))
-    episodes = [episode(index, index < successes) for index in range(20)]
-    write_json(
-        folder / "verification.json",
-        {
-            "schema_version": 1,
-            "threshold": 0.7,
-            "kept": successes >= 14,
-            "successes": successes,
-            "causes": {"the hand slipped": 20 - successes} if successes < 20 else {},
-            "episodes": episodes,
-        },
+def task_spec(name: str) -> TaskSpec:
+    """A task of one step on one box."""
+    return TaskSpec(
+        name=name,
+        description="raise the <lid> until it stands open",
+        objects={"box": ObjectSpec(asset_class="box_rotate")},
+        steps=(Step(name="open", object="box", strategies=("designed",), done=(ArticulatedOpen(object="box"),)),),
     )
-    write_json(folder / "design.json", design())
+
+
+def add_task(run_dir: Path, name: str, held: int, *, parent: str = "tasks") -> None:
+    """Add a task of which ``held`` of 20 episodes held."""
+    files, task = TaskFolder(run_dir / parent / name), task_spec(name)
+    files.write_task(task)
+    files.write_strategies({"designed": CONFIG})
+    slipped = Cause.CONTACT_SLIPPED
+    episodes = tuple(
+        fake_world.episode_of(task, 1000 + i, held=i < held, cause=slipped, instance=str(i % 4)) for i in range(20)
+    )
+    files.write_verification(Verification(episodes, 0.7, "new"))
+    write_json(files.path / "design.json", design())
     environment = {"env_id": f"gensim2.sim:GenSim2-{name}-v1"}
     recorded = {"env_info": environment, "episodes": [{"episode_id": i} for i in range(3)]}
-    write_json(folder / "trajectory.json", recorded)
+    write_json(files.path / "trajectory.json", recorded)
 
 
 def design() -> dict[str, Any]:
@@ -89,17 +74,17 @@ def design() -> dict[str, Any]:
             {
                 "index": index,
                 "label": f"hook candidate {index}: tip along the joint's y, 0.1 m before",
-                "config": CONFIG,
+                "steps": {"open": {"designed": CONFIG}},
                 "provenance": {},
                 "stages": stages,
-                "cause": None if index == 0 else "the object did not move",
+                "cause": None if index == 0 else "object did not move",
             }
         )
     return {
-        "schema_version": 1,
+        "schema_version": 2,
         "candidates": candidates,
         "chosen": 0,
-        "config": CONFIG,
+        "strategies": {"designed": CONFIG},
         "notes": ["10 of 20 plan"],
     }
 
@@ -119,8 +104,15 @@ def run_dir(tmp_path: Path) -> Path:
     write_json(
         run_dir / "run.json",
         {
-            "schema_version": 2,
-            "arguments": {"command": "run-pipeline", "seed": 0, "assets": "builtin"},
+            "schema_version": 3,
+            "arguments": {
+                "command": "run-pipeline",
+                "seed": 0,
+                "assets": "builtin",
+                "physics": "ours",
+                "robot": "panda",
+                "open_loop": False,
+            },
             "identity": {"objects": "0123456789abcdef"},
             "command_line": ["run-pipeline", "--num-tasks", "3"],
             "started": "2026-01-01T10:00:00+0000",

@@ -7,10 +7,16 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import fake_world
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.pipeline.report import wilson, write_report
+from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
+from gensim2.pipeline.report import write_report
+from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.pipeline.tally import interval
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
+from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 VOID = {"meta", "img", "line", "circle"}
 
@@ -53,7 +59,42 @@ def test_page_shows_tasks_rejections_and_candidates(run_dir: Path) -> None:
     assert "gensim2 run-pipeline --num-tasks 3" in text
     assert "and 8 more in design.json" in text
     assert "Apache-2.0" in text
-    assert "the hand slipped" in text
+    assert "contact slipped" in text
+
+
+def test_page_tells_the_three_verdicts_with_intervals_and_the_number_of_objects(run_dir: Path) -> None:
+    text = write_report(run_dir).read_text()
+    row = r"<td>{}</td><td>\s*<span.*?</span></span><span class=\"num\">{}/20</span>\s*</td><td class=\"num\">{}</td>"
+    # 18 of 20 held; of these the ones with an even seed, nine, are strict.
+    assert re.search(row.format("held", 18, "0.70 to 0.97"), text, re.S)
+    assert re.search(row.format("strict", 9, "0.26 to 0.66"), text, re.S)
+    assert "4 box_rotate" in text
+    assert "The search saw none of them." in text
+    assert "the hand has not let go" in text
+
+
+def test_a_run_of_demonstrations_alone_shows_its_episodes_and_steps(run_dir: Path) -> None:
+    folder = run_dir / "tasks" / "LongDemo"
+    opened = ArticulatedOpen(object="box")
+    task = TaskSpec(
+        name="LongDemo",
+        description="open the box and close it again",
+        objects={"box": ObjectSpec(asset_class="box_rotate")},
+        steps=(
+            Step(name="open", object="box", strategies=("lift",), done=(opened,)),
+            Step(name="shut_it", object="box", strategies=("push",), done=(ArticulatedClosed(object="box"),)),
+        ),
+    )
+    TaskFolder(folder).write_task(task)
+    seeds = (2, 3, 4)
+    log = AttemptLog(folder / "attempts.jsonl", seeds)
+    for index, seed in enumerate(seeds):
+        log.add(LoggedEpisode.of(fake_world.episode_of(task, seed, held=seed != 3), index))
+    text = write_report(run_dir).read_text()
+    assert "2 of 3 episodes hold" in text
+    assert "openness of box &lt; 0.2" in text
+    assert "shut it" in text
+    assert "object did not move" in text
 
 
 def test_every_reference_is_a_file_of_the_run_folder(run_dir: Path) -> None:
@@ -75,7 +116,7 @@ def test_text_from_files_is_escaped(run_dir: Path) -> None:
 def test_a_run_that_has_just_begun_has_a_report(run_dir: Path) -> None:
     record = json.loads((run_dir / "run.json").read_text())
     (run_dir / "run.json").write_text(json.dumps({**record, "finished": None, "result": None}))
-    for name in ("verification.json", "design.json", "trajectory.json", "solver.yaml"):
+    for name in ("verification.json", "design.json", "trajectory.json", "strategies/designed.yaml"):
         (run_dir / "tasks" / "OpenDemo" / name).unlink()
     text = write_report(run_dir).read_text()
     assert "not finished" in text
@@ -97,12 +138,12 @@ def test_broken_yaml_is_named(run_dir: Path) -> None:
         write_report(run_dir)
 
 
-def test_wilson_interval_of_a_known_case() -> None:
+def test_interval_of_a_known_case() -> None:
     # Wilson score interval for 18 of 20, as R's binom.confint gives it.
-    low, high = wilson(18, 20)
+    low, high = interval(18, 20)
     assert low == pytest.approx(0.6990, abs=5e-4)
     assert high == pytest.approx(0.9721, abs=5e-4)
-    assert wilson(0, 0) == (0.0, 1.0)
+    assert interval(0, 0) == (0.0, 1.0)
 
 
 def test_page_loads_nothing_from_elsewhere(run_dir: Path) -> None:

@@ -9,8 +9,11 @@ import pytest
 
 import gensim2_kpam as kpam
 from gensim2.designers import Affordance, CandidateResult, OfflineDesigner, StageResult
-from gensim2.designers.offline import strategy_from
-from gensim2.designers.proposals import goal_of, spec, task_name
+from gensim2.designers.offline import manipulation_from
+from gensim2.designers.proposals import affordance_of, redesigned, spec, task_name
+from gensim2.errors import InputError
+from gensim2.tasks.criteria import ArticulatedOpen, DistanceArticulatedRigid
+from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 
 def affordance(
@@ -25,19 +28,64 @@ def affordance(
     )
 
 
+def acted_on(task: TaskSpec) -> str:
+    return task.objects[task.steps[0].object].asset_class
+
+
 def test_proposals_cover_classes_first_and_repeat_nothing() -> None:
     classes = [affordance(name) for name in ("box_rotate", "oven", "toilet")]
     known = [spec(classes[0], "articulated_open")]
     tasks = list(OfflineDesigner().propose(classes, known, seed=0))
-    assert [task.asset_class for task in tasks[:3]] == ["box_rotate", "oven", "toilet"]
-    pairs = [(task.asset_class, goal_of(task)) for task in [*known, *tasks]]
+    assert [acted_on(task) for task in tasks[:3]] == ["box_rotate", "oven", "toilet"]
+    pairs = [affordance_of(task) for task in [*known, *tasks]]
     assert len(pairs) == len(set(pairs)) == 6
 
 
 def test_what_starts_closed_affords_opening_only() -> None:
     tasks = list(OfflineDesigner().propose([affordance("bucket_lift", "prismatic", 0.0)], [], seed=0))
     assert [task.name for task in tasks] == ["LiftBucket"]
-    assert goal_of(tasks[0]) == "articulated_open"
+    assert affordance_of(tasks[0]) == ("bucket_lift", "articulated_open")
+
+
+def test_a_proposal_is_one_object_under_its_noun_and_one_step_that_a_designer_is_to_write() -> None:
+    task = spec(affordance("washing_machine"), "articulated_open")
+    assert task.objects == {"washing_machine": ObjectSpec(asset_class="washing_machine")}
+    (step,) = task.steps
+    assert (step.name, step.object, step.tool, step.strategies) == ("open", "washing_machine", "hand", ("designed",))
+    assert task.success == step.done == (ArticulatedOpen(object="washing_machine"),)
+    assert list(spec(affordance("stapler_press"), "articulated_closed").objects) == ["stapler"]
+    assert spec(affordance("window_push"), "articulated_closed").steps[0].name == "push_back"
+
+
+def long_task() -> TaskSpec:
+    """Put the ball into the drawer: not for a designer of single joints."""
+    inside = DistanceArticulatedRigid(articulated="drawer", rigid="ball")
+    return TaskSpec(
+        name="PutBallIntoDrawer",
+        description="put the ball into the drawer",
+        objects={"drawer": ObjectSpec(asset_class="drawer"), "ball": ObjectSpec(asset_class="golf_ball")},
+        steps=(
+            Step(name="grasp", object="ball", strategies=("grasp", "side")),
+            Step(name="place", object="drawer", tool="ball", strategies=("place",), done=(inside,)),
+        ),
+    )
+
+
+def test_a_long_task_takes_no_affordance_away_and_is_not_designed() -> None:
+    what = affordance("drawer", "prismatic")
+    assert affordance_of(long_task()) is None
+    assert {task.name for task in OfflineDesigner().propose([what], [long_task()], seed=0)} == {
+        "OpenDrawer",
+        "CloseDrawer",
+    }
+    with pytest.raises(InputError, match="target_task: PutBallIntoDrawer is not one step that"):
+        OfflineDesigner().candidates(long_task(), what, seed=0)
+
+
+def test_a_task_that_is_designed_anew_keeps_one_name_a_step() -> None:
+    task = redesigned(long_task())
+    assert [step.strategies for step in task.steps] == [("grasp",), ("place",)]
+    assert task.model_copy(update={"steps": long_task().steps}) == long_task()
 
 
 def test_a_class_without_keypoints_on_its_moving_link_affords_nothing() -> None:
@@ -58,17 +106,22 @@ def test_every_candidate_is_a_valid_config(
     joint_type: Literal["revolute", "prismatic"], goal: Literal["articulated_open", "articulated_closed"]
 ) -> None:
     what = affordance("safe_rotate", joint_type)
-    candidates = OfflineDesigner().candidates(spec(what, goal), what, seed=3)
+    task = spec(what, goal)
+    candidates = OfflineDesigner().candidates(task, what, seed=3)
     assert len(candidates) > 50
     for candidate in candidates:
-        assert kpam.SolverConfig(candidate.config).gripper == candidate.config["gripper"]
-        assert strategy_from(candidate.provenance).config(candidate.config["task_name"]) == candidate.config
+        assert list(candidate.steps) == [task.steps[0].name]
+        assert list(candidate.strategies) == ["designed"]
+        config = candidate.strategies["designed"]
+        assert kpam.SolverConfig(config).gripper == config["gripper"]
+        assert manipulation_from(candidate.provenance).config(task.name) == config
+        assert config["let_go"] == candidate.provenance["let_go"] == 0.06
 
 
 def test_the_hinge_itself_is_no_place_to_push() -> None:
     what = affordance("safe_rotate")
     candidates = OfflineDesigner().candidates(spec(what, "articulated_open"), what, seed=0)
-    assert {c.config["object_keypoint_name_list"][0] for c in candidates} == {"articulated_object_head"}
+    assert {c.strategies["designed"]["object_keypoint_name_list"][0] for c in candidates} == {"articulated_object_head"}
 
 
 def test_candidates_and_refinements_depend_on_the_seed_alone() -> None:
@@ -84,5 +137,5 @@ def test_candidates_and_refinements_depend_on_the_seed_alone() -> None:
     children = designer.refine(task, what, results, 5, 0)
     assert children == designer.refine(task, what, results, 5, 0)
     assert children
-    assert not {str(c.config) for c in children} & {str(c.config) for c in first[:3]}
+    assert not {str(c.strategies) for c in children} & {str(c.strategies) for c in first[:3]}
     assert designer.refine(task, what, results, 5, round=99) == []

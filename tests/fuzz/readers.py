@@ -19,31 +19,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+
+sys.path.append(str(Path(__file__).parents[1] / "kill"))
+
+import fake_world
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
-from gensim2.demos.recording import Recording
-from gensim2.demos.trajectory import Provenance, TrajectoryStore
-from gensim2.pipeline.attempts import AttemptLog
-from gensim2.pipeline.inputs import task_and_config
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
+from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
+from gensim2.pipeline.inputs import task_and_strategies
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
-    Attempt,
     CandidateRecord,
     Design,
     DesignRecord,
-    LoggedAttempt,
     StageRecord,
     Verification,
     VerificationRecord,
 )
 from gensim2.pipeline.report import write_report
-from gensim2.pipeline.runfolder import RunFolder
-from gensim2.tasks.library import load_config, load_task, task_names
+from gensim2.pipeline.runfolder import RunFolder, TaskFolder
+from gensim2.tasks.library import load_strategies, load_task, task_names
 
 TASK = "OpenDrawer"
 SEEDS = (11, 12, 13)
+ARGUMENTS = {
+    "command": "demo",
+    "seed": 0,
+    "assets": "builtin",
+    "physics": "ours",
+    "robot": "panda",
+    "open_loop": False,
+    "target_task": TASK,
+    "episodes": 2,
+}
 
 
 @dataclass(frozen=True)
@@ -73,48 +83,34 @@ def good_folder(folder: Path, problems: str) -> None:
         folder: to fill.
         problems: planning problems, one a line.
     """
-    task = load_task(TASK)
-    configs = [load_config(name) for name in task_names()]
-    for number, config in enumerate(configs):  # each of the library's, for the sake of its fields
-        (folder / f"task{number}").mkdir(parents=True)
-        fields = load_task(task_names()[number]).model_dump(mode="json", exclude_none=True)
-        (folder / f"task{number}" / "task.yaml").write_text(yaml.safe_dump(fields, sort_keys=False))
-        (folder / f"task{number}" / "solver.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+    for number, name in enumerate(task_names()):  # each of the library's, for the sake of its fields
+        files = TaskFolder(folder / f"task{number}")
+        files.write_task(load_task(name))
+        files.write_strategies(load_strategies(name))
     (folder / "problems.jsonl").write_text(problems)
-    attempts = [
-        Attempt(
-            seed=seed,
-            instance="3",
-            content_hash="ab" * 16,
-            success=seed != 13,
-            still_success=False,
-            openness_start=0.5,
-            openness_end=0.9,
-            steps=80,
-            cause=None if seed != 13 else "the object stopped short",
-            plan_status="solved",
-            plan_reason="",
-        )
-        for seed in SEEDS
-    ]
-    arguments = {"command": "demo", "seed": 0, "assets": "builtin", "target_task": TASK, "episodes": 2}
-    with RunFolder(folder / "run", arguments, {"task": "0" * 16}, resume=False) as run:
+    task, strategies = load_task(TASK), load_strategies(TASK)
+    episodes = [fake_world.episode_of(task, seed, held=seed != 13, instance="3") for seed in SEEDS]
+    with RunFolder(folder / "run", ARGUMENTS, {"task": "0" * 16}, resume=False) as run:
         files = run.task(TASK)
         files.write_task(task)
-        files.write_config(configs[0])
-        verification = Verification(tuple(attempts), 0.5).to_dict()
-        (files.path / "verification.json").write_text(json.dumps(verification))
-        stage = StageRecord(name="physics", episodes=2, successes=1.0, causes={"the object did not move": 1})
+        files.write_strategies(strategies)
+        files.write_verification(Verification(tuple(episodes), 0.5, "new"))
+        stage = StageRecord(name="physics", episodes=2, successes=1.0, causes={"object did not move": 1})
         candidate = CandidateRecord(
-            index=0, label="hook", config=configs[0], provenance={}, stages=[stage], cause="the object did not move"
+            index=0,
+            label="hook",
+            steps={task.steps[0].name: strategies},
+            provenance={},
+            stages=[stage],
+            cause="object did not move",
         )
-        design = {**Design((), configs[0], ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
+        design = {**Design((), strategies, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
         (files.path / "design.json").write_text(json.dumps(design))
         log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
-        store = TrajectoryStore(files.path)
-        for index, attempt in enumerate(attempts):
-            digest = store.add(index, _recording(attempt.seed))
-            log.add(LoggedAttempt.of(attempt, index, digest))
+        store, random = TrajectoryStore(files.path), np.random.default_rng(0)
+        for index, episode in enumerate(episodes):
+            digest = store.add(index, fake_world.recording(episode.seed, {"drawer": "3"}, random), episode)
+            log.add(LoggedEpisode.of(episode, index, digest))
         store.merge(_provenance(), {index: store.digest(index) for index in store.indices()})
         run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
 
@@ -142,11 +138,11 @@ def subjects() -> list[Subject]:
         Subject("episode.h5", inside("episodes/000001.h5"), "binary", _merge),
         Subject("problems.jsonl", "problems.jsonl", "lines", lambda f: read_problems(f / "problems.jsonl"), problems),
     ]
-    for number in range(len(task_names())):
+    for number, name in enumerate(task_names()):
         folder = f"task{number}"
-        for file in ("task.yaml", "solver.yaml"):
-            reader = _task_reader(folder)
-            found.append(Subject(file, f"{folder}/{file}", "yaml", reader, _demonstrating(folder)))
+        for file in ("task.yaml", *(f"strategies/{strategy}.yaml" for strategy in load_strategies(name))):
+            kind = "task.yaml" if file == "task.yaml" else "strategy"
+            found.append(Subject(kind, f"{folder}/{file}", "yaml", _task_reader(folder), _demonstrating(folder)))
     return found
 
 
@@ -203,8 +199,7 @@ def attempt_command(folder: Path, subject: Subject, generator: np.random.Generat
 
 
 def _resume(folder: Path) -> None:
-    arguments = {"command": "demo", "seed": 0, "assets": "builtin", "target_task": TASK, "episodes": 2}
-    with RunFolder(folder / "run", arguments, {"task": "0" * 16}, resume=True):
+    with RunFolder(folder / "run", ARGUMENTS, {"task": "0" * 16}, resume=True):
         pass
 
 
@@ -215,7 +210,7 @@ def _attempts(folder: Path) -> None:
 def _verification(folder: Path) -> None:
     path = folder / "run" / "tasks" / TASK / "verification.json"
     record = read_record(path, VerificationRecord, "delete it")
-    assert len(record.episodes) >= record.successes
+    assert len(record.episodes) >= record.held
 
 
 def _merge(folder: Path) -> None:
@@ -226,7 +221,7 @@ def _merge(folder: Path) -> None:
 
 
 def _task_reader(name: str) -> Callable[[Path], object]:
-    return lambda folder: task_and_config(str(folder / name))
+    return lambda folder: task_and_strategies(str(folder / name))
 
 
 def _demonstrating(name: str) -> Callable[[Path], list[str]]:
@@ -235,34 +230,13 @@ def _demonstrating(name: str) -> Callable[[Path], list[str]]:
 
 
 def _resuming(folder: Path) -> list[str]:
-    """A good record ends at its config, which is another."""
+    """A good record ends at its strategies, which are others."""
     run = ["--out", str(folder / "run"), "--resume"]
     return ["demo", TASK, "--episodes", "2", "--assets", "builtin", *run]
 
 
-def _recording(seed: int, steps: int = 5) -> Recording:
-    generator = np.random.default_rng(seed)
-
-    def floats(*shape: int) -> Any:
-        return generator.random(shape).astype(np.float32)
-
-    return Recording(
-        seed=seed,
-        reset_options={"instance": "3"},
-        control_mode="pd_joint_pos",
-        actions=floats(steps, 8),
-        obs=floats(steps + 1, 40),
-        env_states={"articulations": {"panda": floats(steps + 1, 31), "object": floats(steps + 1, 15)}},
-        rewards=floats(steps),
-        terminated=np.zeros(steps, dtype=bool),
-        truncated=np.zeros(steps, dtype=bool),
-        success=np.ones(steps, dtype=bool),
-        openness=floats(steps + 1),
-    )
-
-
 def _provenance() -> Provenance:
-    return Provenance(load_task(TASK), load_config(TASK), "builtin", {"drawer/3": "CC0"}, 0, {})
+    return Provenance(load_task(TASK), load_strategies(TASK), "builtin", {"drawer/3": "CC0"}, 0)
 
 
 def problem_line() -> str:

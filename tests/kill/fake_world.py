@@ -7,16 +7,18 @@ in ``gensim2.pipeline.worker``, and run in worker processes as they do.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gensim2 import seeding
-from gensim2.demos.recording import Recording
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
+from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
 from gensim2.pipeline import worker
-from gensim2.pipeline.records import Attempt
+from gensim2.pipeline.setting import Setting
 from gensim2.tasks.spec import TaskSpec
 
 EPISODE_SECONDS = 0.2
@@ -24,49 +26,82 @@ EPISODE_SECONDS = 0.2
 
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
-    worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.demos.recording")
+    worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")
     worker.screen_scene = screen_scene
-    worker.attempt = attempt
+    worker.episode = episode
     worker.demonstrate = demonstrate
 
 
-def screen_scene(
-    setting: worker.Setting, seed: int, configs: Sequence[Mapping[str, Any]]
-) -> list[tuple[float, str | None]]:
+def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) -> list[tuple[float, str | None]]:
     time.sleep(EPISODE_SECONDS)
-    draws = seeding.rng(seed, "screen").random(len(configs))
+    draws = seeding.rng(seed, "screen").random(len(candidates))
     return [(1.0, None) if draw < 0.3 else (0.0, "unreachable") for draw in draws]
 
 
-def attempt(setting: worker.Setting, config: Mapping[str, Any], seed: int) -> Attempt:
-    return demonstrate(setting, config, seed)[0]
+def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+    return demonstrate(setting, strategies, seed)[0]
 
 
-def demonstrate(setting: worker.Setting, config: Mapping[str, Any], seed: int) -> tuple[Attempt, Recording | None]:
+def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
     time.sleep(EPISODE_SECONDS)
     random = seeding.rng(seed, "episode")
-    task = TaskSpec.model_validate_json(setting.task)
-    library = open_library(setting.assets)
-    ids = library.choose(task.asset_class, setting.instances)
-    instance = library.load(task.asset_class, ids[int(random.integers(len(ids)))])
-    success, start, end = bool(random.random() < 0.75), float(random.random()), float(random.random())
-    found = Attempt(
-        seed=seed,
-        instance=instance.id,
-        content_hash=instance.content_hash,
-        success=success,
-        still_success=False if success else None,
-        openness_start=start,
-        openness_end=end,
-        steps=5,
-        cause=None if success else "the object did not move",
-        plan_status="solved",
-        plan_reason="",
+    (thing,) = setting.task.objects.values()
+    library = open_library(setting.circumstances.assets)
+    words = (setting.instances,) if isinstance(setting.instances, str) else setting.instances
+    ids = [each for word in words for each in library.choose(thing.asset_class, word)]
+    model = library.load(thing.asset_class, ids[int(random.integers(len(ids)))])
+    held, start, end = bool(random.random() < 0.75), float(random.random()), float(random.random())
+    found = episode_of(
+        setting.task, seed, held=held, instance=model.id, content_hash=model.content_hash, start=start, end=end
     )
-    return found, recording(seed, instance.id, random) if success else None
+    (name,) = setting.task.objects
+    return found, recording(seed, {name: model.id}, random) if held else None
 
 
-def recording(seed: int, instance: str, random: np.random.Generator, steps: int = 5) -> Recording:
+def episode_of(
+    task: TaskSpec,
+    seed: int,
+    *,
+    held: bool,
+    cause: Cause = Cause.NO_CONTACT,
+    instance: str = "0",
+    content_hash: str = "ab12",
+    start: float = 0.5,
+    end: float | None = 0.9,
+) -> Episode:
+    """The record of an episode of a task with one object: whole in all its parts, with nothing behind it."""
+    ((name, thing),) = task.objects.items()
+    step = task.steps[0]
+    plan = PlanRecord(strategy=step.strategies[0], status="solved", reason="", at_step=0, trigger="start", ran=5)
+    return Episode(
+        seed=seed,
+        objects={
+            name: ObjectRecord(
+                asset_class=thing.asset_class,
+                id=instance,
+                source="generated",
+                content_hash=content_hash,
+                pose=[0.1, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0],
+                yaw=0.1,
+                openness_start=start,
+                openness_end=end,
+            )
+        },
+        placement_draws=1,
+        steps=[StepRecord(name=step.name, plans=[plan], paper=held, done=held)],
+        control_steps=5,
+        paper=held,
+        held=held,
+        strict=held and seed % 2 == 0,
+        strict_misses=[] if held and seed % 2 == 0 else [StrictMiss.NOT_LET_GO if held else StrictMiss.NOT_HELD],
+        still=False if held else None,
+        settled=True,
+        truncated=False,
+        cause=None if held else cause,
+    )
+
+
+def recording(seed: int, instances: dict[str, str], random: np.random.Generator, steps: int = 5) -> Recording:
     """An episode of noise."""
 
     def noise(*shape: int) -> Any:
@@ -74,7 +109,8 @@ def recording(seed: int, instance: str, random: np.random.Generator, steps: int 
 
     return Recording(
         seed=seed,
-        reset_options={"instance": instance},
+        reset_options={"instance": instances},
+        instances=instances,
         control_mode="pd_joint_pos",
         actions=noise(steps, 8),
         obs=noise(steps + 1, 4),
@@ -83,5 +119,4 @@ def recording(seed: int, instance: str, random: np.random.Generator, steps: int 
         terminated=np.zeros(steps, bool),
         truncated=np.zeros(steps, bool),
         success=np.ones(steps, bool),
-        openness=noise(steps + 1),
     )

@@ -200,6 +200,8 @@ def contents(folder: Path) -> dict[str, Any]:
     record = json.loads(found["run.json"])
     for field in ("command_line", "started", "finished", "resumed"):
         del record[field]
+    for told in (record["result"], *record["result"].get("tasks", ())):
+        told.pop("cpu_s", None)
     del record["result"]["run_dir"]
     found["run.json"] = record
     return found

@@ -122,7 +122,8 @@ class RandomProblem:
             self.start_velocity,
             np.zeros(count),
             [Obstacle(thing.name, thing.role, [thing.solid.theirs()], thing.pose) for thing in self.things],
-            grasps=self.config["gripper"] == "grasp",
+            gripper=self.config["gripper"],
+            let_go=self.config.get("let_go", 0.0),
             hinge=None if self.joint is None else Hinge(self.joint[0] == "revolute", self.joint[1], self.joint[2]),
             contact=self.arm.tip,
             after=self.config["post_actuation_motions"],
@@ -168,6 +169,7 @@ def random_problem(number: int) -> RandomProblem:
     T_base_object, joint = moving_joint(draw, mechanism, q_goal)
     config |= motions(draw, mechanism, joint is not None)
     config["gripper"] = str(draw.choice(["open", "closed", "grasp"]))
+    config |= letting_go(seeding.rng(number, "letting go"), mechanism)
     options: dict[str, Any] = {}
     if draw.random() < 0.1:
         times = np.cumsum(draw.uniform(3.0, 6.0, 8)).round(2).tolist()
@@ -379,6 +381,16 @@ def motions(draw: np.random.Generator, mechanism: Mechanism, jointed: bool) -> d
         elif swings(mechanism):
             after.append(["rotate", step(3.0)])
     return {"pre_actuation_motions": before, "post_actuation_motions": after}
+
+
+def letting_go(draw: np.random.Generator, mechanism: Mechanism) -> dict[str, Any]:
+    """What hands that hold something do; those that can keep an orientation may move back from it."""
+    found: dict[str, Any] = {}
+    if draw.random() < 0.3:
+        found["gripper"] = str(draw.choice(["hold", "release"]))
+    if able(mechanism) and draw.random() < 0.4:
+        found["let_go"] = float(draw.uniform(0.01, 0.08))
+    return found
 
 
 def start_velocity(draw: np.random.Generator, mechanism: Mechanism, q_start: Array) -> Array:

@@ -43,7 +43,10 @@ def broken(change: Any) -> dict[str, Any]:
         (lambda c: c.update(pre_actuation_motions=[["follow_joint", 1]]), r"pre_actuation_motions\[0\]"),
         (lambda c: c.update(pre_actuation_times=[1, 2]), "pre_actuation_times"),
         (lambda c: c.update(actuation_time=5, pre_actuation_times=[6]), "actuation_time"),
-        (lambda c: c.update(gripper="ajar"), "gripper"),
+        (lambda c: c.update(gripper="ajar"), "gripper.*hold or release"),
+        (lambda c: c.update(let_go=0.005), "let_go: must be 0.01 to 0.3 m"),
+        (lambda c: c.update(let_go=0.31), "let_go: must be 0.01 to 0.3 m"),
+        (lambda c: c.update(let_go="far"), "let_go: must be a finite number"),
         (lambda c: c.update(pre_actuation_motions=[["translate_z", -1e300]]), r"pre_actuation_motions\[0\]"),
         (lambda c: c.update(post_actuation_motions=["move-up"] * 2000), "post_actuation_motions"),
         (lambda c: c.update(constraint_list=c["constraint_list"] * 2000), "constraint_list"),
@@ -60,6 +63,15 @@ def test_round_trip() -> None:
     assert settings.gripper == "grasp"
     assert settings.to_dict() == config(gripper="grasp")
     assert pickle.loads(pickle.dumps(settings)).to_dict() == settings.to_dict()
+    assert settings.let_go is None
+
+
+def test_holding_and_letting_go_load() -> None:
+    for word in ("hold", "release"):
+        given_config = config(gripper=word, let_go=0.05)
+        settings = pickle.loads(pickle.dumps(kpam.SolverConfig(given_config)))
+        assert (settings.gripper, settings.let_go, settings.to_dict()) == (word, 0.05, given_config)
+    assert kpam.SolverConfig(config(let_go=None)).let_go is None
 
 
 def test_numpy_values_load() -> None:
@@ -75,7 +87,7 @@ values = st.recursive(
 )
 
 
-@given(st.sampled_from(["constraint_list", "pre_actuation_motions", "gripper", "actuation_time"]), values)
+@given(st.sampled_from(["constraint_list", "pre_actuation_motions", "gripper", "let_go", "actuation_time"]), values)
 def test_no_value_does_worse_than_a_config_error(field: str, value: Any) -> None:
     given_config = config(**{field: value})
     try:

@@ -34,6 +34,7 @@ def traits(problem: RandomProblem, plan: kpam.Plan) -> list[str]:
         "held object": "attached" in roles,
         "moving joint": "moving_link" in roles,
         "scene": bool(roles & {"rigid", "object_body"}),
+        "lets go": any(frame["label"] == "let_go" and frame["reached"] for frame in plan.keyframes),
         "few joints": len(problem.mechanism.movers(problem.arm.hand)) < 6,
     }
     return [plan.status, *(name for name, holds in found.items() if holds)]
@@ -55,4 +56,5 @@ def test_random_problems(first: int, tmp_path: Path) -> None:
     assert not wrong, "\n".join(wrong)
     # A planner that refuses everything would pass; about three in four of these can be solved.
     assert seen["solved"] >= SHARE // 2
-    assert min(seen[name] for name in ("mimic", "prismatic", "continuous", "start velocity", "held object")) > 0, seen
+    wanted = ("mimic", "prismatic", "continuous", "start velocity", "held object", "lets go")
+    assert min(seen[name] for name in wanted) > 0, seen

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from typing import Any
 
 import fake_world
 
+from gensim2.designers.base import Strategies
+from gensim2.pipeline.setting import Setting
 
-def demonstrate(setting: Any, config: Mapping[str, Any], seed: int) -> Any:
+
+def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> Any:
     if os.environ.get("BROKEN_SEED") == str(seed):
         raise RuntimeError("broken on purpose")
-    return fake_world.demonstrate(setting, config, seed)
+    return fake_world.demonstrate(setting, strategies, seed)

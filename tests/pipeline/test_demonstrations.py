@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import random
 from collections.abc import Callable
@@ -12,9 +13,12 @@ import fake_world
 import pytest
 from kill_runs import contents, differences
 
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Cause
 from gensim2.errors import InputError, NotRunError
 from gensim2.pipeline import worker
 from gensim2.pipeline.demonstrations import TRIES_PER_DEMO
+from gensim2.pipeline.setting import Setting
 
 Record = Callable[..., Any]
 EPISODES = Path("tasks/OpenDrawer/episodes")
@@ -38,12 +42,12 @@ def test_the_shortest_run_of_indices_with_enough_successes_is_kept(tmp_path: Pat
     attempts = lines(tmp_path / "run")
     assert [entry["index"] for entry in attempts] == list(range(len(attempts)))
     assert len(attempts) > 6
-    assert attempts[-1]["success"]
-    assert sum(entry["success"] for entry in attempts) == 6
+    assert attempts[-1]["held"]
+    assert sum(entry["held"] for entry in attempts) == 6
     kept = sorted(int(path.stem) for path in (tmp_path / "run" / EPISODES).iterdir())
-    assert kept == [entry["index"] for entry in attempts if entry["success"]]
+    assert kept == [entry["index"] for entry in attempts if entry["held"]]
     document = json.loads((tmp_path / "run/tasks/OpenDrawer/trajectory.json").read_text())
-    assert [e["episode_seed"] for e in document["episodes"]] == [e["seed"] for e in attempts if e["success"]]
+    assert [e["episode_seed"] for e in document["episodes"]] == [e["seed"] for e in attempts if e["held"]]
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -55,15 +59,29 @@ def test_the_number_of_workers_changes_nothing(
 
 
 def test_it_gives_up_after_enough_tries(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(setting: worker.Setting, config: dict[str, Any], seed: int) -> tuple[Any, None]:
-        attempt, _ = fake_world.demonstrate(setting, config, seed)
-        import dataclasses
-
-        return dataclasses.replace(attempt, success=False, cause="the object did not move"), None
+    def hopeless(setting: Setting, strategies: Strategies, seed: int) -> tuple[Any, None]:
+        episode, _ = fake_world.demonstrate(setting, strategies, seed)
+        return dataclasses.replace(episode, held=False, strict=False, cause=Cause.NO_CONTACT), None
 
     monkeypatch.setattr(worker, "demonstrate", hopeless)
-    assert record().demos == 0
+    result = record()
+    assert result.demos == 0
     assert len(lines(tmp_path / "run")) == 6 * TRIES_PER_DEMO
+    told = result.to_dict()
+    assert (told["episodes_run"], told["held"], told["strict"]) == (30, 0, 0)
+    assert told["causes"] == {"object did not move": 30}
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_the_counts_are_those_of_the_episodes_and_cpu_is_told(tmp_path: Path, record: Record, workers: int) -> None:
+    told = record(workers=workers).to_dict()
+    entries = lines(tmp_path / "run")
+    assert told["episodes_run"] == len(entries)
+    for verdict in ("paper", "held", "strict"):
+        assert told[verdict] == sum(entry[verdict] for entry in entries)
+    assert 0 < told["strict"] < told["held"] == told["demos"] == 6
+    assert told["cpu_s"] > 0
+    assert json.loads((tmp_path / "run/run.json").read_text())["result"] == told
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -76,7 +94,7 @@ def test_any_part_of_a_run_can_be_gone(tmp_path: Path, record: Record, undisturb
     for path in (run / EPISODES).iterdir():
         if dice.random() < 0.3:
             path.unlink()
-    for name in ("trajectory.h5", "trajectory.json", "solver.yaml"):
+    for name in ("trajectory.h5", "trajectory.json", "strategies/pull.yaml"):
         if dice.random() < 0.5:
             (run / "tasks/OpenDrawer" / name).unlink()
     (run / EPISODES / ".000001.h5.0123456789abcdef.tmp.h5").write_bytes(b"half an episode")
@@ -110,7 +128,7 @@ def test_an_episode_of_another_run_is_not_merged_and_counted(
     record()
     episodes = tmp_path / "run" / EPISODES
     source = min(episodes.iterdir())
-    failed = next(entry["index"] for entry in lines(tmp_path / "run") if not entry["success"])
+    failed = next(entry["index"] for entry in lines(tmp_path / "run") if not entry["held"])
     for index in (failed, 999):
         (episodes / f"{index:06d}.h5").write_bytes(source.read_bytes())
     result = record(resume=True)
@@ -128,7 +146,7 @@ def test_what_cannot_be_run_ends_the_run_after_all_others_and_is_tried_again(
     import broken_world
 
     monkeypatch.setattr(worker, "demonstrate", broken_world.demonstrate)
-    broken = next(e for e in json_lines(undisturbed) if e["success"])
+    broken = next(e for e in json_lines(undisturbed) if e["held"])
     monkeypatch.setenv("BROKEN_SEED", str(broken["seed"]))
     with pytest.raises(NotRunError) as raised:
         record(workers=2)
@@ -148,11 +166,11 @@ def json_lines(undisturbed: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(setting: worker.Setting, config: dict[str, Any], seed: int) -> Any:
-        attempt, recording = fake_world.demonstrate(setting, config, seed)
-        if attempt.instance == lines_of[0]["instance"]:
+    def refuse(setting: Setting, strategies: Strategies, seed: int) -> Any:
+        episode, recording = fake_world.demonstrate(setting, strategies, seed)
+        if episode.seed == lines_of[0]["seed"]:
             raise InputError("has no mesh", file="drawer/0/mobility.urdf")
-        return attempt, recording
+        return episode, recording
 
     record(out=tmp_path / "other")
     lines_of = lines(tmp_path / "other")

@@ -11,21 +11,26 @@ import yaml
 
 from gensim2.cli.main import FOUND_WRONG, run
 from gensim2.errors import InputError
-from gensim2.pipeline.inputs import read_task_input, task_and_config
+from gensim2.pipeline.inputs import read_task_input, task_and_strategies
+from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.pipeline.solving import solve
-from gensim2.planning.config import check_keypoints, solver_config
-from gensim2.tasks.library import load_config, load_task
+from gensim2.tasks.library import load_strategies, load_task, task_names
 
 pytest.importorskip("mani_skill")
 
 SIMULATOR = True
 
 
+def _config() -> dict[str, Any]:
+    """The strategy of the task that these tests bend."""
+    (config,) = load_strategies("OpenDrawer").values()
+    return config
+
+
 def _folder(path: Path, config: dict[str, Any], **task: Any) -> Path:
     fields = load_task("OpenDrawer").model_dump(mode="json", exclude_none=True) | task
-    path.mkdir()
+    TaskFolder(path).write_strategies({"pull": config})
     (path / "task.yaml").write_text(yaml.safe_dump(fields))
-    (path / "solver.yaml").write_text(yaml.safe_dump(config))
     return path
 
 
@@ -34,20 +39,28 @@ def _folder(path: Path, config: dict[str, Any], **task: Any) -> Path:
     [
         ("keypoint_name", "tool_head", "tool_hed", 'tool_keypoints: has no "tool_hed"'),
         ("target_keypoint_name", "articulated_object_head", "knob", 'object_keypoints: has no "knob"'),
+        ("target_keypoint_name", "articulated_object_head", "lemon/lemon_top", 'has no "lemon/lemon_top"'),
     ],
 )
 def test_a_keypoint_that_nobody_has_is_named(tmp_path: Path, field: str, old: str, new: str, words: str) -> None:
-    config = load_config("OpenDrawer")
+    config = _config()
     assert config["constraint_list"][0][field] == old
     config["constraint_list"][0][field] = new
     folder = _folder(tmp_path / "task", config)
     with pytest.raises(InputError) as caught:
         read_task_input(str(folder), "builtin", "all", 0)
-    assert str(caught.value).startswith(f"{folder / 'solver.yaml'}: {words}")
+    assert str(caught.value).startswith(str(folder / "strategies/pull.yaml"))
+    assert words in str(caught.value)
 
 
-def test_every_library_config_fits_its_class() -> None:
-    for name in ("OpenDrawer", "OpenBox", "TurnOnFaucet"):
+def test_a_keypoint_may_be_told_with_its_object(tmp_path: Path) -> None:
+    config = _config()
+    config["constraint_list"][0]["target_keypoint_name"] = "drawer/articulated_object_head"
+    assert read_task_input(str(_folder(tmp_path / "task", config)), "builtin", "all", 0).strategies["pull"] == config
+
+
+def test_every_library_strategy_fits_its_classes() -> None:
+    for name in task_names():
         given = read_task_input(name, "builtin", "all", 0)
         assert given.spec.name == name
         assert given.instances == "all"
@@ -60,30 +73,47 @@ def test_random_is_one_object_drawn_by_the_seed() -> None:
     assert len(set(words)) > 1
 
 
-def test_a_config_that_no_solver_takes(tmp_path: Path) -> None:
-    for config, words in [
-        ({}, "constraint_list: is missing"),
-        ({"constraint_list": []}, "constraint_list: holds no constraint"),
-        ({**load_config("OpenDrawer"), "speed": 3}, "speed: is not a known field"),
-        ({"task_name": "\ud800"}, "half a character"),
-        ({"constraint_list": [{"type": "point2point_constraint", "tolerance": 10**400}]}, "beyond 1e308"),
-    ]:
+def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
+    for number, (config, words) in enumerate(
+        [
+            ({}, "constraint_list: is missing"),
+            ({"constraint_list": []}, "constraint_list: holds no constraint"),
+            ({**_config(), "speed": 3}, "speed: is not a known field"),
+            ({"grasp": "antipodal", "aproach": 0.1}, "did you mean 'approach'?"),
+            ({"grasp": "antipodal"}, "grasp: drawer has a joint"),
+        ]
+    ):
+        folder = _folder(tmp_path / str(number), config)
         with pytest.raises(InputError) as caught:
-            solver_config(config, tmp_path / "solver.yaml")
-        assert str(caught.value).startswith(f"{tmp_path / 'solver.yaml'}: ")
+            read_task_input(str(folder), "builtin", "all", 0)
+        assert str(caught.value).startswith(f"{folder / 'strategies/pull.yaml'}: ")
         assert words in str(caught.value)
 
 
-def test_two_keypoints_of_an_object_are_enough_for_a_config_that_names_them() -> None:
-    config = solver_config(load_config("OpenDrawer"))
-    check_keypoints(config, ["articulated_object_tail", "articulated_object_head"], "prismatic")
-    with pytest.raises(InputError, match="articulated_object_head"):
-        check_keypoints(config, ["articulated_object_tail"], "prismatic")
+@pytest.mark.parametrize(("field", "word"), [("physics", "newtonian"), ("robot", "r2d2")])
+def test_physics_and_robots_that_there_are_not(field: str, word: str) -> None:
+    with pytest.raises(InputError, match=f"{field}: no {field} .*{word}"):
+        read_task_input("OpenDrawer", "builtin", "all", 0, **{field: word})
 
 
 def test_a_name_and_a_folder_are_read_alike(tmp_path: Path) -> None:
-    folder = _folder(tmp_path / "task", load_config("OpenDrawer"))
-    assert task_and_config(str(folder)) == task_and_config("OpenDrawer")
+    folder = _folder(tmp_path / "task", _config())
+    assert task_and_strategies(str(folder)) == task_and_strategies("OpenDrawer")
+
+
+def test_a_folder_of_version_1_is_read(tmp_path: Path) -> None:
+    task = {
+        "schema_version": 1,
+        "name": "PullDrawer",
+        "description": "pull the drawer open",
+        "asset_class": "drawer",
+        "success": [{"type": "articulated_open", "threshold": 0.8}],
+    }
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(task))
+    (tmp_path / "solver.yaml").write_text(yaml.safe_dump(_config()))
+    given = read_task_input(str(tmp_path), "builtin", "all", 0)
+    assert given.spec.is_single_step
+    assert given.strategies == {"solver": _config()}
 
 
 def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
@@ -102,16 +132,18 @@ def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
 
 
 def test_solve_of_a_folder_is_solve_of_the_task(tmp_path: Path) -> None:
-    folder = _folder(tmp_path / "task", load_config("OpenDrawer"))
+    folder = _folder(tmp_path / "task", _config())
     by_folder = solve(str(folder), seed=1, assets="builtin").to_dict()
     by_name = solve("OpenDrawer", seed=1, assets="builtin").to_dict()
     for result in (by_folder, by_name):
-        result["plan"].pop("cpu_ms", None)
+        for step in result["steps"]:
+            step["plan"].pop("cpu_ms", None)
     assert by_folder == by_name
+    assert [step["name"] for step in by_name["steps"]] == ["open"]
 
 
 def test_no_plan_at_all_ends_with_1(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    config = load_config("OpenDrawer")
+    config = _config()
     config["constraint_list"][0]["target_offset"] = [0.0, 0.0, 5.0]
     config["constraint_list"][0]["target_offset_frame"] = "world"
     folder = _folder(tmp_path / "task", config)

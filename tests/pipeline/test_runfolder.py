@@ -11,17 +11,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fake_world
 import pytest
 
-from gensim2.demos.trajectory import TrajectoryStore
+from gensim2.episodes.record import Episode
+from gensim2.episodes.trajectory import TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.pipeline import runfolder
 from gensim2.pipeline.attempts import AttemptLog
 from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import Attempt, Design, RunRecord, Verification
+from gensim2.pipeline.records import Design, RunRecord, Verification
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
-from gensim2.tasks.library import load_config, load_task
+from gensim2.tasks.library import load_strategies, load_task
 
 Record = Callable[..., Any]
 ATTEMPTS = Path("tasks/OpenDrawer/attempts.jsonl")
@@ -68,6 +70,8 @@ def test_a_finished_run_is_not_begun_again(record: Record) -> None:
         ({"seed": 1}, "arguments.seed"),
         ({"episodes": 7}, "arguments.episodes"),
         ({"instances": "train"}, "arguments.instances"),
+        ({"physics": "original"}, "arguments.physics"),
+        ({"open_loop": True}, "arguments.open_loop"),
     ],
 )
 def test_other_arguments_are_refused(record: Record, change: dict[str, Any], field: str) -> None:
@@ -77,19 +81,22 @@ def test_other_arguments_are_refused(record: Record, change: dict[str, Any], fie
 
 
 def _task_folder(folder: Path, **changes: Any) -> str:
-    spec, config = load_task("OpenDrawer").model_dump(mode="json"), load_config("OpenDrawer")
+    spec, strategies = load_task("OpenDrawer").model_dump(mode="json"), load_strategies("OpenDrawer")
     spec.update({key: value for key, value in changes.items() if key in spec})
-    config.update({key: value for key, value in changes.items() if key not in spec})
-    folder.mkdir(exist_ok=True)
+    files = TaskFolder(folder)
+    for data in strategies.values():
+        data.update({key: value for key, value in changes.items() if key not in spec})
+    files.write_strategies(strategies)
     (folder / "task.yaml").write_text(runfolder.dump_yaml(spec))
-    (folder / "solver.yaml").write_text(runfolder.dump_yaml(config))
     return str(folder)
 
 
 @pytest.mark.parametrize(
-    ("change", "field"), [({"gripper": "closed"}, "identity.config"), ({"max_episode_steps": 7}, "identity.task")]
+    ("change", "field"), [({"gripper": "closed"}, "identity.strategies"), ({"max_episode_steps": 7}, "identity.task")]
 )
-def test_another_config_or_task_is_refused(tmp_path: Path, record: Record, change: dict[str, Any], field: str) -> None:
+def test_other_strategies_or_another_task_are_refused(
+    tmp_path: Path, record: Record, change: dict[str, Any], field: str
+) -> None:
     record(task=_task_folder(tmp_path / "task"))
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
     _task_folder(tmp_path / "task", **change)
@@ -122,7 +129,8 @@ def test_attempts_with_another_object_are_refused(tmp_path: Path, record: Record
     record()
     path = tmp_path / "run" / ATTEMPTS
     lines = path.read_text().splitlines()
-    value = json.loads(lines[0]) | {"content_hash": "0" * 64}
+    value = json.loads(lines[0])
+    value["objects"]["drawer"]["content_hash"] = "0" * 64
     path.write_text("\n".join([json.dumps(value), *lines[1:]]) + "\n")
     with pytest.raises(InputError, match="was run with another drawer/"):
         record(resume=True)
@@ -168,7 +176,8 @@ def test_damage_is_one_clear_error(tmp_path: Path, record: Record, name: str, da
     ("fields", "field"),
     [
         ({"schema_version": 99}, "schema_version"),
-        ({"schema_version": "2"}, "schema_version"),
+        ({"schema_version": 2}, "schema_version"),
+        ({"schema_version": "3"}, "schema_version"),
         ({"arguments": []}, "arguments"),
         ({"assets": {"drawer/0": 1}}, "assets.drawer/0"),
         ({"identity": None}, "identity"),
@@ -191,8 +200,9 @@ def test_wrong_fields_of_run_json_are_named(tmp_path: Path, record: Record, fiel
         ({"index": 10**9}, "line 1: seed"),
         ({"seed": 1}, "line 1: seed"),
         ({"seed": "1"}, "line 1: seed"),
-        ({"success": 1}, "line 1: success"),
-        ({"openness_end": "wide"}, "line 1: openness_end"),
+        ({"held": 1}, "line 1: held"),
+        ({"cause": "bad luck"}, "line 1: cause"),
+        ({"objects": {"drawer": 1}}, "line 1: objects.drawer"),
     ],
 )
 def test_wrong_fields_of_an_attempt_are_named(
@@ -206,16 +216,15 @@ def test_wrong_fields_of_an_attempt_are_named(
     assert raised.value.field == field
 
 
-def _attempt(seed: int, success: bool) -> Attempt:
-    cause = None if success else "the object did not move"
-    return Attempt(seed, "0", "ab12", success, False, 0.5, 0.9 if success else None, 9, cause, "solved", "")
+def _episode(seed: int, held: bool) -> Episode:
+    return fake_world.episode_of(load_task("OpenDrawer"), seed, held=held, end=0.9 if held else None)
 
 
 def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> None:
     folder = TaskFolder(tmp_path)
     assert folder.verification() is None
     assert folder.design() is None
-    verification = Verification((_attempt(1, True), _attempt(2, False)), 0.5)
+    verification = Verification((_episode(1, True), _episode(2, False)), 0.5, "new")
     folder.write_verification(verification)
     folder.write_design(Design((), None, ("nothing planned",)))
     assert folder.verification() == verification
@@ -224,7 +233,7 @@ def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> Non
     assert design.notes == ["nothing planned"]
     for name, read in (("verification.json", folder.verification), ("design.json", folder.design)):
         content = (tmp_path / name).read_bytes()
-        for change in (*DAMAGE.values(), _set(schema_version=99), _set(successes=2, notes=[])):
+        for change in (*DAMAGE.values(), _set(schema_version=99), _set(held=2, notes=[])):
             if change(content) == content:
                 continue
             (tmp_path / name).write_bytes(change(content))
@@ -260,8 +269,8 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
     record()
     run, dice = tmp_path / "run", random.Random(0)
     task = TaskFolder(run / "tasks/OpenDrawer")
-    task.write_verification(Verification((_attempt(1, True), _attempt(2, False)), 0.5))
-    task.write_design(Design((), {"constraint_list": []}, ("found",)))
+    task.write_verification(Verification((_episode(1, True), _episode(2, False)), 0.5, "new"))
+    task.write_design(Design((), {"designed": {"constraint_list": []}}, ("found",)))
     seeds = [json.loads(line)["seed"] for line in (run / ATTEMPTS).read_text().splitlines()]
     store = TrajectoryStore(task.path)
     episode = store.indices()[0]

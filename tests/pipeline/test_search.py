@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+
+import fake_world
 
 from gensim2 import seeding
 from gensim2.designers import Affordance, Candidate, CandidateResult
-from gensim2.pipeline.records import Attempt
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Cause, Episode
 from gensim2.pipeline.search import Budget, Search, design_seeds
-from gensim2.tasks.spec import Criterion, TaskSpec
+from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.tasks.criteria import ArticulatedOpen
+from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 TASK = TaskSpec(
     name="OpenThing",
     description="open the thing",
-    asset_class="thing",
-    success=(Criterion(type="articulated_open", threshold=0.8),),
+    objects={"thing": ObjectSpec(asset_class="thing")},
+    steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
+SETTING = Setting(TASK, "train", Circumstances("builtin"))
 AFFORDANCE = Affordance("thing", "revolute", 0.5, {"head": "edge"}, {"head": 0.2})
+
+
+def candidate(label: str, n: float) -> Candidate:
+    return Candidate(label, {"open": {"designed": {"n": n}}}, {})
+
+
+def number(strategies: Strategies) -> float:
+    n: float = strategies["designed"]["n"]
+    return n
 
 
 class FakeDesigner:
@@ -29,7 +43,7 @@ class FakeDesigner:
         return [TASK]
 
     def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
-        return [Candidate(f"number {n}", {"n": n}, {}) for n in range(20)]
+        return [candidate(f"number {n}", n) for n in range(20)]
 
     def refine(
         self,
@@ -41,7 +55,7 @@ class FakeDesigner:
     ) -> list[Candidate]:
         if round > 0:
             return []
-        return [Candidate("refined", {"n": results[0].candidate.config["n"] + 0.5}, {})]
+        return [candidate("refined", number(results[0].candidate.strategies) + 0.5)]
 
 
 class FakeWorld:
@@ -51,25 +65,26 @@ class FakeWorld:
         self.seeds: set[int] = set()
 
     def screen(
-        self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
     ) -> list[list[tuple[float, str | None]]]:
-        return [[(1.0, None) if config["n"] % 2 > 0 else (0.0, "unreachable")] * len(seeds) for config in configs]
+        assert setting == SETTING
+        return [[(1.0, None) if number(c) % 2 > 0 else (0.0, "unreachable")] * len(seeds) for c in candidates]
 
-    def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, Any], int]]) -> list[Attempt]:
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
+        assert setting == SETTING
         self.seeds.update(seed for _, seed in jobs)
-        return [self._one(config["n"], seed) for config, seed in jobs]
+        return [self._one(number(strategies), seed) for strategies, seed in jobs]
 
-    def _one(self, n: float, seed: int) -> Attempt:
+    def _one(self, n: float, seed: int) -> Episode:
         held = n % 1 > 0 or bool(seeding.rng(seed, str(n)).random() < n / 20)
-        cause = None if held else "stopped short"
-        return Attempt(seed, "0", "ab12", held, False, 0.5, 0.9, 100, cause, "solved", "")
+        return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
 
 def test_it_finds_the_best_and_refines_it() -> None:
-    design = Search(TASK, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=0).run()
+    design = Search(SETTING, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=0).run()
     assert design.chosen is not None
-    assert design.chosen["n"] % 1 == 0.5
-    assert design.chosen["n"] > 10
+    assert number(design.chosen) % 1 == 0.5
+    assert number(design.chosen) > 10
     assert len(design.results) == 21
     planless = [result for result in design.results if result.plan_score == 0]
     assert len(planless) == 10
@@ -84,27 +99,25 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
             super().__init__()
             self.runs: dict[float, int] = {}
 
-        def _one(self, n: float, seed: int) -> Attempt:
+        def _one(self, n: float, seed: int) -> Episode:
             self.runs[n] = self.runs.get(n, 0) + 1
             held = n % 1 > 0 or self.runs[n] <= 8
-            return Attempt(
-                seed, "0", "ab12", held, False, 0.5, 0.9, 100, None if held else "stopped short", "solved", ""
-            )
+            return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
-    design = Search(TASK, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
+    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
     assert design.chosen is not None
-    assert design.chosen["n"] % 1 == 0.5
+    assert number(design.chosen) % 1 == 0.5
     assert sum(stage.trials for stage in design.results[0].stages if stage.name == "physics") >= 14
 
 
 def test_it_is_repeatable() -> None:
-    first, second = (Search(TASK, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
+    first, second = (Search(SETTING, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
     assert first == second
 
 
 def test_design_and_verification_share_no_seed() -> None:
     world = FakeWorld()
-    Search(TASK, AFFORDANCE, FakeDesigner(), world, seed=0).run()
+    Search(SETTING, AFFORDANCE, FakeDesigner(), world, seed=0).run()
     assert len(world.seeds) > 10
     assert not world.seeds & set(design_seeds(0, TASK, "verify", 200))
     assert not world.seeds & set(design_seeds(0, TASK, "demos", 200))
@@ -113,21 +126,21 @@ def test_design_and_verification_share_no_seed() -> None:
 def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
-            self, task: TaskSpec, configs: Sequence[dict[str, Any]], seeds: Sequence[int]
+            self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
         ) -> list[list[tuple[float, str | None]]]:
-            return [[(0.0, "collision")] * len(seeds) for _ in configs]
+            return [[(0.0, "collision")] * len(seeds) for _ in candidates]
 
-    design = Search(TASK, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
+    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
     assert design.chosen is None
     assert "no candidate could be planned" in design.notes
 
 
 def test_nothing_held_is_said() -> None:
     class Stuck(FakeWorld):
-        def _one(self, n: float, seed: int) -> Attempt:
-            return Attempt(seed, "0", "ab12", False, None, 0.5, 0.5, 9, "the object did not move", "solved", "")
+        def _one(self, n: float, seed: int) -> Episode:
+            return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
 
-    design = Search(TASK, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
+    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
     assert design.chosen is None
     assert "no candidate held in physics" in design.notes
-    assert design.to_dict()["candidates"][0]["cause"] == "the object did not move"
+    assert design.to_dict()["candidates"][0]["cause"] == "object did not move"

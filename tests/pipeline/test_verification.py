@@ -13,22 +13,26 @@ from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Verification
 from gensim2.pipeline.runfolder import RunFolder
+from gensim2.pipeline.setting import Circumstances
+from gensim2.pipeline.unseen import kept_apart
 from gensim2.pipeline.verification import UNDER_WAY, VERIFY_EPISODES, verify
 from gensim2.tasks.library import load_task
 
 TASK = load_task("OpenDrawer")
+CIRCUMSTANCES = Circumstances("builtin")
 
 
 def _verify(out: Path, seed: int = 0) -> Verification:
-    with RunFolder(out, {}, {}, resume=True) as run, PoolEvaluator("builtin", 0) as evaluator:
-        files = run.task(TASK.name)
-        return verify(TASK, {}, files, run, evaluator, open_library("builtin"), episodes=3, seed=seed)
+    with RunFolder(out, {}, {}, resume=True) as run, PoolEvaluator(CIRCUMSTANCES, 0) as evaluator:
+        files, library = run.task(TASK.name), open_library("builtin")
+        apart = kept_apart(library, "drawer")
+        return verify(TASK, {}, files, run, evaluator, library, apart, episodes=3, seed=seed)
 
 
 def test_an_interrupted_verification_repeats_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = _verify(tmp_path / "whole")
-    assert len(whole.attempts) == VERIFY_EPISODES
-    plain, calls = worker.attempt, []
+    assert len(whole.episodes) == VERIFY_EPISODES
+    plain, calls = worker.episode, []
 
     def counted(*arguments: object) -> object:
         calls.append(arguments)
@@ -36,7 +40,7 @@ def test_an_interrupted_verification_repeats_no_episode(tmp_path: Path, monkeypa
             raise KeyboardInterrupt
         return plain(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(worker, "attempt", counted)
+    monkeypatch.setattr(worker, "episode", counted)
     with pytest.raises(KeyboardInterrupt):
         _verify(tmp_path / "run")
     log = tmp_path / "run/tasks/OpenDrawer" / UNDER_WAY
@@ -56,7 +60,37 @@ def test_a_verification_of_another_run_is_refused(tmp_path: Path) -> None:
         _verify(tmp_path, seed=1)
     path = tmp_path / "tasks/OpenDrawer/verification.json"
     value = json.loads(path.read_text())
-    value["successes"] += 1
+    value["held"] += 1
     path.write_text(json.dumps(value))
     with pytest.raises(InputError, match="the counts are not those of the episodes"):
         _verify(tmp_path)
+
+
+def test_generated_objects_of_a_verification_are_such_as_no_search_sees(tmp_path: Path) -> None:
+    library = open_library("builtin")
+    listed = set(library.instances("drawer"))
+    assert set(library.choose("drawer", kept_apart(library, "drawer").search)) <= listed
+    verification = _verify(tmp_path)
+    drawn = [episode.objects["drawer"].id for episode in verification.episodes]
+    assert len(set(drawn)) == len(drawn) == VERIFY_EPISODES
+    assert not set(drawn) & listed
+    assert verification.tally.objects == {"drawer": VERIFY_EPISODES}
+    written = json.loads((tmp_path / "tasks/OpenDrawer/verification.json").read_text())
+    assert (written["instances"], written["objects"]) == ("new", {"drawer": VERIFY_EPISODES})
+
+
+class _Folder:
+    """A folder of so many drawers."""
+
+    def __init__(self, count: int) -> None:
+        self._ids = tuple(str(number) for number in range(count))
+
+    def instances(self, asset_class: str) -> tuple[str, ...]:
+        return self._ids
+
+
+@pytest.mark.parametrize(("count", "search", "kind"), [(9, "all", "all"), (10, "train", "test")])
+def test_a_folder_is_divided_where_it_has_enough(count: int, search: str, kind: str) -> None:
+    apart = kept_apart(_Folder(count), "drawer")  # type: ignore[arg-type]
+    assert (apart.search, apart.kind) == (search, kind)
+    assert apart.verification(3, seed=0) == [kind] * 3

@@ -3,60 +3,78 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
+import fake_world
 import pytest
 
-from gensim2.demos import rollout
-from gensim2.demos.rollout import EpisodeResult, StillResult, is_stable
-from gensim2.errors import NotRunError
+from gensim2.designers.base import Strategies
+from gensim2.errors import InputError, NotRunError
 from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import Attempt, Verification
-from gensim2.tasks.library import load_config, load_task
+from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.tasks.library import load_strategies, load_task
 
 SIMULATOR = True
-SETTING = worker.Setting(load_task("PushDrawerClose").model_dump_json(), "builtin")
-CONFIG = load_config("PushDrawerClose")
+TASK = load_task("PushDrawerClose")
+SETTING = Setting(TASK, "all", Circumstances("builtin"))
+STRATEGIES = load_strategies("PushDrawerClose")
+
+
+def changed(old: str, new: str) -> Strategies:
+    """The strategies with a word in another's place."""
+    found: Strategies = json.loads(json.dumps(STRATEGIES).replace(old, new))
+    assert found != STRATEGIES
+    return found
 
 
 def test_an_episode_is_a_pure_function_recorded_or_not() -> None:
-    first = worker.attempt(SETTING, CONFIG, 5)
-    other, _ = worker.demonstrate(SETTING, CONFIG, 6)
-    again, recording = worker.demonstrate(SETTING, CONFIG, 5)
+    first = worker.episode(SETTING, STRATEGIES, 5)
+    other, _ = worker.demonstrate(SETTING, STRATEGIES, 6)
+    again, recording = worker.demonstrate(SETTING, STRATEGIES, 5)
     assert first == again
     assert first != other
-    assert first.success
-    assert first.still_success is False
+    assert first.held
+    assert first.still is False
     assert recording is not None
-    assert recording.steps == first.steps
-    assert recording.openness[-1] == pytest.approx(first.openness_end)
+    assert recording.steps == first.control_steps
+
+
+def test_an_open_loop_episode_makes_one_plan_a_step() -> None:
+    episode = worker.episode(replace(SETTING, circumstances=Circumstances("builtin", open_loop=True)), STRATEGIES, 5)
+    assert [len(step.plans) for step in episode.steps] == [1]
+
+
+def test_settings_of_equal_specs_share_a_simulator() -> None:
+    again = Setting(TASK.model_validate_json(TASK.model_dump_json()), "all", Circumstances("builtin"))
+    assert again == SETTING
+    assert worker.simulator(again) is worker.simulator(SETTING)
+    assert worker.simulator(replace(SETTING, instances="train")) is not worker.simulator(SETTING)
 
 
 def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None:
-    unknown = CONFIG | {"nonsense": 1}
-    lost = json.loads(json.dumps(CONFIG).replace("articulated_object_head", "no_such_keypoint"))
-    assert lost != CONFIG
-    good, *bad = worker.screen_scene(SETTING, 5, [CONFIG, unknown, lost, {}])
+    (name,) = STRATEGIES
+    unknown = {name: {**STRATEGIES[name], "nonsense": 1}}
+    lost = changed("articulated_object_head", "no_such_keypoint")
+    good, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, unknown, lost, {name: {}}, {}])
     assert good == (1.0, None)
     assert all(score == 0.0 and str(cause).startswith("planner error: ") for score, cause in bad)
 
 
-def test_a_panic_of_the_solver_is_a_drop_and_lack_of_memory_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_panic_of_the_solver_is_a_drop_and_lack_of_memory_is_not() -> None:
     panic = type("PanicException", (BaseException,), {"__module__": "pyo3_runtime"})
-    problems: Any = SimpleNamespace()
+    planner, scene = SimpleNamespace(), SimpleNamespace()
     for error in (panic("index out of bounds"), ValueError("odd")):
-        problems.problem = _raising(error)
-        score, cause = worker._screen(problems, CONFIG)
-        assert (score, cause) == (0.0, f"planner error: {type(error).__name__}: {error}")
+        planner.plan = _raising(error)
+        screened = worker._screen(planner, TASK, scene, STRATEGIES)  # type: ignore[arg-type]
+        assert screened == (0.0, f"planner error: {type(error).__name__}: {error}")
     for error in (MemoryError(), KeyboardInterrupt()):
-        problems.problem = _raising(error)
+        planner.plan = _raising(error)
         with pytest.raises(type(error)):
-            worker._screen(problems, CONFIG)
+            worker._screen(planner, TASK, scene, STRATEGIES)  # type: ignore[arg-type]
 
 
 def _raising(error: BaseException) -> Any:
@@ -66,77 +84,65 @@ def _raising(error: BaseException) -> Any:
     return call
 
 
-def test_a_config_that_does_not_fit_an_object_is_a_failed_attempt() -> None:
-    lost = json.loads(json.dumps(CONFIG).replace("articulated_object_head", "no_such_keypoint"))
-    attempt = worker.attempt(SETTING, lost, 5)
-    assert not attempt.success
-    assert attempt.cause == "no plan: invalid problem"
-    assert "no_such_keypoint" in attempt.plan_reason
-
-
-@pytest.mark.parametrize("end", [math.nan, math.inf, 40.0])
-def test_physics_that_blew_up_has_a_cause_of_its_own_and_is_written(
-    monkeypatch: pytest.MonkeyPatch, end: float
-) -> None:
-    """The lane, the plan and the episode are made up; what is judged is the record of it."""
-    instance = SimpleNamespace(id="0", content_hash="ab12")
-    lane = SimpleNamespace(reset=lambda seed: None, openness=0.5, instance=instance, task=load_task("OpenDrawer"))
-    plan = SimpleNamespace(status="solved", reason="")
-    monkeypatch.setattr(worker, "simulator", lambda setting: lane)
-    monkeypatch.setattr(worker, "plan_episode", lambda lane, config: (plan, np.zeros((3, 8), np.float32)))
-    result = EpisodeResult(5, "0", False, True, False, False, False, 0.5, end, 9)
-    monkeypatch.setattr(rollout, "run_episode", lambda lane, actions, record: result)
-    attempt = worker.attempt(SETTING, CONFIG, 5)
-    assert attempt.cause == worker.UNSTABLE
-    assert attempt.openness_end == (end if math.isfinite(end) else None)
-    document = json.dumps(Verification((attempt,), 0.7).to_dict(), allow_nan=False)
-    assert json.loads(document)["causes"] == {"physics became unstable": 1}
-
-
-def test_a_still_arm_under_which_physics_blows_up_makes_no_success(monkeypatch: pytest.MonkeyPatch) -> None:
-    instance = SimpleNamespace(id="0", content_hash="ab12")
-    lane = SimpleNamespace(reset=lambda seed: None, openness=0.5, instance=instance, task=load_task("OpenDrawer"))
-    good = EpisodeResult(5, "0", True, True, True, True, False, 0.5, 0.9, 9)
-    monkeypatch.setattr(worker, "simulator", lambda setting: lane)
-    plan = SimpleNamespace(status="solved", reason="")
-    monkeypatch.setattr(worker, "plan_episode", lambda lane, config: (plan, np.zeros((3, 8), np.float32)))
-    monkeypatch.setattr(rollout, "run_episode", lambda lane, actions, record: good)
-    still = StillResult(success=False, stable=False, openness_start=0.5, openness_end=0.5)
-    monkeypatch.setattr(worker, "still_episode", lambda setting, seed: still)
-    assert worker.attempt(SETTING, CONFIG, 5).cause == worker.UNSTABLE
-
-
 @pytest.mark.parametrize(
-    ("openness", "finite", "stable"),
-    [(0.5, True, True), (1.01, True, True), (math.nan, True, False), (9.0, True, False), (0.5, False, False)],
+    ("reached", "score"), [(("actuation",), 0.75), ((), 0.5)], ids=["past the actuation pose", "not that far"]
 )
-def test_what_counts_as_stable(openness: float, finite: bool, stable: bool) -> None:
-    lane: Any = SimpleNamespace(openness=openness, is_finite=finite)
-    assert is_stable(lane) is stable
+def test_a_candidate_of_two_steps_is_scored_by_the_steps_that_can_be_planned(
+    reached: tuple[str, ...], score: float
+) -> None:
+    first = TASK.steps[0]
+    task = TASK.model_copy(update={"steps": (first, first.model_copy(update={"name": "again"}))})
+    scenes: list[str] = []
+
+    def plan(scene: Any, step: Any, strategy: object) -> Any:
+        scenes.append(scene)
+        if step.name == first.name:
+            return SimpleNamespace(is_solved=True, status="solved", after="the scene after it")
+        motion = SimpleNamespace(trajectory=1, keyframes=[{"label": label, "reached": True} for label in reached])
+        return SimpleNamespace(is_solved=False, status="collision", after=None, plan=motion)
+
+    planner: Any = SimpleNamespace(plan=plan)
+    assert worker._screen(planner, task, "the scene", STRATEGIES) == (score, "collision")  # type: ignore[arg-type]
+    assert scenes == ["the scene", "the scene after it"]
+
+
+def test_strategies_that_do_not_fit_an_object_are_an_episode_with_that_cause() -> None:
+    episode = worker.episode(SETTING, changed("articulated_object_head", "no_such_keypoint"), 5)
+    assert not episode.held
+    assert episode.cause == "invalid problem"
+    assert "no_such_keypoint" in json.dumps(episode.to_dict())
+
+
+def test_strategies_that_nobody_takes_are_bad_input() -> None:
+    with pytest.raises(InputError, match=r"strategies/\w+\.yaml: .*nonsense"):
+        worker.episode(SETTING, changed('"gripper"', '"nonsense"'), 5)
 
 
 class _Made(PoolEvaluator):
     """Jobs in this process."""
 
     def __init__(self) -> None:
-        super().__init__("builtin", 0)
+        super().__init__(Circumstances("builtin"), 0)
 
 
-def test_an_evaluator_gives_attempts_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
-    task = load_task("OpenDrawer")
-    monkeypatch.setattr(worker, "screen_scene", lambda setting, seed, configs: [(c["n"] * seed, None) for c in configs])
+def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        worker, "attempt", lambda setting, config, seed: Attempt(seed, "0", "", True, False, 0, 1, 9, None, "", "")
+        worker, "screen_scene", lambda setting, seed, candidates: [(c["n"]["n"] * seed, None) for c in candidates]
+    )
+    monkeypatch.setattr(
+        worker, "episode", lambda setting, strategies, seed: fake_world.episode_of(setting.task, seed, held=True)
     )
     with _Made() as evaluator:
-        assert evaluator.screen(task, [{"n": 1}, {"n": 2}], [3, 4, 5]) == [
+        setting = evaluator.setting(TASK, "all")
+        assert setting == SETTING
+        assert evaluator.screen(setting, [{"n": {"n": 1}}, {"n": {"n": 2}}], [3, 4, 5]) == [
             [(3, None), (4, None), (5, None)],
             [(6, None), (8, None), (10, None)],
         ]
-        assert [a.seed for a in evaluator.attempt(task, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
+        assert [e.seed for e in evaluator.episodes(setting, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
 
 
-def test_an_evaluator_names_what_could_not_be_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_evaluator_names_what_could_not_be_run() -> None:
     from gensim2.processes import Failure, Outcome
 
     class Lossy:
@@ -151,5 +157,25 @@ def test_an_evaluator_names_what_could_not_be_run(monkeypatch: pytest.MonkeyPatc
 
     with _Made() as evaluator:
         evaluator._executor = Lossy()
-        with pytest.raises(NotRunError, match=r"OpenDrawer: planning of candidates: could not be run: 1 \(.*SIGKILL"):
-            evaluator.screen(load_task("OpenDrawer"), [{}], [3, 4, 5])
+        what = r"PushDrawerClose: planning of candidates: could not be run: 1 \(.*SIGKILL"
+        with pytest.raises(NotRunError, match=what):
+            evaluator.screen(SETTING, [{}], [3, 4, 5])
+
+
+def spin(seconds: float) -> float:
+    """Work for so many seconds of CPU."""
+    import time
+
+    begin = time.process_time()
+    while time.process_time() - begin < seconds:
+        pass
+    return seconds
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_cpu_is_that_of_all_processes(workers: int) -> None:
+    from gensim2.processes import Job
+
+    with PoolEvaluator(Circumstances("builtin"), workers) as evaluator:
+        list(evaluator.run(spin, [Job(index, (0.25,)) for index in range(4)], "work"))
+        assert 1.0 <= evaluator.cpu_s < 2.0

@@ -8,73 +8,118 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.planning.actions import plan_actions
-from gensim2.robots import CLOSED, OPEN, robot
+from gensim2.planning.actions import CLOSED, OPEN, Acts, schedule
+from gensim2.robots import RobotProfile, robot
 
-PANDA = robot("panda")
-CONTROL_HZ, LAG_STEPS, GRIPPER_STEPS = PANDA.control_hz, PANDA.lag_steps, PANDA.gripper_steps
+pytest.importorskip("mani_skill")
+
 STEPS = 20
 ACTUATION = 8
+POST = 14
+LAG, FINGERS, HOLD = 2, 12, 4
 
 
-def _plan(steps: int = STEPS) -> Any:
+@pytest.fixture(scope="module")
+def panda() -> RobotProfile:
+    return robot("panda")
+
+
+def plan(steps: int = STEPS, let_go: bool = False, reached: int = STEPS) -> Any:
     """Joint 0 counts the control steps; the actuation pose is reached at step ``ACTUATION``."""
 
     def sample_every(seconds: float) -> Any:
-        assert seconds == pytest.approx(1 / CONTROL_HZ)
+        assert seconds == pytest.approx(0.05)
         return np.column_stack([np.arange(steps), np.full((steps, 8), 0.5)])
 
+    times = {"pre_0": 4, "actuation": ACTUATION, "post_0": POST} | ({"let_go": STEPS - 1} if let_go else {})
     keyframes = [
-        {"label": "start", "time": 0.0, "reached": True},
-        {"label": "actuation", "time": ACTUATION / CONTROL_HZ, "reached": True},
+        {"label": label, "time": step / 20 if step < reached else None, "reached": step < reached}
+        for label, step in times.items()
     ]
     return SimpleNamespace(trajectory=SimpleNamespace(sample_every=sample_every), keyframes=keyframes, reason="")
 
 
-@pytest.mark.parametrize("gripper", ["open", "closed", "grasp"])
-@pytest.mark.parametrize("hold", [0, 4])
-def test_every_target_is_sent_and_the_last_one_is_held(gripper: Any, hold: int) -> None:
-    actions = plan_actions(_plan(), gripper, PANDA, hold_steps=hold)
+@pytest.mark.parametrize("fingers", ["open", "closed", "grasp", "hold", "release"])
+@pytest.mark.parametrize("let_go", [False, True])
+def test_every_target_is_sent_and_the_last_one_is_held(panda: RobotProfile, fingers: Any, let_go: bool) -> None:
+    rows = schedule(plan(let_go=let_go), Acts(fingers, CLOSED, lets_go=let_go), panda)
+    actions = rows.actions
     assert actions.dtype == np.float32
-    assert actions.shape[1] == 8
-    assert np.isfinite(actions).all()
-    assert actions[-1, 0] == STEPS - 1
+    assert actions.shape == (len(rows), 8)
+    assert (actions[-HOLD - LAG :, 0] == STEPS - 1).all()
     assert (np.diff(actions[:, 0]) >= 0).all()
-    assert np.diff(actions[:, 0]).max() <= LAG_STEPS + 1
-    assert len(actions) == len(plan_actions(_plan(), gripper, PANDA, hold_steps=0)) + hold
+    assert np.diff(actions[:, 0]).max() <= LAG + 1
+    assert (np.diff(rows.times) >= 0).all()
+    assert rows.times[rows.contact] == pytest.approx(4 / 20)
+    assert rows.times[rows.actuation] == pytest.approx(ACTUATION / 20)
 
 
-def test_open_fingers_stay_open_and_targets_are_ahead_by_the_lag() -> None:
-    actions = plan_actions(_plan(), "open", PANDA, hold_steps=4)
-    assert len(actions) == STEPS + 4
-    assert (actions[:, 7] == OPEN).all()
-    assert actions[0, 0] == LAG_STEPS
-    assert (actions[-4 - LAG_STEPS :, 0] == STEPS - 1).all()
+def test_open_fingers_stay_open_and_targets_are_ahead_by_the_lag(panda: RobotProfile) -> None:
+    rows = schedule(plan(), Acts("open", OPEN), panda)
+    assert len(rows) == STEPS + HOLD
+    assert (rows.actions[:, 7] == OPEN).all()
+    assert rows.actions[0, 0] == LAG
+    assert rows.gripped is None
+    assert rows.released is None
 
 
-def test_closed_fingers_close_before_the_arm_moves() -> None:
-    actions = plan_actions(_plan(), "closed", PANDA)
-    assert (actions[:, 7] == CLOSED).all()
-    assert (actions[:GRIPPER_STEPS, 0] == 0).all()
-    assert actions[GRIPPER_STEPS, 0] == LAG_STEPS
+def test_fingers_that_must_change_do_so_before_the_arm_moves(panda: RobotProfile) -> None:
+    rows = schedule(plan(), Acts("closed", CLOSED, before=True), panda)
+    assert (rows.actions[:, 7] == CLOSED).all()
+    assert (rows.actions[:FINGERS, 0] == 0).all()
+    assert rows.actions[FINGERS, 0] == LAG
 
 
-def test_a_grasp_closes_at_the_actuation_pose_and_stays_closed() -> None:
-    actions = plan_actions(_plan(), "grasp", PANDA)
-    closed = actions[:, 7] == CLOSED
+def test_a_grasp_closes_at_the_actuation_pose_and_stays_closed(panda: RobotProfile) -> None:
+    rows = schedule(plan(), Acts("grasp", OPEN), panda)
+    closed = rows.actions[:, 7] == CLOSED
     first = int(closed.argmax())
     assert closed[first:].all()
-    assert not closed[:first].any()
-    assert (actions[first - LAG_STEPS : first + GRIPPER_STEPS, 0] == ACTUATION).all()
-    assert (actions[:first, 0] <= ACTUATION).all()
+    assert (rows.actions[first - LAG : first + FINGERS, 0] == ACTUATION).all()
+    assert (rows.actions[:first, 0] <= ACTUATION).all()
+    assert rows.gripped == first + FINGERS
 
 
-def test_an_actuation_pose_beyond_the_trajectory_is_its_end() -> None:
-    actions = plan_actions(_plan(steps=4), "grasp", PANDA)
-    assert actions[-1, 0] == 3
-    assert (actions[-1 - GRIPPER_STEPS :, 7] == CLOSED).all()
+def test_what_can_be_pushed_away_is_closed_on_slowly_from_the_opening(panda: RobotProfile) -> None:
+    rows = schedule(plan(), Acts("grasp", 0.2, opening=0.2, gently=True), panda)
+    commands = rows.actions[:, 7]
+    assert commands[0] == pytest.approx(0.2)
+    meters = 0.5 * (panda.gripper.open - panda.gripper.closed) * -np.diff(commands)
+    assert 0 < meters.max() <= 0.06 / 20 + 1e-6
+    assert rows.gripped is not None
+    assert (commands[rows.gripped - LAG :] == CLOSED).all()
 
 
-def test_a_plan_without_a_trajectory_is_refused() -> None:
+def test_a_release_opens_at_the_actuation_pose(panda: RobotProfile) -> None:
+    rows = schedule(plan(), Acts("release", CLOSED), panda)
+    opens = rows.actions[:, 7] == OPEN
+    first = int(opens.argmax())
+    assert opens[first:].all()
+    assert rows.released == first + FINGERS
+    assert (rows.actions[first - LAG : first + FINGERS, 0] == ACTUATION).all()
+
+
+@pytest.mark.parametrize("fingers", ["grasp", "hold"])
+def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers: Any) -> None:
+    rows = schedule(plan(let_go=True), Acts(fingers, CLOSED if fingers == "hold" else OPEN, lets_go=True), panda)
+    assert rows.released is not None
+    assert rows.actions[rows.released - 1, 0] == POST
+    assert (rows.actions[rows.released - FINGERS :, 7] == OPEN).all()
+    assert rows.actions[rows.released - FINGERS - 1, 7] == CLOSED
+
+
+def test_closed_fingers_back_off_closed(panda: RobotProfile) -> None:
+    rows = schedule(plan(let_go=True), Acts("closed", CLOSED, lets_go=True), panda)
+    assert (rows.actions[:, 7] == CLOSED).all()
+    assert rows.released is None
+
+
+def test_a_part_of_a_motion_that_ends_before_letting_go_keeps_its_grasp(panda: RobotProfile) -> None:
+    rows = schedule(plan(steps=12, let_go=True, reached=12), Acts("grasp", OPEN, lets_go=True), panda)
+    assert rows.released is None
+    assert rows.actions[-1, 7] == CLOSED
+
+
+def test_a_plan_without_a_trajectory_is_refused(panda: RobotProfile) -> None:
     with pytest.raises(ValueError, match="no trajectory: out of reach"):
-        plan_actions(SimpleNamespace(trajectory=None, reason="out of reach"), "open", PANDA)  # type: ignore[arg-type]
+        schedule(SimpleNamespace(trajectory=None, reason="out of reach"), Acts("open", OPEN), panda)  # type: ignore[arg-type]

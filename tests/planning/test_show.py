@@ -6,11 +6,10 @@ import urllib.request
 
 import numpy as np
 import pytest
+from gensim2.planning.problem import SceneProblems
 
 import gensim2_kpam as kpam
-from gensim2.planning.problem import SceneProblems
 from gensim2.planning.scene import JointState, Scene, SceneBody
-from gensim2.robots import robot
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")
@@ -44,7 +43,7 @@ def test_the_page_of_a_plan(scene: Scene, reach: float) -> None:
     from gensim2.planning.show import show
 
     scene.object_keypoints["articulated_object_head"][0] = reach
-    plan = kpam.plan(SceneProblems(scene, robot("panda")).problem(kpam.SolverConfig(CONFIG)))
+    plan = kpam.plan(SceneProblems(scene).problem(kpam.SolverConfig(CONFIG)))
     assert (plan.trajectory is not None) == (reach < 1.0)
     server = show(scene, plan, port=18080)
     try:

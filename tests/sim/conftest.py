@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from gensim2.errors import InputError
+from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance
-from gensim2.tasks.library import parse_task
+from gensim2.sim.arguments import as_library
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 _SPEC = importlib.util.spec_from_file_location("tiny_object", Path(__file__).with_name("tiny_object.py"))
@@ -24,23 +26,26 @@ _SPEC.loader.exec_module(tiny_object)
 
 
 class CrateLibrary:
-    """Two crates, in the place of an object library."""
+    """Crates, in the place of an object library; other classes are the generated ones."""
 
     def __init__(self, *crates: Instance) -> None:
         self._crates = {crate.id: crate for crate in crates}
+        self._others = as_library("builtin")
 
     def instances(self, asset_class: str, /) -> tuple[str, ...]:
-        return tuple(self._crates) if asset_class == "crate" else ()
+        return tuple(self._crates) if asset_class == "crate" else self._others.instances(asset_class)
 
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
+        if asset_class != "crate":
+            return self._others.choose(asset_class, which)
         ids = self.instances(asset_class)
         splits = {"all": ids, "train": ids[:1], "test": ids[1:]}
         if which not in splits and which not in ids:
             raise InputError(f"{asset_class} has no instance {which}", field="instance")
         return splits.get(which, (which,))
 
-    def load(self, asset_class: str, instance_id: str, /) -> Instance:
-        return self._crates[instance_id]
+    def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject:
+        return self._crates[instance_id] if asset_class == "crate" else self._others.load(asset_class, instance_id)
 
 
 @pytest.fixture
@@ -61,7 +66,14 @@ def crate_task() -> TaskSpec:
         {
             "name": "CloseCrate",
             "description": "close the crate",
-            "asset_class": "crate",
-            "success": [{"type": "articulated_closed", "threshold": 0.2}],
+            "objects": {"crate": {"class": "crate"}},
+            "steps": [
+                {
+                    "name": "close",
+                    "object": "crate",
+                    "strategies": ["push"],
+                    "done": [{"type": "articulated_closed", "object": "crate"}],
+                }
+            ],
         }
     )

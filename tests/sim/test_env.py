@@ -17,12 +17,15 @@ import gensim2.sim
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import open_library
 from gensim2.robots import robot
+from gensim2.seeding import rng
 from gensim2.sim.env import GenSim2Env, make_env
-from gensim2.sim.randomize import draw_scene
-from gensim2.tasks.library import load_task, parse_task, task_names
+from gensim2.sim.randomize import Draw, draw_object
+from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
-HOLD = robot().rest_action
+RESET_QPOS, BASE_POSITION = robot("panda").reset_qpos, robot("panda").base_position
+HOLD = np.array([*RESET_QPOS[:7], 1.0], dtype=np.float32)
 REACH = np.array([0.0, 0.45, 0.0, -2.0, 0.0, 2.45, 0.785, 1.0], dtype=np.float32)
 
 
@@ -35,21 +38,26 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
     env = gym.make(f"GenSim2-{name}-v1", assets="builtin", obs_mode="state_dict")
     obs, info = env.reset(seed=1)
     base = env.unwrapped
-    assert obs["agent"]["qpos"][0].tolist() == pytest.approx(robot().reset_qpos)
+    assert obs["agent"]["qpos"][0].tolist() == pytest.approx(RESET_QPOS)
     assert not bool(info["success"][0])
-    assert 0.3 < base.openness < 0.7
+    role = next(iter(base.task.objects))
+    assert 0.3 < base.measure().openness[role] < 0.7
     obs, reward, terminated, truncated, info = env.step(HOLD)
     assert reward.dtype.is_floating_point
     assert float(reward[0]) == 0.0
     assert not bool(terminated[0] | truncated[0])
     scene = base.scene_state()
-    roles = [body.role for body in scene.bodies]
-    assert roles.count("table") == 1
-    assert roles.count("moving_link") == 1
-    assert "object_body" in roles
-    assert set(scene.object_keypoints) == set(base.instance.keypoints)
-    assert all(0.15 < np.linalg.norm(point) < 1.2 for point in scene.object_keypoints.values())
-    assert scene.joint.openness == pytest.approx(base.openness)
+    thing = scene.objects[role]
+    assert [body.name for body in scene.fixtures] == ["table"]
+    assert thing.joint is not None
+    assert len(thing.joint.moves) == 1
+    assert set(thing.joint.moves) < {body.name for body in thing.bodies}
+    assert all(body.name.startswith(f"{role}/") for body in thing.bodies)
+    assert list(thing.keypoints) == list(base.setup.objects[role].model.keypoints)
+    assert all(0.15 < np.linalg.norm(point) < 1.2 for point in thing.keypoints.values())
+    assert thing.joint.openness == pytest.approx(base.measure().openness[role])
+    assert scene.held is None
+    assert not scene.qvel.any()
     env.close()
 
 
@@ -59,23 +67,24 @@ def test_the_scene_is_in_the_base_frame_and_agrees_with_itself(
     env = make_env(crate_task, assets=crates())
     env.reset(seed=0, options={"openness": 0.5, "offset": [0.05, -0.02, 0.3]})
     scene = env.scene_state()
-    assert scene.q == pytest.approx(np.array(robot().reset_qpos))
+    thing = scene.objects["crate"]
+    assert scene.q == pytest.approx(np.array(RESET_QPOS))
     # The lid's front edge by hand: hinge at (0.1, 0, 0.102), 0.2 m long, 0.75 rad open, turned by 0.3 rad.
     edge = np.array([0.1 - 0.2 * np.cos(0.75), 0.0, 0.102 + 0.2 * np.sin(0.75)])
     yaw = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
-    expected = yaw @ edge + [0.05, -0.02, 0.0] - np.array(robot().base_position)
-    assert scene.object_keypoints["articulated_object_head"] == pytest.approx(expected, abs=1e-5)
-    assert scene.joint.axis == pytest.approx(yaw @ [0.0, 1.0, 0.0], abs=1e-5)
-    hinge = yaw @ [0.1, 0.0, 0.102] + [0.05, -0.02, 0.0] - np.array(robot().base_position)
-    assert scene.joint.origin == pytest.approx(hinge, abs=1e-5)
-    assert scene.object_yaw == pytest.approx(0.3)
+    expected = yaw @ edge + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
+    assert thing.keypoints["articulated_object_head"] == pytest.approx(expected, abs=1e-5)
+    assert thing.joint.axis == pytest.approx(yaw @ [0.0, 1.0, 0.0], abs=1e-5)
+    hinge = yaw @ [0.1, 0.0, 0.102] + [0.05, -0.02, 0.0] - np.array(BASE_POSITION)
+    assert thing.joint.origin == pytest.approx(hinge, abs=1e-5)
+    assert thing.yaw == pytest.approx(0.3)
     # The object frame at joint value zero has y up and z towards the robot; opening turns it about its own x.
     opened = np.array([np.sin(0.75), 0.0, np.cos(0.75)])
-    assert scene.T_base_object[:3, 1] == pytest.approx(yaw @ opened, abs=1e-5)
-    lid = next(body for body in scene.bodies if body.role == "moving_link")
+    assert thing.T_base_object[:3, 1] == pytest.approx(yaw @ opened, abs=1e-5)
+    lid = next(body for body in thing.bodies if body.name in thing.joint.moves)
     corners = lid.hulls[0] @ lid.T_base_body[:3, :3].T + lid.T_base_body[:3, 3]
     assert np.min(np.linalg.norm(corners - expected, axis=1)) < 0.102
-    table = next(body for body in scene.bodies if body.role == "table")
+    (table,) = scene.fixtures
     assert np.max(table.hulls[0][:, 2]) + table.T_base_body[2, 3] == pytest.approx(0.0)
 
 
@@ -87,12 +96,12 @@ def test_following_the_joint_moves_keypoints_as_the_scene_says(
     scenes = []
     for openness in (0.3, 0.6):
         env.reset(seed=4, options={"openness": openness})
-        scenes.append(env.scene_state())
+        scenes.append(env.scene_state().objects["crate"])
     angle = scenes[1].joint.value - scenes[0].joint.value
     axis, origin = scenes[0].joint.axis, scenes[0].joint.origin
-    arm = scenes[0].object_keypoints["articulated_object_head"] - origin
+    arm = scenes[0].keypoints["articulated_object_head"] - origin
     turned = arm * np.cos(angle) + np.cross(axis, arm) * np.sin(angle) + axis * (axis @ arm) * (1 - np.cos(angle))
-    assert origin + turned == pytest.approx(scenes[1].object_keypoints["articulated_object_head"], abs=1e-5)
+    assert origin + turned == pytest.approx(scenes[1].keypoints["articulated_object_head"], abs=1e-5)
 
 
 def test_the_same_seed_gives_the_same_states_bit_for_bit(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
@@ -118,7 +127,7 @@ if sys.argv[1] == "after others":
     env.reset(seed=11)
     env.step(np.array([0, 0.4, 0, -2, 0, 2.4, 0.7, 1], dtype=np.float32))
 env.reset(seed=3)
-digest = hashlib.sha256(env.instance.id.encode())
+digest = hashlib.sha256(env.setup.objects["drawer"].model.id.encode())
 for _ in range(40):
     env.step(np.array([0, 0.45, 0, -2, 0, 2.45, 0.785, 1], dtype=np.float32))
     digest.update(np.asarray(env.get_state()).tobytes())
@@ -141,11 +150,17 @@ def test_other_processes_and_earlier_episodes_change_nothing() -> None:
     assert fingerprint("fresh") == fingerprint("after others")
 
 
+def _draws(name: str, seeds: int, ids: list[str]) -> list[Draw]:
+    task = load_task(name)
+    (spec,) = task.objects.values()
+    return [draw_object(rng(seed, task.name), spec.randomization, ids) for seed in range(seeds)]
+
+
 def test_randomization_stays_in_its_ranges_and_fills_them() -> None:
     task = load_task("OpenDrawer")
-    draws = [draw_scene(task, seed, [str(n) for n in range(5)]) for seed in range(500)]
-    ranges = task.randomization
-    for name, bound in [("x", ranges.x), ("y", ranges.y), ("yaw", ranges.yaw)]:
+    draws = _draws("OpenDrawer", 500, [str(n) for n in range(5)])
+    ranges = task.objects["drawer"].randomization
+    for name, bound in [("x", ranges.x[1]), ("y", ranges.y[1]), ("yaw", ranges.yaw)]:
         values = np.array([getattr(draw, name) for draw in draws])
         assert np.all(np.abs(values) <= bound)
         assert values.min() < -0.9 * bound
@@ -155,9 +170,7 @@ def test_randomization_stays_in_its_ranges_and_fills_them() -> None:
 
 
 def test_what_there_is_to_choose_from_does_not_change_the_rest_of_the_scene() -> None:
-    task = load_task("OpenDrawer")
-    for seed in range(20):
-        many, one = draw_scene(task, seed, ["0", "1", "2"]), draw_scene(task, seed, ["7"])
+    for many, one in zip(_draws("OpenDrawer", 20, ["0", "1", "2"]), _draws("OpenDrawer", 20, ["7"]), strict=True):
         assert (many.x, many.y, many.yaw, many.openness_offset) == (one.x, one.y, one.yaw, one.openness_offset)
 
 
@@ -165,11 +178,9 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
     env = make_env(crate_task, assets=crates(2))
     half = np.sqrt(0.5)
     env.reset(seed=0, options={"instance": "1", "openness": 0.9, "pose": [-0.1, 0.05, 0.02, half, 0.0, 0.0, half]})
-    assert env.instance is not None
-    assert env.instance.id == "1"
-    assert env.openness == pytest.approx(0.9)
-    pose = env.object.pose.raw_pose[0].tolist()
-    assert pose == pytest.approx([-0.1, 0.05, 0.02, half, 0.0, 0.0, half], abs=1e-6)
+    assert env.setup.objects["crate"].model.id == "1"
+    assert env.measure().openness["crate"] == pytest.approx(0.9)
+    assert env.parts["crate"].observed()["pose"] == pytest.approx([-0.1, 0.05, 0.02, half, 0.0, 0.0, half], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +224,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
         ({"task": {"name": "X"}}, "field required"),
         ({"num_envs": 2}, "num_envs"),
         ({"reconfiguration_freq": 0}, "reconfiguration_freq"),
-        ({"robot_uids": "fetch"}, "robot_uids"),
+        ({"robot": "baxter"}, "robot: no robot 'baxter'"),
         ({"obs_mode": "pointcloud", "render_backend": "none"}, "render_backend"),
     ],
 )
@@ -236,8 +247,7 @@ def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_
         drawn = set()
         for seed in range(12):
             env.reset(seed=seed)
-            assert env.instance is not None
-            drawn.add(env.instance.id)
+            drawn.add(env.setup.objects["crate"].model.id)
         assert drawn == expected
 
 
@@ -249,21 +259,21 @@ def test_instances_are_chosen_as_the_library_does() -> None:
         ("777777", ("777777",)),
         ("all", library.instances("drawer")),
     ]:
-        assert make_env("OpenDrawer", assets=library, instances=words).instance_ids == expected
-    small = {**load_task("OpenDrawer").model_dump(), "name": "OpenToilet", "asset_class": "toilet"}
+        assert make_env("OpenDrawer", assets=library, instances=words).instance_ids == {"drawer": expected}
+    small = load_task("OpenDrawer").model_dump(mode="json")
+    small["objects"]["drawer"]["class"] = "toilet"
     with pytest.raises(InputError, match="toilet has 2 instances, all for training"):
         make_env(small, assets=library, instances="test")
     env = make_env("OpenDrawer", assets=library, instances="777777")
     env.reset(seed=0)
-    assert env.instance is not None
-    assert env.instance.id == "777777"
+    assert env.setup.objects["drawer"].model.id == "777777"
 
 
 def test_openness_and_success_follow_the_joint(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
     env = make_env(crate_task, assets=crates())
     for openness, success in [(0.3, False), (0.201, False), (0.199, True), (0.0, True)]:
         _, info = env.reset(seed=0, options={"openness": openness})
-        assert float(info["openness"][0]) == pytest.approx(openness, abs=1e-5)
+        assert float(info["openness"]["crate"][0]) == pytest.approx(openness, abs=1e-5)
         assert bool(info["success"][0]) is success
 
 
@@ -296,6 +306,8 @@ def test_importing_the_registration_does_not_import_maniskill() -> None:
 _WITHOUT_DRIVER = """
 import numpy as np
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.robots import robot
+from gensim2.seeding import rng
 from gensim2.sim.env import GenSim2Env
 env = GenSim2Env(task="OpenDrawer", assets="builtin", render_mode="rgb_array")
 env.reset(seed=0)
@@ -343,11 +355,13 @@ def test_point_clouds_show_the_object_and_rendering_changes_no_state() -> None:
     cloud = obs["pointcloud"]
     points = cloud["xyzw"][0].numpy()
     assert points.shape == (3 * 128 * 128, 4)
-    link = seeing.object.links_map[seeing._require_instance().joint.child_link]._objs[0]
+    part = seeing.parts["drawer"]
+    link = next(link for link in part.articulation.links if link.entity.name == part.model.joint.child_link)
     on_link = cloud["segmentation"][0, :, 0].numpy() == link.entity.per_scene_id
     assert on_link.sum() > 50
     scene = seeing.scene_state()
-    moving = next(body for body in scene.bodies if body.role == "moving_link")
+    thing = scene.objects["drawer"]
+    moving = next(body for body in thing.bodies if body.name in thing.joint.moves)
     T_world_link = scene.T_world_base @ moving.T_base_body
     local = (points[on_link, :3] - T_world_link[:3, 3]) @ T_world_link[:3, :3]
     hull = np.concatenate(moving.hulls)

@@ -8,47 +8,101 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.demos.rollout import still_arm
 from gensim2.errors import GenSim2Error, InputError
-from gensim2.pipeline.worker import plan_episode
 from gensim2.robots import robot
 from gensim2.sim.env import make_env
 from gensim2.sim.lane import Lane
-from gensim2.tasks.library import load_config, task_names
+from gensim2.tasks.library import task_names
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 EPISODES = 104
-HOLD = robot().rest_action
+PANDA = robot("panda")
+HOLD = np.array([*PANDA.reset_qpos[:7], 1.0], dtype=np.float32)
 
 
-def _actions(lane: Lane, config: dict[str, Any], rng: np.random.Generator) -> np.ndarray:
-    """What the task's plan says, shaken: a hand that pushes, slips, grasps and hits."""
-    _, planned = plan_episode(lane, config)
-    actions = np.repeat(HOLD[None], 30, axis=0) if planned is None else planned[:: int(rng.integers(2, 4))]
-    noise = rng.normal(0.0, 0.03, actions.shape) * (rng.random() < 0.5)
-    return np.asarray(np.clip(actions + noise, -2.8, 2.8), dtype=np.float32)
+def _several(name: str, *others: tuple[str, float, float]) -> TaskSpec:
+    """A container ahead, and rigid objects on the table beside it."""
+    objects: dict[str, Any] = {name: {"class": name, "randomization": {"x": 0.05, "y": [0.0, 0.05]}}}
+    for other, x, y in others:
+        objects[other] = {"class": other, "place": {"at": [x, y]}, "randomization": {"x": 0.05, "y": 0.05}}
+    done = {"type": "distance_articulated_rigidbody", "articulated": name, "rigid": others[0][0]}
+    step = {"name": "fill", "object": others[0][0], "strategies": ["any"], "done": [done]}
+    return parse_task({"name": "Fill", "description": "fill it", "objects": objects, "steps": [step]})
 
 
-@pytest.mark.parametrize("name", task_names())
-def test_states_and_observations_are_those_of_the_environment(name: str) -> None:
-    env, lane = make_env(name, assets="builtin"), Lane(name, assets="builtin")
-    config = load_config(name)
-    rng = np.random.default_rng(len(name))
-    for seed in range(EPISODES // len(task_names())):
+SEVERAL = [
+    _several("drawer", ("golf_ball", -0.2, -0.45), ("bowl", -0.2, 0.45)),
+    _several("box_rotate", ("cracker_box", -0.2, -0.45), ("mug", -0.25, 0.4)),
+]
+
+
+def _reaching(target: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(7,) joints that bring the tool near a point in the base frame: a few damped steps by the Jacobian."""
+    q = q.copy()
+    for _ in range(20):
+        pose = PANDA.model.forward_kinematics(q)
+        error = target - (pose[:3, :3] @ PANDA.tool_keypoints["tool_head"] + pose[:3, 3])
+        J = PANDA.model.jacobian(q)[:3, :7]
+        q[:7] += J.T @ np.linalg.solve(J @ J.T + 0.01 * np.eye(3), error)
+        q = np.clip(q, PANDA.model.lower, PANDA.model.upper)
+    return q[:7]
+
+
+def _actions(lane: Lane, rng: np.random.Generator) -> np.ndarray:
+    """A hand that goes from keypoint to keypoint, opens and closes, shaken in half of the episodes: it pushes, slips,
+    grasps and hits."""
+    scene = lane.scene_state()
+    points = [point for thing in scene.objects.values() for point in thing.keypoints.values()]
+    q, rows = scene.q, [HOLD[:7]]
+    for _ in range(4):
+        target = points[int(rng.integers(len(points)))] + rng.normal(0.0, 0.02, 3)
+        there = _reaching(target, np.concatenate([rows[-1], q[7:]]).astype(np.float64))
+        rows += list(np.linspace(rows[-1], there, int(rng.integers(8, 20))))
+    arm = np.array(rows)
+    arm += rng.normal(0.0, 0.03, arm.shape) * (rng.random() < 0.5)
+    grip = np.where(np.sin(np.arange(len(arm)) * rng.uniform(0.05, 0.3)) > 0, -1.0, 1.0)
+    return np.column_stack([np.clip(arm, -2.8, 2.8), grip]).astype(np.float32)
+
+
+def _check_equal_episodes(task: str | TaskSpec, seeds: range) -> int:
+    """Episodes in both; returns in how many an object was moved."""
+    env, lane = make_env(task, assets="builtin"), Lane(task, assets="builtin")
+    rng = np.random.default_rng(len(lane.task.name))
+    moved = 0
+    for seed in seeds:
         obs, _ = env.reset(seed=seed)
         lane.reset(seed)
         assert np.array_equal(obs[0].numpy(), lane.observation())
-        for action in _actions(lane, config, rng):
+        before = lane.measure()
+        for action in _actions(lane, rng):
             obs, reward, terminated, truncated, info = env.step(action)
             lane.step(action)
             assert np.array_equal(obs[0].numpy(), lane.observation())
             assert lane.success == bool(info["success"][0]) == bool(terminated[0]) == bool(reward[0])
-        states = env.get_state_dict()["articulations"]
-        for part, state in lane.state()["articulations"].items():
-            assert np.array_equal(states[part][0].numpy(), state)
-        assert lane.openness == env.openness
+        states = env.get_state_dict()
+        for kind, parts in lane.state().items():
+            assert set(parts) == set(states.get(kind, {}))
+            for part, state in parts.items():
+                assert np.array_equal(states[kind][part][0].numpy(), state)
+        after, watched = lane.measure(), env.measure()
+        assert repr(after) == repr(watched)
+        assert repr(lane.scene_state()) == repr(env.scene_state())
         assert lane.elapsed_steps == int(env.elapsed_steps[0])
         assert bool(truncated[0]) == (lane.elapsed_steps >= lane.max_episode_steps)
+        points = [(before.point(name), after.point(name)) for name in lane.task.objects]
+        moved += any(np.linalg.norm(start - end) > 0.01 for start, end in points)
+    return moved
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_states_and_observations_are_those_of_the_environment(name: str) -> None:
+    assert _check_equal_episodes(name, range(EPISODES // len(task_names()))) > 0
+
+
+@pytest.mark.parametrize("task", SEVERAL, ids=lambda task: "-".join(task.objects))
+def test_several_objects_are_where_the_environment_has_them(task: TaskSpec) -> None:
+    assert _check_equal_episodes(task, range(8)) > 3
 
 
 def test_reset_options_are_those_of_the_environment(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
@@ -76,13 +130,15 @@ def test_without_the_arm_an_object_does_what_it_does_beside_a_still_one(
             lane.reset(seed)
             for _ in range(100):
                 lane.step(HOLD)
-            alone = still_arm(lane, seed, 60)
-            assert alone.success == (friction < 0.1)
-            lane.reset(seed)
+            beside, hand = lane.measure(), lane.measure().gripper
+            lane.reset(seed, robot=False)
+            assert lane.measure().finger_opening == pytest.approx(beside.finger_opening, abs=1e-3)
+            for name, point in lane.measure().gripper.items():  # as if it stood still
+                assert point == pytest.approx(hand[name], abs=2e-3)
             for _ in range(100):
-                lane.step(HOLD)
-            assert lane.success == alone.success
-            assert lane.openness == pytest.approx(alone.openness_end, abs=0.01)
+                lane.wait()
+            assert lane.success == (friction < 0.1)
+            assert lane.measure().openness["crate"] == pytest.approx(beside.openness["crate"], abs=0.01)
 
 
 def test_what_cannot_be_used_is_refused(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
@@ -100,3 +156,29 @@ def test_what_cannot_be_used_is_refused(crates: Callable[..., Any], crate_task: 
     lane.reset(0, robot=False)
     with pytest.raises(GenSim2Error, match="without the robot"):
         lane.step(HOLD)
+
+
+def test_a_nudge_moves_one_object_and_nothing_else() -> None:
+    lane = Lane(SEVERAL[0], assets="builtin")
+    lane.reset(3)
+    for _ in range(20):
+        lane.step(HOLD)
+    before = lane.measure()
+    lane.nudge("golf_ball", 0.03, -0.01)
+    lane.nudge("drawer", dx=0.02, dyaw=0.1)
+    after = lane.measure()
+    assert after.poses["golf_ball"][:3] - before.poses["golf_ball"][:3] == pytest.approx([0.03, -0.01, 0.0], abs=1e-6)
+    assert after.speeds["golf_ball"] == pytest.approx([0.0, 0.0])
+    assert np.array_equal(after.poses["bowl"], before.poses["bowl"])
+    assert after.openness == before.openness
+    for _ in range(20):
+        lane.step(HOLD)
+    settled = lane.measure()
+    assert settled.poses["golf_ball"][:2] == pytest.approx(after.poses["golf_ball"][:2], abs=2e-3)
+    root = lane.setup.objects["drawer"]
+    turned = lane.scene_state().objects["drawer"].T_base_object
+    assert not np.allclose(turned[:3, :3], np.eye(3))
+    assert lane.parts["drawer"].observed()["pose"][0] == pytest.approx(root.position[0] + 0.02, abs=1e-6)
+    assert settled.openness["drawer"] == pytest.approx(before.openness["drawer"], abs=1e-3)
+    with pytest.raises(InputError, match="no object 'cup' "):
+        lane.nudge("cup")

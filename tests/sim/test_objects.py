@@ -20,28 +20,29 @@ LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid
 def _lid(env: GenSim2Env, seconds: float, torque: float = 0.0) -> list[float]:
     """Joint values of the lid while a torque acts on it, with nobody near."""
     values = []
+    crate = env.parts["crate"]
     joint_force = np.array([torque], dtype=np.float32)
     for _ in range(round(seconds * env.sim_freq)):
-        env.object._objs[0].set_qf(joint_force)
+        crate.articulation.set_qf(joint_force)
         env._before_simulation_step()
         env.scene.step()
-        values.append(float(env.object.get_qpos()[0, 0]))
+        values.append(float(crate.articulation.qpos[0]))
     return values
 
 
 def test_friction_holds_a_lid_that_gravity_pulls_for_five_seconds(crates: Callable[..., Any], crate_task: Any) -> None:
     env = make_env(crate_task, assets=crates(friction=0.35))
     env.reset(seed=0, options={"openness": 0.2})
-    before = env.openness
+    before = env.measure().openness["crate"]
     _lid(env, 5.0)
-    assert abs(env.openness - before) < 0.002
+    assert abs(env.measure().openness["crate"] - before) < 0.002
 
 
 def test_a_lid_without_enough_friction_falls_shut(crates: Callable[..., Any], crate_task: Any) -> None:
     env = make_env(crate_task, assets=crates(friction=0.15))
     env.reset(seed=0, options={"openness": 0.3})
     _lid(env, 5.0)
-    assert env.openness < 0.01
+    assert env.measure().openness["crate"] < 0.01
 
 
 @pytest.mark.parametrize(("joint_type", "friction"), [("revolute", 0.5), ("prismatic", 4.0)])
@@ -55,9 +56,9 @@ def test_the_joint_yields_at_load_plus_friction_and_not_before(
     load = weight * LID_ARM * np.cos(angle) if joint_type == "revolute" else weight
     for share, moves in [(0.95, False), (1.1, True)]:
         env.reset(seed=0, options={"openness": openness})
-        before = env.openness
+        before = env.measure().openness["crate"]
         _lid(env, 1.0, torque=share * (load + friction))
-        assert (env.openness - before > 0.02) == moves, share
+        assert (env.measure().openness["crate"] - before > 0.02) == moves, share
 
 
 def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any], crate_task: Any) -> None:
@@ -103,7 +104,7 @@ def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_
     mesh.apply_translation((-0.01, 0.095, 0.055))
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
     env = make_env(crate_task, assets=library)
-    assert env.object_warnings == ("body: hull 1 lost 20.0 mm when it was cooked",)
+    assert env.object_warnings == ("crate: body: hull 1 lost 20.0 mm when it was cooked",)
 
 
 def test_a_missing_hull_is_an_error(crates: Callable[..., Any], crate_task: Any) -> None:

@@ -27,13 +27,11 @@ def test_a_placement_turns_about_the_vertical_through_its_own_position(
 
 @given(st.floats(0, 1), st.floats(-0.15, 0.15))
 def test_openness_at_reset_stays_in_range(default: float, offset: float) -> None:
-    task = load_task("OpenDrawer")
-    value = openness_at_reset(task, Draw("0", 0, 0, 0, offset), default)
+    ranges = load_task("OpenDrawer").objects["drawer"].randomization
+    value = openness_at_reset(ranges, Draw("0", 0, 0, 0, offset), default)
     assert value == pytest.approx(min(max(default + offset, 0.0), 1.0))
 
 
 def test_a_task_may_set_the_mean_openness() -> None:
-    task = load_task("OpenDrawer")
-    ranges = task.randomization.model_copy(update={"openness_mean": 0.1})
-    task = task.model_copy(update={"randomization": ranges})
-    assert openness_at_reset(task, Draw("0", 0, 0, 0, 0.05), 0.5) == pytest.approx(0.15)
+    ranges = load_task("OpenDrawer").objects["drawer"].randomization.model_copy(update={"openness_mean": 0.1})
+    assert openness_at_reset(ranges, Draw("0", 0, 0, 0, 0.05), 0.5) == pytest.approx(0.15)

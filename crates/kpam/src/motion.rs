@@ -7,7 +7,7 @@ use crate::KeypointProblem;
 use crate::config::Motion;
 use crate::options::{Frames, RotatePath};
 use crate::problem::ObjectJointKind;
-use crate::world::joint_steps;
+use crate::world::{Course, joint_steps};
 
 /// A named hand pose.
 #[derive(Debug, Clone)]
@@ -65,19 +65,29 @@ impl HandPath {
     }
 }
 
-/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ...) and the paths between them: path i leads from
+/// Keyframes in time (pre_{n-1}, ..., pre_0, actuation, post_0, ..., let_go) and the paths between them: path i leads from
 /// keyframe i to i + 1.
 pub(crate) struct Motions {
     pub keyframes: Vec<Keyframe>,
     pub paths: Vec<HandPath>,
     pub actuation: usize,
+    /// Number of the keyframe at which the hand lets go, where it does.
+    pub lets_go_at: Option<usize>,
+}
+
+impl Motions {
+    /// The hand where it lets go, if it does.
+    pub fn letting_go(&self) -> Option<&Pose> {
+        self.lets_go_at.map(|k| &self.keyframes[k].hand)
+    }
 }
 
 /// Motions around an actuation pose of the hand.
 pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
     let config = &problem.config;
-    let before = config.pre.len();
-    let mut keyframes = vec![Keyframe { label: "actuation".to_owned(), hand: *actuation }];
+    let course = Course::of(config);
+    let before = course.actuation();
+    let mut keyframes = vec![Keyframe { label: course.label(before), hand: *actuation }];
     let mut paths = Vec::new();
     // Pre-actuation motions chain outwards from the actuation pose, backwards in time.
     for (i, motion) in config.pre.iter().enumerate() {
@@ -101,7 +111,7 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
                 (next, HandPath::Line { from: next, to: next })
             }
         };
-        keyframes.insert(0, Keyframe { label: format!("pre_{i}"), hand });
+        keyframes.insert(0, Keyframe { label: course.label(before - 1 - i), hand });
         paths.insert(0, path);
     }
     let steps = joint_steps(problem);
@@ -123,10 +133,16 @@ pub(crate) fn motions(problem: &KeypointProblem, actuation: &Pose) -> Motions {
             Motion::FollowJoint(_) | Motion::FollowJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), true),
             Motion::TraceJoint(_) | Motion::TraceJointTo(_) => follow(problem, last, steps[i].unwrap_or(0.0), false),
         };
-        keyframes.push(Keyframe { label: format!("post_{i}"), hand: path.at(1.0) });
+        keyframes.push(Keyframe { label: course.label(keyframes.len()), hand: path.at(1.0) });
         paths.push(path);
     }
-    Motions { keyframes, paths, actuation: before }
+    if let Some(distance) = config.let_go {
+        let from = keyframes[keyframes.len() - 1].hand;
+        let hand = shifted(&from, &(from.rotation * Vector3::z() * -distance));
+        keyframes.push(Keyframe { label: course.label(keyframes.len()), hand });
+        paths.push(HandPath::Line { from, to: hand });
+    }
+    Motions { keyframes, paths, actuation: before, lets_go_at: course.lets_go_at() }
 }
 
 fn shifted(pose: &Pose, by: &Vector3<f64>) -> Pose {

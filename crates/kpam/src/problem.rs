@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fingers::resting_joints;
 use crate::model::Model;
+use crate::world::Course;
 use crate::{Bodies, Options, ProblemError, Scene, SolverConfig};
 
 /// What the default contact rules go by.
@@ -298,9 +299,8 @@ impl KeypointProblem {
                 return fail(&format!("contacts[{i}].bodies"), format!("{name:?} is not a body"));
             }
             for (which, end) in [("from", &window.from), ("to", &window.to)] {
-                if self.keyframe_index(end).is_none() {
-                    let message =
-                        format!("{end:?} is not a keyframe: start, ..., pre_1, pre_0, actuation, post_0, ..., end");
+                if self.window_index(end).is_none() {
+                    let message = format!("{end:?} is not start, end or a keyframe: {}", Course::of(&self.config));
                     return fail(&format!("contacts[{i}].{which}"), message);
                 }
             }
@@ -308,20 +308,13 @@ impl KeypointProblem {
         Ok(())
     }
 
-    /// Place in time of a keyframe label: start, pre_{n-1}, ..., pre_0, actuation, post_0, ...; `end` is one past the
-    /// last.
-    pub(crate) fn keyframe_index(&self, label: &str) -> Option<usize> {
-        let (before, after) = (self.config.pre.len(), self.config.post.len());
-        let numbered = |prefix: &str, count: usize| {
-            label.strip_prefix(prefix).and_then(|n| n.parse::<usize>().ok()).filter(|n| *n < count)
-        };
+    /// Place in time of a label of a contact window: start, then the keyframes; `end` is one past the last.
+    pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
+        let course = Course::of(&self.config);
         match label {
             "start" => Some(0),
-            "actuation" => Some(1 + before),
-            "end" => Some(2 + before + after),
-            _ => numbered("pre_", before)
-                .map(|i| before - i)
-                .or_else(|| numbered("post_", after).map(|i| 2 + before + i)),
+            "end" => Some(1 + course.len()),
+            _ => course.keyframe(label).map(|k| 1 + k),
         }
     }
 

@@ -42,6 +42,12 @@ impl PySolverConfig {
         self.0.gripper().name()
     }
 
+    /// How far (m) the hand moves back at the end, once it has let go; None where it stays.
+    #[getter]
+    fn let_go(&self) -> Option<f64> {
+        self.0.let_go()
+    }
+
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyAny>,))> {
         Ok((py.get_type::<Self>().into_any(), (self.to_dict(py)?,)))
     }

@@ -18,6 +18,9 @@ from gensim2.cli.output import line, report
 @options.seed
 @options.assets
 @options.instances
+@options.physics
+@options.robot
+@options.open_loop
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.workers
 @options.time_limit
@@ -33,6 +36,9 @@ def demo(
     seed: int,
     assets: str | None,
     instances: str,
+    physics: str,
+    robot: str,
+    open_loop: bool,
     out: Path | None,
     workers: int,
     time_limit: float,
@@ -41,9 +47,11 @@ def demo(
     video: bool,
     json_file: str | None,
 ) -> None:
-    """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and solver.yaml.
+    """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and strategies/.
 
-    Ends with 1 where fewer demonstrations succeeded than were asked for.
+    What counts is what holds at the end; --json tells of every verdict how many of the episodes that were run fulfil
+    it, and the CPU seconds of all processes without their start. Ends with 1 where fewer demonstrations succeeded than
+    were asked for.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.pipeline import demo as function
@@ -54,6 +62,9 @@ def demo(
             seed=seed,
             assets=assets,
             instances=instances,
+            physics=physics,
+            robot=robot,
+            open_loop=open_loop,
             out=out,
             workers=workers,
             time_limit=time_limit,
@@ -69,6 +80,10 @@ def demo(
 
 def _show(result: dict[str, Any]) -> None:
     line(f"{result['name']}: {result['demos']} demonstrations")
+    verdicts = ", ".join(f"{result[name]} {name}" for name in ("paper", "held", "strict"))
+    line(f"of {result['episodes_run']} episodes {verdicts}; {result['cpu_s']:.1f} s of CPU")
+    for cause, count in result["causes"].items():
+        line(f"{count} failed: {cause}")
     for note in result["notes"]:
         line(f"note: {note}")
-    line(f"in {result['run_dir']}")
+    line(f"report: {Path(result['run_dir']) / 'report.html'}")

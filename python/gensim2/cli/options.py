@@ -82,6 +82,19 @@ jobs_per_worker = click.option(
 video = click.option(
     "--video/--no-video", default=True, show_default=True, help="Film where this machine can draw pictures."
 )
+physics = click.option(
+    "--physics",
+    type=click.Choice(("ours", "original")),
+    default="ours",
+    show_default=True,
+    help="Joint friction, densities, materials and default poses: ours, or those of the original GenSim2.",
+)
+robot = click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Who does it.")
+open_loop = click.option(
+    "--open-loop",
+    is_flag=True,
+    help="Plan everything at the start of an episode, with the first strategy of each step, and never look again.",
+)
 json_file = click.option(
     "--json",
     "json_file",

@@ -21,9 +21,19 @@ from gensim2.cli.output import line, report, table
     help="Demonstrations to keep of each task.",
 )
 @click.option("--target-task", metavar="NAME", help="Design this task of the library anew, hidden from the designer.")
+@click.option(
+    "--stored-task",
+    "stored_tasks",
+    multiple=True,
+    metavar="NAME",
+    help="Also verify and demonstrate this task of the library as it is stored; may be given several times.",
+)
 @click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
 @options.seed
 @options.assets
+@options.physics
+@options.robot
+@options.open_loop
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.workers
 @options.time_limit
@@ -35,9 +45,13 @@ def run_pipeline(
     num_tasks: int,
     episodes: int,
     target_task: str | None,
+    stored_tasks: tuple[str, ...],
     designer: str,
     seed: int,
     assets: str | None,
+    physics: str,
+    robot: str,
+    open_loop: bool,
     out: Path | None,
     workers: int,
     time_limit: float,
@@ -46,10 +60,11 @@ def run_pipeline(
     video: bool,
     json_file: str | None,
 ) -> None:
-    """Propose new tasks, find configs that solve them, verify them in physics and record demonstrations.
+    """Propose new tasks, find strategies that solve them, verify them in physics and record demonstrations.
 
-    Leaves the tasks, their configs, how they fared, the demonstrations, a video each and report.html in the
-    run folder. A task is kept if 70 % of at least 20 fresh episodes succeed that fail with a still arm.
+    Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
+    run folder. A task is kept if 70 % of at least 20 fresh episodes hold that do not with a still arm, on objects that
+    the search never saw.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.pipeline import run_pipeline as function
@@ -65,6 +80,10 @@ def run_pipeline(
                 time_limit=time_limit,
                 jobs_per_worker=jobs_per_worker,
                 target_task=target_task,
+                stored_tasks=stored_tasks,
+                physics=physics,
+                robot=robot,
+                open_loop=open_loop,
                 resume=resume,
                 designer=designer,
                 video=video,
@@ -79,13 +98,14 @@ def _show(result: dict[str, Any]) -> None:
             task["name"],
             task["class"],
             task["goal"],
-            f"{task['verified']['successes']}/{task['verified']['episodes']}",
+            *(f"{task['verified'][name]}/{task['verified']['episodes']}" for name in ("paper", "held", "strict")),
+            sum(task["verified"]["objects"].values()),
             "yes" if task["kept"] else "no",
             task["demos"],
         )
         for task in result["tasks"]
     ]
-    table(("task", "class", "goal", "verified", "kept", "demos"), rows)
+    table(("task", "class", "goal", "paper", "held", "strict", "objects", "kept", "demos"), rows)
     for rejected in result["rejected"]:
         line(f"rejected {rejected['name']}: {rejected['reason']}")
     for note in result["notes"]:

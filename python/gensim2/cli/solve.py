@@ -16,11 +16,14 @@ if TYPE_CHECKING:
     from gensim2_kpam import Plan
 
 
-@click.command("solve", cls=options.Command, short_help="Plan one motion for a task.")
+@click.command("solve", cls=options.Command, short_help="Plan the motions of a task.")
 @click.argument("task")
 @options.seed
 @options.assets
 @options.instances
+@options.physics
+@options.robot
+@options.open_loop
 @options.out("Folder to write the plan to.  [default: written nowhere]")
 @click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file
@@ -31,23 +34,35 @@ def solve(
     seed: int,
     assets: str | None,
     instances: str,
+    physics: str,
+    robot: str,
+    open_loop: bool,
     out: Path | None,
     browser: bool,
     json_file: str | None,
 ) -> None:
-    """Plan one motion for TASK in the scene of one seed as an episode would, without executing it.
+    """Plan the motions of TASK in the scene of one seed as an episode would, without executing them.
 
-    Where the whole motion cannot be had, its longest part is taken, as episodes do, and the plan is called partial.
-    Ends with 1 where there is none; the status and the reason say why.
+    Each step is planned on the scene that the steps before it should leave. Where the whole motion cannot be had, its
+    longest part is taken, as episodes do, and the plan is called partial. Ends with 1 where a step has none; the status
+    and the reason say why.
     """
     with report(json_file, _show) as (_, give):
         from gensim2.pipeline import solve as function
 
         result = function(
-            task, seed=seed, assets=assets, instances=instances, out=out, view=_browse if browser else None
-        ).to_dict()
-        give(result)
-    if result["plan"]["status"] not in ("solved", "partial"):
+            task,
+            seed=seed,
+            assets=assets,
+            instances=instances,
+            physics=physics,
+            robot=robot,
+            open_loop=open_loop,
+            out=out,
+            view=_browse if browser else None,
+        )
+        give(result.to_dict())
+    if not result.is_whole:
         ctx.exit(FOUND_WRONG)
 
 
@@ -60,10 +75,17 @@ def _browse(scene: Scene, plan: Plan) -> None:
 
 
 def _show(result: dict[str, Any]) -> None:
-    plan = result["plan"]
-    line(f"{result['task']} on {result['class']}/{result['instance']}: {plan['status']}")
-    if plan["reason"]:
-        line(plan["reason"])
+    things = ", ".join(f"{thing['class']}/{thing['instance']}" for thing in result["objects"].values())
+    for step in result["steps"]:
+        what = result["task"] if len(result["steps"]) == 1 else f"{result['task']}, {step['name']} ({step['strategy']})"
+        line(f"{what} on {things}: {step['status']}")
+        if step["reason"]:
+            line(step["reason"])
+        if step["plan"] is not None:
+            _show_plan(step["plan"])
+
+
+def _show_plan(plan: dict[str, Any]) -> None:
     table(
         ("constraint", "residual", "tolerance", "satisfied"),
         [

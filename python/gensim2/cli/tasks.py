@@ -32,5 +32,14 @@ def list_tasks(json_file: str | None) -> None:
 
 
 def _show(result: dict[str, Any]) -> None:
-    rows = [(task["name"], task["asset_class"], task["description"], task["env_id"]) for task in result["tasks"]]
-    table(("task", "class", "what", "environment"), rows)
+    rows = [
+        (
+            task["name"],
+            ", ".join(dict.fromkeys(thing["class"] for thing in task["objects"].values())),
+            len(task["steps"]),
+            task["description"],
+            task["env_id"],
+        )
+        for task in result["tasks"]
+    ]
+    table(("task", "objects", "steps", "what", "environment"), rows)

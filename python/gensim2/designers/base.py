@@ -11,6 +11,12 @@ from gensim2.tasks.spec import TaskSpec
 
 Goal = Literal["articulated_open", "articulated_closed"]
 
+DESIGNED = "designed"
+"""Name of the strategy that a designer writes for a step."""
+
+Strategies = dict[str, dict[str, Any]]
+"""Strategies by name, as plain data: what stands in ``strategies/<name>.yaml``."""
+
 
 @dataclass(frozen=True)
 class Affordance:
@@ -62,13 +68,18 @@ class Candidate:
 
     Attributes:
         label: a phrase for the report.
-        config: solver config as plain data.
+        steps: for each step of the task its strategies.
         provenance: how it came about (search parameters, or prompt and answer).
     """
 
     label: str
-    config: dict[str, Any]
+    steps: dict[str, Strategies]
     provenance: dict[str, Any]
+
+    @property
+    def strategies(self) -> Strategies:
+        """Those of all steps by name, as a task's folder holds them."""
+        return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,7 @@ class CandidateResult:
 
 
 class Designer(Protocol):
-    """Proposes tasks, writes candidate configs, and learns from how they fared."""
+    """Proposes tasks, writes candidates, and learns from how they fared."""
 
     name: str
 
@@ -113,7 +124,11 @@ class Designer(Protocol):
         ...
 
     def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
-        """Return the first round of candidate configs for a task."""
+        """Return the first round of candidates for a task whose steps leave their strategies to the designer.
+
+        Raises:
+            InputError: the designer cannot design such a task.
+        """
         ...
 
     def refine(

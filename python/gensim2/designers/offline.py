@@ -15,7 +15,9 @@ from typing import Any
 from gensim2 import seeding
 from gensim2.designers import proposals
 from gensim2.designers.base import Affordance, Candidate, CandidateResult
-from gensim2.designers.strategy import Axis, Direction, Motion, Strategy
+from gensim2.designers.manipulation import Axis, Direction, Manipulation, Motion
+from gensim2.errors import InputError
+from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import TaskSpec
 
 #: First-round candidates a task; more are drawn only in refinement.
@@ -70,13 +72,19 @@ class OfflineDesigner:
 
     def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
         """Return the first round: every alignment, thinned by a seeded draw where there are too many."""
-        opening = proposals.goal_of(task) == "articulated_open"
-        strategies = list(self._grid(affordance, opening))
-        if len(strategies) > FIRST_ROUND:
+        if proposals.affordance_of(task) is None:
+            raise InputError(
+                f"{task.name} is not one step that opens or closes one joint",
+                field="target_task",
+                remedy="the offline designer designs such tasks only",
+            )
+        opening = isinstance(task.success[0], ArticulatedOpen)
+        manipulations = list(self._grid(affordance, opening))
+        if len(manipulations) > FIRST_ROUND:
             generator = seeding.rng(seed, f"{task.name}/candidates")
-            chosen = sorted(generator.choice(len(strategies), FIRST_ROUND, replace=False).tolist())
-            strategies = [strategies[index] for index in chosen]
-        return [self._candidate(task, strategy) for strategy in strategies]
+            chosen = sorted(generator.choice(len(manipulations), FIRST_ROUND, replace=False).tolist())
+            manipulations = [manipulations[index] for index in chosen]
+        return [self._candidate(task, manipulation) for manipulation in manipulations]
 
     def refine(
         self,
@@ -90,28 +98,28 @@ class OfflineDesigner:
         if round >= REFINE_ROUNDS:
             return []
         generator = seeding.rng(seed, f"{task.name}/refine", round)
-        seen = {str(result.candidate.config) for result in results}
+        seen = {str(result.candidate.steps) for result in results}
         children: list[Candidate] = []
-        for parent in results[:REFINE_PARENTS]:
-            strategy = strategy_from(parent.candidate.provenance)
+        for result in results[:REFINE_PARENTS]:
+            parent = manipulation_from(result.candidate.provenance)
             for _ in range(REFINE_CHILDREN):
-                step = 1.0 if strategy.opening else -1.0
+                step = 1.0 if parent.opening else -1.0
                 child = replace(
-                    strategy,
-                    behind=round_to(max(0.0, strategy.behind + generator.uniform(-0.02, 0.03))),
-                    inset=round_to(max(-0.01, strategy.inset + generator.uniform(-0.02, 0.03))),
-                    retreat=round_to(min(0.16, max(0.05, strategy.retreat + generator.uniform(-0.04, 0.04)))),
-                    goal_openness=round_to(strategy.goal_openness + step * generator.uniform(-0.1, 0.2), 0.05),
+                    parent,
+                    behind=round_to(max(0.0, parent.behind + generator.uniform(-0.02, 0.03))),
+                    inset=round_to(max(-0.01, parent.inset + generator.uniform(-0.02, 0.03))),
+                    retreat=round_to(min(0.16, max(0.05, parent.retreat + generator.uniform(-0.04, 0.04)))),
+                    goal_openness=round_to(parent.goal_openness + step * generator.uniform(-0.1, 0.2), 0.05),
                     tolerance=float(generator.choice([0.05, 0.15, 0.3, 0.5])),
-                    motion="trace_joint_to" if generator.random() < 0.3 else strategy.motion,
+                    motion="trace_joint_to" if generator.random() < 0.3 else parent.motion,
                 )
                 candidate = self._candidate(task, child)
-                if str(candidate.config) not in seen:
-                    seen.add(str(candidate.config))
+                if str(candidate.steps) not in seen:
+                    seen.add(str(candidate.steps))
                     children.append(candidate)
         return children
 
-    def _grid(self, affordance: Affordance, opening: bool) -> Iterator[Strategy]:
+    def _grid(self, affordance: Affordance, opening: bool) -> Iterator[Manipulation]:
         reach = 1.05 if opening else -0.1
         longest = max(affordance.lever_arms.values(), default=0.0)
         for keypoint in affordance.keypoints:
@@ -122,13 +130,13 @@ class OfflineDesigner:
                 yield from self._grasps(keypoint, direction, opening, reach)
 
     @staticmethod
-    def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Strategy]:
+    def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
         """Closed fingers, which are nearly round: their roll is left to the solver."""
         if _pushes_from_the_wrong_side(direction, opening):
             return
         motions: tuple[Motion, ...] = ("follow_joint_to", "trace_joint_to")
         for (behind, inset), motion in itertools.product(((0.0, 0.0), (0.03, 0.0), (0.03, 0.03)), motions):
-            yield Strategy(
+            yield Manipulation(
                 keypoint=keypoint,
                 gripper="closed",
                 approach=direction,
@@ -143,13 +151,13 @@ class OfflineDesigner:
             )
 
     @staticmethod
-    def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Strategy]:
+    def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
         """Fingers that close across one axis of the joint frame: without it they would miss thin parts."""
         axes: tuple[Axis, ...] = ("x", "y", "z")
         for roll, inset in itertools.product(axes, (0.0, 0.015)):
             if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
                 continue  # orthogonal already
-            yield Strategy(
+            yield Manipulation(
                 keypoint=keypoint,
                 gripper="grasp",
                 approach=direction,
@@ -164,15 +172,17 @@ class OfflineDesigner:
             )
 
     @staticmethod
-    def _candidate(task: TaskSpec, strategy: Strategy) -> Candidate:
-        return Candidate(strategy.label, strategy.config(task.name), strategy.provenance())
+    def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
+        step = task.steps[0]
+        strategies = {step.strategies[0]: manipulation.config(task.name)}
+        return Candidate(manipulation.label, {step.name: strategies}, manipulation.provenance())
 
 
-def strategy_from(provenance: dict[str, Any]) -> Strategy:
-    """Return the strategy whose ``provenance()`` this is."""
+def manipulation_from(provenance: dict[str, Any]) -> Manipulation:
+    """Return the manipulation whose ``provenance()`` this is."""
     values = dict(provenance)
     approach = values.pop("approach")
-    return Strategy(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
+    return Manipulation(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
 
 
 def round_to(value: float, step: float = 0.005) -> float:

@@ -1,4 +1,4 @@
-"""What is known of an episode when it is over: one plain value, as JSON in every log, for tables, designers and reports."""
+"""What is known of an episode when it is over: one plain value, as JSON in logs, for tables, designers and reports."""
 
 from __future__ import annotations
 
@@ -31,7 +31,21 @@ class Cause(StrEnum):
     GOAL_UNDONE = "goal undone after release"
     HAPPENS_BY_ITSELF = "happens with a still arm"
     TIME_OVER = "time over"
+    STILL_MOVING = "still moving when judged"
     UNSTABLE = "physics became unstable"
+
+
+class StrictMiss(StrEnum):
+    """What an episode lacks for ``strict``."""
+
+    NOT_HELD = "not held"
+    NOT_LET_GO = "the hand has not let go"
+    NOT_RETREATED = "the hand has not retreated"
+    NOT_LASTING = "goal undone a second later"
+    MOVING = "still moving a second later"
+    DISTURBED = "moved before the actuation pose"
+    NOT_INSIDE = "not inside the container"
+    OTHERS_MOVED = "another object moved"
 
 
 @dataclass(frozen=True)
@@ -127,10 +141,10 @@ class Episode:
         held: the goal is true at the end with the scene at rest, and not with a still arm.
         strict: see docs/episodes.md; ``strict_misses`` says what it lacks.
         still: whether the goal holds with a still arm; None where that did not need to be run.
-        settled: the scene was at rest when it was judged.
+        settled: the scene was at rest when it was judged; it is not held where it was not.
         truncated: the episode was longer than the task allows.
         cause: why it does not count as held; None where it does.
-        diagnosis: numbers beside the cause, for a designer and a report.
+        diagnosis: numbers beside the cause and beside each miss of the strict verdict, for a designer and a report.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -143,7 +157,7 @@ class Episode:
     paper: bool
     held: bool
     strict: bool
-    strict_misses: list[str]
+    strict_misses: list[StrictMiss]
     still: bool | None
     settled: bool
     truncated: bool

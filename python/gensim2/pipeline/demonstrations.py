@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from gensim2.demos.trajectory import Provenance, TrajectoryStore
-from gensim2.demos.video import film
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Episode
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
+from gensim2.episodes.video import film
 from gensim2.errors import GenSim2Error
 from gensim2.objects import Library
 from gensim2.pipeline import worker
-from gensim2.pipeline.attempts import AttemptLog
+from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import LoggedAttempt
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder, versions
 from gensim2.pipeline.search import design_seeds
+from gensim2.pipeline.tally import Tally
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.spec import TaskSpec
@@ -24,24 +25,38 @@ from gensim2.tasks.spec import TaskSpec
 #: Episodes tried for each demonstration that was asked for, before the collection gives up.
 TRIES_PER_DEMO = 5
 
-ATTEMPTS = "attempts.jsonl"
-
 
 @dataclass(frozen=True)
 class Collected:
-    """How many demonstrations there are, and what a reader should know."""
+    """What a collection left.
 
-    demos: int
+    Attributes:
+        episodes: those that were run, by index.
+        notes: what a reader should know.
+    """
+
+    episodes: tuple[Episode, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def demos(self) -> int:
+        """Number of demonstrations."""
+        return sum(episode.held for episode in self.episodes)
+
+    @property
+    def tally(self) -> Tally:
+        """What the episodes add up to."""
+        return Tally.of(self.episodes)
 
 
 def collect(
     task: TaskSpec,
-    config: dict[str, Any],
+    strategies: Strategies,
     files: TaskFolder,
     run: RunFolder,
     evaluator: PoolEvaluator,
     library: Library,
+    instances: str,
     *,
     episodes: int,
     seed: int,
@@ -54,8 +69,12 @@ def collect(
     whose file is gone or is not what was logged. Which episodes are kept depends on the seed alone: those of the
     shortest run of indices from 0 that holds enough successes.
 
+    Args:
+        instances: which instances episodes draw from, one word.
+        episodes: demonstrations wanted.
+
     Returns:
-        Fewer than ``episodes`` demonstrations where too many attempts failed.
+        Fewer than ``episodes`` demonstrations where too many episodes failed.
 
     Raises:
         NotRunError: episodes could not be run; all others that may be needed are finished.
@@ -64,8 +83,8 @@ def collect(
     store = TrajectoryStore(files.path)
     seeds = design_seeds(seed, task, "demos", TRIES_PER_DEMO * episodes)
     log = AttemptLog(files.path / ATTEMPTS, seeds)
-    run.add_attempts(library, task.asset_class, log.done.values(), log.path)
-    damaged = [i for i, entry in log.done.items() if entry.success and store.digest(i) != entry.episode_digest]
+    run.add_episodes(library, log.done.values(), log.path)
+    damaged = [i for i, entry in log.done.items() if entry.held and store.digest(i) != entry.episode_digest]
     for index in damaged:
         log.forget(index)
     if damaged:
@@ -73,37 +92,39 @@ def collect(
     collection = _Collection(log, episodes, len(seeds))
     progress.start(f"{task.name}: demonstrations", episodes)
     progress.advance(min(collection.held, episodes))
-    setting = evaluator.setting(task)
-    jobs = (Job(i, (setting, config, seeds[i])) if i is not None else None for i in collection.wanted())
-    for index, (attempt, recording) in evaluator.run(worker.demonstrate, jobs, f"{task.name}: demonstrations"):
+    setting = evaluator.setting(task, instances)
+    jobs = (Job(i, (setting, strategies, seeds[i])) if i is not None else None for i in collection.wanted())
+    for index, (episode, recording) in evaluator.run(worker.demonstrate, jobs, f"{task.name}: demonstrations"):
         digest = None
         if recording is not None:
-            digest = store.add(index, recording, {"openness_goal": task.success[0].threshold})
+            digest = store.add(index, recording, episode)
             progress.advance()
-        collection.add(LoggedAttempt.of(attempt, index, digest))
-    attempts = log.finish(collection.needed())
-    run.add_attempts(library, task.asset_class, attempts, log.path)
+        collection.add(LoggedEpisode.of(episode, index, digest))
+    entries = log.finish(collection.needed())
+    run.add_episodes(library, entries, log.path)
     run.save()
-    kept = [entry for entry in attempts if entry.success]
+    kept = [entry for entry in entries if entry.held]
     foreign = len(set(store.indices()) - {entry.index for entry in kept})
     notes = (f"{task.name}: {foreign} files in episodes/ are not of this run and were left out",) if foreign else ()
+    collected = Collected(tuple(entry.episode for entry in entries), notes)
     if not kept:
-        return Collected(0, notes)
-    names = {f"{task.asset_class}/{entry.instance}" for entry in kept}
+        return collected
+    names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
     store.merge(
         Provenance(
             task=task,
-            config=config,
-            assets=evaluator.assets,
-            licenses={name: run.record.licenses[name] for name in sorted(names)},
+            strategies=strategies,
+            assets=evaluator.circumstances.assets,
+            licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
-            details={"versions": versions(), "attempts": len(attempts)},
+            environment=evaluator.circumstances.environment,
+            details={"versions": versions(), "attempts": len(entries)},
         ),
         {entry.index: entry.episode_digest for entry in kept},
     )
     if video and not (files.path / "video.mp4").exists():
         _film(files.path, task, evaluator, progress)
-    return Collected(len(kept), notes)
+    return collected
 
 
 class _Collection:
@@ -116,7 +137,7 @@ class _Collection:
     def __init__(self, log: AttemptLog, episodes: int, limit: int) -> None:
         self._log, self._episodes, self._limit = log, episodes, limit
         self._under_way: set[int] = set()
-        self.held = sum(entry.success for entry in log.done.values())
+        self.held = sum(entry.held for entry in log.done.values())
 
     def wanted(self) -> Iterator[int | None]:
         """Indices to run; None while what is under way may be enough."""
@@ -129,17 +150,17 @@ class _Collection:
             self._under_way.add(index)
             yield index
 
-    def add(self, entry: LoggedAttempt) -> None:
+    def add(self, entry: LoggedEpisode) -> None:
         """Log a finished episode."""
         self._log.add(entry)
         self._under_way.discard(entry.index)
-        self.held += entry.success
+        self.held += entry.held
 
     def needed(self) -> int:
         """Length of the shortest run of indices from 0 that holds enough successes; all of them where none does."""
         held = 0
         for index in range(len(self._log.done)):
-            held += self._log.done[index].success
+            held += self._log.done[index].held
             if held == self._episodes:
                 return index + 1
         return len(self._log.done)

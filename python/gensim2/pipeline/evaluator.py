@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Episode
 from gensim2.pipeline import worker
-from gensim2.pipeline.records import Attempt
+from gensim2.pipeline.setting import Circumstances, Setting
 from gensim2.processes import (
     JOBS_PER_WORKER,
     TIME_LIMIT,
     Executor,
     Failure,
     Job,
+    Outcome,
     WorkerPool,
     enumerated,
     results,
@@ -31,10 +34,9 @@ class PoolEvaluator:
     A context manager: leaving it ends the workers.
 
     Args:
-        assets: ``"builtin"`` or the path of a folder of objects.
+        circumstances: what episodes follow from beside the task.
         workers: number of processes.
         progress: is advanced once a job; whoever calls starts the stage.
-        instances: which instances episodes draw from, as in ``GenSim2Env``.
         time_limit: seconds after which a job counts as hung and is tried again.
         jobs_per_worker: jobs after which a process is renewed.
         log: file for tries that came to nothing, with their tracebacks; None keeps none.
@@ -42,16 +44,15 @@ class PoolEvaluator:
 
     def __init__(
         self,
-        assets: str,
+        circumstances: Circumstances,
         workers: int,
         progress: Progress = NULL_PROGRESS,
-        instances: str = "all",
         *,
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
         log: Path | None = None,
     ) -> None:
-        self.assets, self.instances = assets, instances
+        self.circumstances = circumstances
         self._progress, self._log = progress, log
         self._executor: Executor = WorkerPool(
             workers,
@@ -60,6 +61,7 @@ class PoolEvaluator:
             preload=worker.PRELOAD,
             on_failure=self._failed,
         )
+        self._begin, self._elsewhere = time.process_time(), 0.0
 
     def __enter__(self) -> PoolEvaluator:
         return self
@@ -67,9 +69,14 @@ class PoolEvaluator:
     def __exit__(self, *_: object) -> None:
         self._executor.close()
 
-    def setting(self, task: TaskSpec) -> worker.Setting:
+    @property
+    def cpu_s(self) -> float:
+        """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
+        return time.process_time() - self._begin + self._elsewhere
+
+    def setting(self, task: TaskSpec, instances: str | tuple[str, ...]) -> Setting:
         """Return the environment of a task, as a value that pickles."""
-        return worker.Setting(task.model_dump_json(), self.assets, self.instances)
+        return Setting(task, instances, self.circumstances)
 
     def run(
         self, function: Callable[..., Result], jobs: Iterable[Job | None], what: str
@@ -85,27 +92,30 @@ class PoolEvaluator:
             NotRunError: some could not be run, after all others.
             InputError: what a job said of its input, after all others.
         """
-        return results(self._executor.map_unordered(function, jobs), what, self._log)
+        return results(self._counted(self._executor.map_unordered(function, jobs)), what, self._log)
+
+    def _counted(self, outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
+        for outcome in outcomes:
+            self._elsewhere += outcome.cpu_s
+            yield outcome
 
     def screen(
-        self, task: TaskSpec, configs: Sequence[Mapping[str, Any]], seeds: Sequence[int]
+        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
-        """Plan each config on each seed's scene; one list a config, one (score, cause) a seed."""
-        setting = self.setting(task)
-        jobs = enumerated((setting, seed, configs) for seed in seeds)
+        """Plan each candidate on each seed's scene; one list a candidate, one (score, cause) a seed."""
+        jobs = enumerated((setting, seed, candidates) for seed in seeds)
         by_seed: dict[int, list[worker.Screened]] = {}
-        for index, screened in self.run(worker.screen_scene, jobs, f"{task.name}: planning of candidates"):
+        for index, screened in self.run(worker.screen_scene, jobs, f"{setting.task.name}: planning of candidates"):
             by_seed[index] = screened
             self._progress.advance()
         return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
 
-    def attempt(self, task: TaskSpec, jobs: Sequence[tuple[Mapping[str, Any], int]]) -> list[Attempt]:
-        """Run (config, seed) episodes in physics; the attempts in the order of the jobs."""
-        setting = self.setting(task)
-        numbered = enumerated((setting, config, seed) for config, seed in jobs)
-        found: dict[int, Attempt] = {}
-        for index, attempt in self.run(worker.attempt, numbered, f"{task.name}: episodes"):
-            found[index] = attempt
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
+        """Run (strategies, seed) episodes in physics; their records in the order of the jobs."""
+        numbered = enumerated((setting, strategies, seed) for strategies, seed in jobs)
+        found: dict[int, Episode] = {}
+        for index, episode in self.run(worker.episode, numbered, f"{setting.task.name}: episodes"):
+            found[index] = episode
             self._progress.advance()
         return [found[index] for index in range(len(jobs))]
 

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
-from gensim2.objects import Library, open_library
-from gensim2.planning.config import check_keypoints, solver_config
+from gensim2.objects import Instance, Library, open_library
+from gensim2.pipeline.setting import PHYSICS, Circumstances
+from gensim2.planning.check import check_strategies
+from gensim2.robots import DEFAULT_ROBOT
+from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
-from gensim2.tasks.library import load_config, load_config_file, load_task, load_task_file
+from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
 from gensim2.tasks.spec import TaskSpec
 
 #: Seconds; no job needs eleven days, and infinity is no time to wait.
@@ -22,63 +25,85 @@ LONGEST_TIME_LIMIT = 1e6
 
 @dataclass(frozen=True)
 class TaskInput:
-    """A task that can be run: it is valid, its objects exist, and they have what its config names.
+    """A task that can be run: it is valid, its objects exist, and they have what its strategies name.
 
     Attributes:
         spec: the task.
-        config: its solver config, as plain data.
+        strategies: by name, as plain data.
         library: where its objects come from.
         instances: which of them, one word: ``"all"``, ``"train"``, ``"test"`` or an id.
+        circumstances: of its episodes.
     """
 
     spec: TaskSpec
-    config: dict[str, Any]
+    strategies: Strategies
     library: Library
     instances: str
+    circumstances: Circumstances
 
 
-def read_task_input(task: str, assets: str | Path | None, instances: str, seed: int) -> TaskInput:
+def read_task_input(
+    task: str,
+    assets: str | Path | None,
+    instances: str,
+    seed: int,
+    *,
+    physics: str = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
+) -> TaskInput:
     """Read and check a task.
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and solver.yaml.
+        task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``.
+        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the task's first
+            object, where the task does not say itself which.
         seed: of the run.
+        physics, robot, open_loop: as in :class:`~gensim2.pipeline.setting.Circumstances`.
 
     Raises:
         InputError: names the file and the field, or the argument.
     """
     seed = check_seed(seed)
-    spec, config = task_and_config(task)
+    check_circumstances(physics, robot)
+    spec, strategies = task_and_strategies(task)
     folder = Path(task) if _is_folder(task) else None
     library = open_library(assets)
-    if spec.asset_class not in library.classes():
-        raise InputError(
-            f"library {library.name} has no class {spec.asset_class!r}",
-            file=folder / "task.yaml" if folder else None,
-            field="asset_class",
-            remedy=f"it has {', '.join(library.classes())}",
-        )
-    chosen = library.choose(spec.asset_class, instances, seed)
-    config_file = folder / "solver.yaml" if folder else f"{spec.name}/solver.yaml"
-    first = library.load(spec.asset_class, chosen[0])
-    check_keypoints(solver_config(config, config_file), first.keypoints, first.joint.type, config_file)
-    return TaskInput(spec, config, library, chosen[0] if instances == "random" else instances)
+    for role, thing in spec.objects.items():
+        try:
+            library.instances(thing.asset_class)
+        except InputError as error:
+            file = folder / "task.yaml" if folder else None
+            raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
+    first = next(iter(spec.objects.values()))
+    chosen = library.choose(first.asset_class, instances, seed)
+    word = chosen[0] if instances == "random" else instances
+    models = _models(spec, library, word)
+    check_strategies(spec, strategies, models, profile(robot), folder if folder else Path(spec.name))
+    return TaskInput(spec, strategies, library, word, Circumstances(library.location, physics, robot, open_loop))
 
 
-def task_and_config(task: str) -> tuple[TaskSpec, dict[str, Any]]:
-    """Return the spec and the solver config of a library task, or of a folder with task.yaml and solver.yaml.
+def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
+    """Return the spec and the strategies of a library task, or of a folder with task.yaml and strategies/.
 
     Raises:
         InputError: there is no such task or folder, or a file in it cannot be used.
     """
     if not _is_folder(task):
-        return load_task(task), load_config(task)
+        return load_task(task), load_strategies(task)
     folder = Path(task)
-    spec, config = load_task_file(folder / "task.yaml"), load_config_file(folder / "solver.yaml")
-    solver_config(config, folder / "solver.yaml")
-    return spec, config
+    spec = load_task_file(folder)
+    return spec, load_strategies_beside(folder, spec)
+
+
+def _models(spec: TaskSpec, library: Library, word: str) -> dict[str, Instance]:
+    """One object for each name; the first name's is one that ``word`` stands for."""
+    found = {}
+    for index, (name, thing) in enumerate(spec.objects.items()):
+        words = thing.instances or (("all",) if index else (word,))
+        found[name] = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
+    return found
 
 
 def _is_folder(task: str) -> bool:
@@ -86,6 +111,18 @@ def _is_folder(task: str) -> bool:
         return bool(task) and Path(task).is_dir()
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=task) from error
+
+
+def check_circumstances(physics: str, robot: str) -> None:
+    """Refuse what there is not.
+
+    Raises:
+        InputError: no such physics, or no such robot.
+        MissingExtraError: the robot's model comes with a package that is not installed.
+    """
+    if physics not in PHYSICS:
+        raise InputError(f"no physics {physics!r}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
+    profile(robot)
 
 
 def check_workers(time_limit: float, jobs_per_worker: int) -> None:

@@ -1,74 +1,26 @@
-"""What the pipeline knows after an attempt, a design, a verification: plain values that become JSON."""
+"""What the pipeline knows after a run, a design, a verification: plain values that become JSON."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gensim2.designers.base import CandidateResult
+from gensim2.designers.base import CandidateResult, Strategies
+from gensim2.episodes.record import Episode
+from gensim2.pipeline.tally import Tally
 
 SCHEMA_VERSION = 1
+"""Of what commands print."""
 
-RUN_SCHEMA_VERSION: Literal[2] = 2
+RUN_SCHEMA_VERSION: Literal[3] = 3
 """Of ``run.json``, and with it of what a run can go on with."""
 
-
-@dataclass(frozen=True)
-class Attempt:
-    """One episode in physics.
-
-    Attributes:
-        seed: of the environment's reset.
-        instance: id of the object.
-        content_hash: of everything that the object was made from.
-        success: the task's criteria hold at the end AND they do not with a still arm.
-        still_success: whether they hold with a still arm; None where that did not need to be run.
-        openness_start, openness_end: of the object's joint; None where it is no number any more.
-        steps: control steps executed.
-        cause: None for a success, otherwise one short phrase.
-        plan_status: status of the plan.
-        plan_reason: its sentence for a person.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
-
-    seed: int
-    instance: str
-    content_hash: str
-    success: bool
-    still_success: bool | None
-    openness_start: FiniteFloat | None
-    openness_end: FiniteFloat | None
-    steps: Annotated[int, Field(ge=0)]
-    cause: str | None
-    plan_status: str
-    plan_reason: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return asdict(self)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoggedAttempt(Attempt):
-    """An attempt as a log keeps it.
-
-    Attributes:
-        index: in the order of the seeds.
-        episode_digest: of the episode's file; None where none was kept.
-    """
-
-    index: Annotated[int, Field(ge=0)]
-    episode_digest: str | None = None
-
-    @staticmethod
-    def of(attempt: Attempt, index: int, episode_digest: str | None = None) -> LoggedAttempt:
-        """Return ``attempt`` with its place."""
-        return LoggedAttempt(**attempt.to_dict(), index=index, episode_digest=episode_digest)
+Instances = Literal["new", "test", "all"]
 
 
 class Record(BaseModel):
@@ -80,7 +32,7 @@ class Record(BaseModel):
 class RunRecord(Record):
     """``run.json``."""
 
-    schema_version: Literal[2]
+    schema_version: Literal[3]
     arguments: dict[str, Any]
     identity: dict[str, str]
     command_line: list[str]
@@ -97,19 +49,31 @@ class RunRecord(Record):
 class VerificationRecord(Record):
     """``verification.json``."""
 
-    schema_version: Literal[1]
+    schema_version: Literal[2]
     threshold: Annotated[float, Field(ge=0, le=1)]
     kept: bool
-    successes: Annotated[int, Field(ge=0)]
+    instances: Instances
+    paper: Annotated[int, Field(ge=0)]
+    held: Annotated[int, Field(ge=0)]
+    strict: Annotated[int, Field(ge=0)]
+    partial: Annotated[int, Field(ge=0)]
     causes: dict[str, int]
-    episodes: list[Attempt]
+    strict_misses: dict[str, int]
+    objects: dict[str, int]
+    episodes: Annotated[list[Episode], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _counts_are_those_of_the_episodes(self) -> Self:
-        told = Verification(tuple(self.episodes), self.threshold)
-        if (self.successes, self.kept, self.causes) != (told.successes, told.kept, told.causes()):
+        told = self.verification
+        counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes"})
+        if self.kept != told.kept or counts != told.tally.to_dict():
             raise ValueError("the counts are not those of the episodes")
         return self
+
+    @property
+    def verification(self) -> Verification:
+        """As a value."""
+        return Verification(tuple(self.episodes), self.threshold, self.instances)
 
 
 class EnvironmentSummary(BaseModel):
@@ -131,6 +95,9 @@ class ArgumentsSummary(BaseModel):
     command: str
     seed: int
     assets: str
+    physics: str
+    robot: str
+    open_loop: bool
 
 
 class RejectionSummary(BaseModel):
@@ -168,7 +135,7 @@ class CandidateRecord(Record):
 
     index: Annotated[int, Field(ge=0)]
     label: str
-    config: dict[str, Any]
+    steps: dict[str, dict[str, dict[str, Any]]]
     provenance: dict[str, Any]
     stages: list[StageRecord]
     cause: str | None
@@ -177,74 +144,78 @@ class CandidateRecord(Record):
 class DesignRecord(Record):
     """``design.json``."""
 
-    schema_version: Literal[1]
+    schema_version: Literal[2]
     candidates: list[CandidateRecord]
     chosen: Literal[0] | None
-    config: dict[str, Any] | None
+    strategies: dict[str, dict[str, Any]] | None
     notes: list[str]
 
     @model_validator(mode="after")
     def _says_why_nothing_was_chosen(self) -> Self:
-        if (self.config is None) != (self.chosen is None):
-            raise ValueError("chosen and config do not go together")
-        if self.config is None and not self.notes:
+        if (self.strategies is None) != (self.chosen is None):
+            raise ValueError("chosen and strategies do not go together")
+        if self.strategies is None and not self.notes:
             raise ValueError("nothing was chosen, and notes do not say why")
         return self
 
 
 @dataclass(frozen=True)
 class Verification:
-    """A task and config put to the test on fresh seeds."""
+    """A task and its strategies put to the test on fresh seeds.
 
-    attempts: tuple[Attempt, ...]
+    Attributes:
+        episodes: in the order of the seeds.
+        threshold: share of them that must hold.
+        instances: which objects they drew from: ``"new"`` (numbers beyond the listed ones of a generated class) and
+            ``"test"`` were seen by no search; ``"all"`` where a class is too small to keep some apart.
+    """
+
+    episodes: tuple[Episode, ...]
     threshold: float
+    instances: Instances
 
-    @property
-    def successes(self) -> int:
-        """Number of attempts that held."""
-        return sum(attempt.success for attempt in self.attempts)
+    @cached_property
+    def tally(self) -> Tally:
+        """What the episodes add up to."""
+        return Tally.of(self.episodes)
 
     @property
     def rate(self) -> float:
-        """Share of attempts that held."""
-        return self.successes / len(self.attempts) if self.attempts else 0.0
+        """Share of episodes that held."""
+        return self.tally.held / len(self.episodes) if self.episodes else 0.0
 
     @property
     def kept(self) -> bool:
         """Whether the rate reaches the threshold."""
         return self.rate >= self.threshold
 
-    def causes(self) -> dict[str, int]:
-        """Count what went wrong, most frequent first."""
-        return dict(Counter(a.cause for a in self.attempts if a.cause is not None).most_common())
-
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         return {
-            "schema_version": SCHEMA_VERSION,
+            "schema_version": 2,
             "threshold": self.threshold,
             "kept": self.kept,
-            "successes": self.successes,
-            "causes": self.causes(),
-            "episodes": [attempt.to_dict() for attempt in self.attempts],
+            "instances": self.instances,
+            **self.tally.to_dict(),
+            "episodes": [episode.to_dict() for episode in self.episodes],
         }
 
 
 @dataclass(frozen=True)
 class Design:
-    """The outcome of a search: every candidate with its stages, best first, and the config that won, if any."""
+    """The outcome of a search: every candidate with its stages, best first, and the strategies that won, if any."""
 
     results: tuple[CandidateResult, ...]
-    chosen: dict[str, Any] | None
+    chosen: Strategies | None
     notes: tuple[str, ...] = field(default=())
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         return {
-            "schema_version": SCHEMA_VERSION,
+            "schema_version": 2,
             "candidates": [_candidate(index, result) for index, result in enumerate(self.results)],
             "chosen": 0 if self.chosen is not None else None,
-            "config": self.chosen,
+            "strategies": self.chosen,
             "notes": list(self.notes),
         }
 
@@ -256,7 +227,7 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
     return {
         "index": index,
         "label": result.candidate.label,
-        "config": result.candidate.config,
+        "steps": result.candidate.steps,
         "provenance": result.candidate.provenance,
         "stages": [
             {"name": s.name, "episodes": s.trials, "successes": s.score * s.trials, "causes": s.causes}
@@ -268,15 +239,26 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TaskOutcome:
-    """One line of the result: a task that was designed, kept or not."""
+    """One line of the result: a task that was verified, kept or not.
+
+    Attributes:
+        name, asset_class: of the task, and of its first object.
+        goal: types of the criteria that must hold in the end.
+        kept: whether enough episodes of the verification held.
+        verification: over its episodes.
+        fresh: over the episodes of the verification and of the collection.
+        demos: demonstrations that were collected.
+        cpu_s: CPU of all processes for these episodes, in this call.
+    """
 
     name: str
     asset_class: str
     goal: str
     kept: bool
-    episodes: int
-    successes: int
+    verification: Tally
+    fresh: Tally
     demos: int
+    cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:
         """Return it with the field names of the command's JSON."""
@@ -285,8 +267,16 @@ class TaskOutcome:
             "class": self.asset_class,
             "goal": self.goal,
             "kept": self.kept,
-            "verified": {"episodes": self.episodes, "successes": self.successes},
+            "verified": {
+                "episodes": self.verification.episodes,
+                "successes": self.verification.held,
+                **self.verification.verdicts(),
+                "objects": self.verification.objects,
+            },
             "demos": self.demos,
+            "episodes_run": self.fresh.episodes,
+            **self.fresh.verdicts(),
+            "cpu_s": round(self.cpu_s, 3),
         }
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gensim2.demos.trajectory import JSON_NAME
+from gensim2.episodes.record import Episode, StrictMiss
+from gensim2.episodes.trajectory import JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
+from gensim2.pipeline.attempts import ATTEMPTS, read_log
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
     DesignRecord,
@@ -24,7 +25,10 @@ from gensim2.pipeline.records import (
     Verification,
 )
 from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
+from gensim2.pipeline.tally import Tally, interval
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion
 from gensim2.tasks.library import load_task_file
+from gensim2.tasks.spec import Step, TaskSpec
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -92,33 +96,27 @@ def reported(run_dir: Path) -> Iterator[None]:
     write_report(run_dir)
 
 
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
-    if trials == 0:
-        return 0.0, 1.0
-    z = 1.959964
-    rate, spread = successes / trials, z * z / trials
-    center = (rate + spread / 2) / (1 + spread)
-    half = z * math.sqrt(rate * (1 - rate) / trials + spread / (4 * trials)) / (1 + spread)
-    return max(0.0, center - half), min(1.0, center + half)
-
-
 def _folders(parent: Path) -> list[Path]:
     return sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
 
 
 def _task(folder: Path) -> dict[str, Any]:
-    spec = load_task_file(folder / "task.yaml").model_dump(mode="json") if (folder / "task.yaml").exists() else {}
+    source = folder / "task.yaml"
+    spec = load_task_file(source) if source.exists() else None
     files = TaskFolder(folder)
     recorded = folder / JSON_NAME
     recording = read_record(recorded, RecordingSummary, "delete the file and resume") if recorded.exists() else None
+    verification = files.verification()
+    logged = read_log(folder / ATTEMPTS)
     return {
-        "name": spec.get("name", folder.name),
+        "name": spec.name if spec is not None else folder.name,
         "spec": spec,
-        "goal": " and ".join(_criterion(entry) for entry in spec.get("success", [])),
-        "spec_text": _text(folder / "task.yaml"),
-        "config_text": _text(folder / "solver.yaml"),
-        "verification": _verification(files.verification()),
+        "classes": list(dict.fromkeys(thing.asset_class for thing in spec.objects.values())) if spec else [],
+        "goal": " and ".join(_said(criterion) for criterion in spec.success) if spec else "",
+        "steps": [_step(step) for step in spec.steps] if spec and not spec.is_single_step else [],
+        "texts": [(path.name, _text(path)) for path in (source, *sorted(folder.glob("strategies/*.yaml")))],
+        "verification": _verification(verification, spec),
+        "collection": _figures(logged, spec) if logged else None,
         "design": _design(files.design()),
         "video": _beside(folder, "*.mp4"),
         "still": _beside(folder, "*.png"),
@@ -128,30 +126,82 @@ def _task(folder: Path) -> dict[str, Any]:
     }
 
 
-def _criterion(entry: dict[str, Any]) -> str:
-    word = {"articulated_open": "openness >", "articulated_closed": "openness <"}.get(entry["type"], entry["type"])
-    return f"{word} {entry.get('threshold', '')}".strip()
+def _said(criterion: Criterion) -> str:
+    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
+        sign = ">" if isinstance(criterion, ArticulatedOpen) else "<"
+        return f"openness of {criterion.object} {sign} {criterion.threshold:g}"
+    between = " and ".join(name for name in criterion.objects)
+    near = between if len(criterion.objects) > 1 else f"the hand and {between}"
+    return f"{near} within {100 * criterion.threshold:g} cm"
 
 
-def _verification(verification: Verification | None) -> dict[str, Any] | None:
+def _step(step: Step) -> dict[str, Any]:
+    return {
+        "name": step.name.replace("_", " "),
+        "object": step.object,
+        "tool": step.tool,
+        "strategies": list(step.strategies),
+        "done": " and ".join(_said(criterion) for criterion in step.done),
+    }
+
+
+def _verification(verification: Verification | None, spec: TaskSpec | None) -> dict[str, Any] | None:
     if verification is None:
         return None
-    attempts = verification.attempts
-    trials: Counter[str] = Counter(attempt.instance for attempt in attempts)
-    held: Counter[str] = Counter(attempt.instance for attempt in attempts if attempt.success)
-    low, high = wilson(verification.successes, len(attempts))
     return {
+        **_figures(verification.episodes, spec),
         "kept": verification.kept,
         "threshold": verification.threshold,
-        "trials": len(attempts),
-        "successes": verification.successes,
         "rate": verification.rate,
-        "low": low,
-        "high": high,
-        "causes": list(verification.causes().items()),
-        "instances": [(name, held[name], trials[name]) for name in sorted(trials, key=lambda id: (len(id), id))],
-        "episodes": [attempt.to_dict() for attempt in attempts],
-        "still": sum(bool(attempt.still_success) for attempt in attempts),
+        "seen": verification.instances == "all",
+    }
+
+
+def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
+    """What a page says of episodes: verdicts with their intervals, causes, objects, steps."""
+    tally = Tally.of(episodes)
+    names = [step.name for step in spec.steps] if spec is not None else []
+    return {
+        "trials": tally.episodes,
+        "verdicts": [(name, count, *interval(count, tally.episodes)) for name, count in tally.verdicts().items()],
+        "held": tally.held,
+        "partial": tally.partial,
+        "replanned": tally.replanned,
+        "still": tally.still,
+        "causes": list(tally.causes.items()),
+        "misses": [item for item in tally.strict_misses.items() if item[0] != StrictMiss.NOT_HELD],
+        "objects": list(tally.objects.items()),
+        "openness": [_travel(episode) for episode in episodes] if _has_one_joint(episodes) else [],
+        "steps": [_turns(name, episodes) for name in names] if len(names) > 1 else [],
+    }
+
+
+def _has_one_joint(episodes: Sequence[Episode]) -> bool:
+    return all(len(episode.objects) == 1 for episode in episodes)
+
+
+def _travel(episode: Episode) -> dict[str, Any]:
+    thing = next(iter(episode.objects.values()))
+    return {
+        "seed": episode.seed,
+        "object": thing.id,
+        "start": thing.openness_start,
+        "end": thing.openness_end,
+        "held": episode.held,
+        "cause": episode.cause,
+    }
+
+
+def _turns(name: str, episodes: Sequence[Episode]) -> dict[str, Any]:
+    turns = [step for episode in episodes for step in episode.steps if step.name == name]
+    strategies = Counter(turn.plans[-1].strategy for turn in turns if turn.plans)
+    return {
+        "name": name.replace("_", " "),
+        "begun": len(turns),
+        "paper": sum(turn.paper for turn in turns),
+        "partial": sum(turn.partial for turn in turns),
+        "replans": sum(turn.replans for turn in turns),
+        "strategies": ", ".join(f"{strategy} {count}" for strategy, count in strategies.most_common()),
     }
 
 
@@ -190,7 +240,7 @@ def _share(stages: list[StageRecord]) -> float | None:
 
 def _why_rejected(task: dict[str, Any]) -> str:
     if (verification := task["verification"]) is not None:
-        held, trials, needed = verification["successes"], verification["trials"], verification["threshold"]
+        held, trials, needed = verification["held"], verification["trials"], verification["threshold"]
         return f"{held} of {trials} fresh episodes held; {needed:.0%} are needed"
     if (design := task["design"]) is not None and design["notes"]:
         return str(design["notes"][-1])

@@ -3,7 +3,7 @@
 OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
 OUT/report.html
 OUT/errors.log                  tries that came to nothing, with their tracebacks
-OUT/tasks/<Task>/               task.yaml, solver.yaml, design.json, verification.json, trajectory.h5, ...
+OUT/tasks/<Task>/               task.yaml, strategies/, design.json, verification.json, trajectory.h5, ...
 OUT/rejected/<Task>/            the same for what was designed and not kept
 """
 
@@ -21,6 +21,8 @@ from typing import Any
 
 import yaml
 
+from gensim2.designers.base import Strategies
+from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries, write_atomic, write_json
 from gensim2.objects import Library
@@ -29,7 +31,6 @@ from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
     RUN_SCHEMA_VERSION,
-    Attempt,
     Design,
     DesignRecord,
     RunRecord,
@@ -42,7 +43,19 @@ from gensim2.tasks.spec import TaskSpec
 VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
 
 #: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
-FIXED_ARGUMENTS = ("command", "seed", "assets", "designer", "target_task", "episodes", "instances")
+FIXED_ARGUMENTS = (
+    "command",
+    "seed",
+    "assets",
+    "physics",
+    "robot",
+    "open_loop",
+    "designer",
+    "target_task",
+    "stored_tasks",
+    "episodes",
+    "instances",
+)
 
 RUN_JSON = "run.json"
 
@@ -120,24 +133,24 @@ class RunFolder:
         self.record.licenses = dict(sorted(self.record.licenses.items()))
         write_json(self.path / RUN_JSON, self.record.model_dump())
 
-    def add_instance(self, instance: Instance) -> None:
+    def add_object(self, model: Instance) -> None:
         """Note an object that the run uses.
 
         Raises:
             InputError: the run used it before, and it was made from something else then.
         """
-        key = f"{instance.asset_class}/{instance.id}"
-        before = self.record.assets.setdefault(key, instance.content_hash)
-        if before != instance.content_hash:
+        key = f"{model.asset_class}/{model.id}"
+        before = self.record.assets.setdefault(key, model.content_hash)
+        if before != model.content_hash:
             raise InputError(
-                f"the object has changed since the run began (hash {before[:12]}, now {instance.content_hash[:12]})",
+                f"the object has changed since the run began (hash {before[:12]}, now {model.content_hash[:12]})",
                 file=self.path / RUN_JSON,
                 field=f"assets.{key}",
                 remedy="restore the object, or choose another --out",
             )
-        self.record.licenses[key] = instance.license
+        self.record.licenses[key] = model.license
 
-    def add_attempts(self, library: Library, asset_class: str, attempts: Iterable[Attempt], source: Path) -> None:
+    def add_episodes(self, library: Library, episodes: Iterable[Episode], source: Path) -> None:
         """Note the objects of episodes.
 
         Args:
@@ -146,16 +159,17 @@ class RunFolder:
         Raises:
             InputError: an object is not the one that an episode was run with.
         """
-        for attempt in attempts:
-            instance = library.load(asset_class, attempt.instance)
-            self.add_instance(instance)
-            if attempt.content_hash != instance.content_hash:
-                raise InputError(
-                    f"was run with another {asset_class}/{attempt.instance} than there is now",
-                    file=source,
-                    field=f"seed {attempt.seed}",
-                    remedy="restore the object, or delete the file and resume",
-                )
+        for episode in episodes:
+            for record in episode.objects.values():
+                model = library.load(record.asset_class, record.id)
+                self.add_object(model)
+                if record.content_hash != model.content_hash:
+                    raise InputError(
+                        f"was run with another {record.asset_class}/{record.id} than there is now",
+                        file=source,
+                        field=f"seed {episode.seed}",
+                        remedy="restore the object, or delete the file and resume",
+                    )
 
     def finish(self, result: dict[str, Any]) -> None:
         """Note the outcome and the time."""
@@ -236,9 +250,10 @@ class TaskFolder:
         """Write ``task.yaml``, unless it stands there."""
         self._write("task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
 
-    def write_config(self, config: dict[str, Any]) -> None:
-        """Write ``solver.yaml``, unless it stands there."""
-        self._write("solver.yaml", dump_yaml(config))
+    def write_strategies(self, strategies: Strategies) -> None:
+        """Write ``strategies/<name>.yaml`` each, unless it stands there."""
+        for name, data in strategies.items():
+            self._write(f"strategies/{name}.yaml", dump_yaml(data))
 
     @property
     def verification_path(self) -> Path:
@@ -271,8 +286,7 @@ class TaskFolder:
         path = self.verification_path
         if not path.exists():
             return None
-        record = read_record(path, VerificationRecord, "delete the file and resume")
-        return Verification(tuple(record.episodes), record.threshold)
+        return read_record(path, VerificationRecord, "delete the file and resume").verification
 
     def _write(self, name: str, text: str) -> None:
         path = self.path / name

@@ -1,4 +1,4 @@
-"""Search for a config that works: screen by planning, thin by successive halving in physics, refine the best.
+"""Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
 the better half gets more episodes, and so on, so that effort goes where it can pay. Unless one of the best holds nearly
@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gensim2 import seeding
-from gensim2.designers.base import Affordance, Candidate, CandidateResult, Designer, StageResult
-from gensim2.pipeline.records import Attempt, Design, merge_causes
+from gensim2.designers.base import Affordance, Candidate, CandidateResult, Designer, StageResult, Strategies
+from gensim2.episodes.record import Episode
+from gensim2.pipeline.records import Design, merge_causes
+from gensim2.pipeline.setting import Setting
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.spec import TaskSpec
 
@@ -24,13 +26,13 @@ class Evaluator(Protocol):
     """What the search asks of the simulator; the same interface serves one process or many."""
 
     def screen(
-        self, task: TaskSpec, configs: Sequence[dict[str, object]], seeds: Sequence[int]
+        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
     ) -> list[list[tuple[float, str | None]]]:
-        """Plan each config on each seed's scene: for each config, one (score, cause) a seed."""
+        """Plan each candidate on each seed's scene: for each candidate, one (score, cause) a seed."""
         ...
 
-    def attempt(self, task: TaskSpec, jobs: Sequence[tuple[dict[str, object], int]]) -> list[Attempt]:
-        """Run (config, seed) episodes in physics, in order."""
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
+        """Run (strategies, seed) episodes in physics, in order."""
         ...
 
 
@@ -63,11 +65,21 @@ def design_seeds(seed: int, task: TaskSpec, purpose: str, count: int, start: int
 
 
 class Search:
-    """One search for one task."""
+    """One search for one task.
+
+    Args:
+        setting: the task, and which instances the search may see.
+        affordance: of the object.
+        designer: writes the candidates.
+        evaluator: tries them.
+        seed: of everything that is drawn.
+        budget: how much it may spend.
+        progress: listener.
+    """
 
     def __init__(
         self,
-        task: TaskSpec,
+        setting: Setting,
         affordance: Affordance,
         designer: Designer,
         evaluator: Evaluator,
@@ -75,7 +87,8 @@ class Search:
         budget: Budget | None = None,
         progress: Progress = NULL_PROGRESS,
     ) -> None:
-        self.task, self.affordance, self.designer, self.evaluator = task, affordance, designer, evaluator
+        self.setting, self.task = setting, setting.task
+        self.affordance, self.designer, self.evaluator = affordance, designer, evaluator
         self.seed, self.budget, self.progress = seed, budget or Budget(), progress
         self._episodes_run: dict[str, int] = defaultdict(int)
 
@@ -111,12 +124,12 @@ class Search:
         best = standing[0] if standing[0].physics_score > 0 else None
         if best is None:
             notes.append("no candidate held in physics")
-        return Design(tuple(ranked), best.candidate.config if best else None, tuple(notes))
+        return Design(tuple(ranked), best.candidate.strategies if best else None, tuple(notes))
 
     def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
         seeds = design_seeds(self.seed, self.task, "screen", self.budget.screen_scenes)
         self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
-        outcomes = self.evaluator.screen(self.task, [c.config for c in candidates], seeds)
+        outcomes = self.evaluator.screen(self.setting, [c.strategies for c in candidates], seeds)
         results = [
             CandidateResult(
                 candidate,
@@ -143,14 +156,14 @@ class Search:
         for index, result in enumerate(results):
             done = self._episodes_run[self._key(result)]
             for seed in design_seeds(self.seed, self.task, "design", episodes, done):
-                jobs.append((result.candidate.config, seed))
+                jobs.append((result.candidate.strategies, seed))
                 owners.append(index)
             self._episodes_run[self._key(result)] += episodes
         self.progress.start(f"{self.task.name}: {what}", len(jobs))
-        attempts = self.evaluator.attempt(self.task, jobs)
-        grouped: dict[int, list[Attempt]] = defaultdict(list)
-        for owner, attempt in zip(owners, attempts, strict=True):
-            grouped[owner].append(attempt)
+        episodes_run = self.evaluator.episodes(self.setting, jobs)
+        grouped: dict[int, list[Episode]] = defaultdict(list)
+        for owner, episode in zip(owners, episodes_run, strict=True):
+            grouped[owner].append(episode)
         updated = [
             replace(result, stages=(*result.stages, _stage(grouped[index]))) for index, result in enumerate(results)
         ]
@@ -194,13 +207,13 @@ class Search:
 
     @staticmethod
     def _key(result: CandidateResult) -> str:
-        return str(result.candidate.config)
+        return str(result.candidate.steps)
 
 
-def _stage(attempts: Sequence[Attempt]) -> StageResult:
+def _stage(episodes: Sequence[Episode]) -> StageResult:
     return StageResult(
         "physics",
-        len(attempts),
-        sum(attempt.success for attempt in attempts) / len(attempts),
-        merge_causes([attempt.cause for attempt in attempts]),
+        len(episodes),
+        sum(episode.held for episode in episodes) / len(episodes),
+        merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
     )

@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from gensim2.files import check_writable
 from gensim2.pipeline.inputs import check_counts, check_workers, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
+from gensim2.pipeline.tally import Tally
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What ``demo`` leaves: ``demos`` demonstrations of ``name`` in ``run_dir``."""
+    """What ``demo`` leaves.
+
+    Attributes:
+        name: of the task.
+        run_dir: the run folder.
+        demos: number of demonstrations.
+        tally: over the episodes that were run for them.
+        cpu_s: CPU of all processes, in this call; their start apart.
+        notes: what a reader should know.
+    """
 
     name: str
     run_dir: str
     demos: int
+    tally: Tally
+    cpu_s: float
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -29,6 +42,10 @@ class DemoResult:
             "name": self.name,
             "run_dir": self.run_dir,
             "demos": self.demos,
+            "episodes_run": self.tally.episodes,
+            **self.tally.verdicts(),
+            "causes": self.tally.causes,
+            "cpu_s": round(self.cpu_s, 3),
             "notes": list(self.notes),
         }
 
@@ -40,6 +57,9 @@ def demo(
     seed: int = 0,
     assets: str | Path | None = None,
     instances: str = "all",
+    physics: str = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
     out: Path | None = None,
     workers: int = 2,
     resume: bool = False,
@@ -48,14 +68,17 @@ def demo(
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
 ) -> DemoResult:
-    """Record demonstrations of a task with its stored config.
+    """Record demonstrations of a task with its stored strategies.
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and solver.yaml.
+        task: name of a library task, or a folder that holds task.yaml and strategies/.
         episodes: successful demonstrations to keep.
         seed: of the scenes.
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
         instances: what episodes draw from: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
@@ -73,15 +96,14 @@ def demo(
     run_dir = Path(out) if out is not None else None
     if run_dir is not None:
         check_writable(run_dir / "run.json")
-    given = read_task_input(task, assets, instances, seed)
+    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
     # Only now what takes long to import.
     from gensim2.pipeline.demonstrations import collect
     from gensim2.pipeline.evaluator import PoolEvaluator
     from gensim2.pipeline.report import reported
-    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest
+    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
 
-    spec, config, library = given.spec, given.config, given.library
-    ids = library.choose(spec.asset_class, given.instances)
+    spec, strategies, library = given.spec, given.strategies, given.library
     with (
         RunFolder(
             run_dir or default_run_dir(),
@@ -90,23 +112,22 @@ def demo(
                 "target_task": spec.name,
                 "episodes": episodes,
                 "seed": seed,
-                "assets": library.location,
+                **asdict(given.circumstances),
                 "instances": given.instances,
                 "workers": workers,
             },
             {
                 "task": digest(spec.model_dump(mode="json")),
-                "config": digest(config),
-                "objects": digest(list(ids)),
+                "strategies": digest(strategies),
+                "objects": listing(library, sorted({thing.asset_class for thing in spec.objects.values()})),
             },
             resume,
         ) as folder,
         reported(folder.path),
         PoolEvaluator(
-            library.location,
+            given.circumstances,
             workers,
             progress,
-            given.instances,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
@@ -114,19 +135,22 @@ def demo(
     ):
         files = folder.task(spec.name)
         files.write_task(spec)
-        files.write_config(config)
+        files.write_strategies(strategies)
         collected = collect(
             spec,
-            config,
+            strategies,
             files,
             folder,
             evaluator,
             library,
+            given.instances,
             episodes=episodes,
             seed=seed,
             video=video,
             progress=progress,
         )
-        result = DemoResult(spec.name, str(folder.path), collected.demos, collected.notes)
+        result = DemoResult(
+            spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s, collected.notes
+        )
         folder.finish(result.to_dict())
     return result

@@ -1,36 +1,80 @@
-"""``gensim2 solve``: one plan of one task, without executing it."""
+"""``gensim2 solve``: one motion for each step of one task, without executing it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gensim2_kpam as kpam
 from gensim2.files import check_writable, write_json
-from gensim2.pipeline.inputs import read_task_input
+from gensim2.pipeline.inputs import TaskInput, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT_ROBOT
+
+if TYPE_CHECKING:
+    from gensim2.planning.steps import StepPlan
+
+#: What can be executed, whole or in part.
+FOUND = ("solved", "partial")
+
+
+@dataclass(frozen=True)
+class SolvedStep:
+    """One step, planned on the scene that the plans before it foresee."""
+
+    name: str
+    strategy: str
+    scene: Scene
+    found: StepPlan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data; ``plan`` is null where there was no motion to be looked for."""
+        plan = self.found.plan
+        return {
+            "name": self.name,
+            "strategy": self.strategy,
+            "status": self.found.status,
+            "reason": self.found.reason,
+            "plan": None if plan is None else plan.to_dict(),
+        }
 
 
 @dataclass(frozen=True)
 class SolveResult:
-    """One plan on the scene of one seed."""
+    """Plans on the scene of one seed.
+
+    Attributes:
+        task: its name.
+        objects: class and id of each object, by name.
+        steps: in order, as far as they could be planned.
+        count: of the task's steps.
+    """
 
     task: str
-    asset_class: str
-    instance: str
-    plan: dict[str, Any]
+    objects: dict[str, dict[str, str]]
+    steps: tuple[SolvedStep, ...]
+    count: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every step has something to execute."""
+        return len(self.steps) == self.count and all(step.found.status in FOUND for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return it as plain data; ``class``, ``instance`` and ``plan`` are those of the first object and step."""
+        steps = [step.to_dict() for step in self.steps]
+        first = next(iter(self.objects.values()))
         return {
             "schema_version": SCHEMA_VERSION,
             "task": self.task,
-            "class": self.asset_class,
-            "instance": self.instance,
-            "plan": self.plan,
+            "class": first["class"],
+            "instance": first["instance"],
+            "objects": self.objects,
+            "plan": steps[0]["plan"],
+            "steps": steps,
         }
 
 
@@ -40,38 +84,68 @@ def solve(
     seed: int = 0,
     assets: str | Path | None = None,
     instances: str = "all",
+    physics: str = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan], None] | None = None,
 ) -> SolveResult:
-    """Plan the motion of a task on the scene of one seed as an episode would, without executing it.
+    """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
-    Where the whole motion cannot be had, the plan holds its longest part (status ``partial``), as episodes take it.
+    Each step after the first is planned on the scene that the plans before it foresee. Where the whole motion of a step
+    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it; where there is none, the
+    next strategy is tried, and after the last one the result ends with that step.
 
     Args:
-        task: name of a library task, or a folder that holds task.yaml and solver.yaml.
+        task: name of a library task, or a folder that holds task.yaml and strategies/.
         seed: of the scene.
         assets: as for ``demo``.
         instances: as for ``demo``; the seed draws one of several.
+        physics, robot: as for ``demo``.
+        open_loop: the first strategy of each step only, as open-loop episodes do.
         out: folder in which to leave ``plan.json``.
-        view: called with the scene and the plan at the end, for example to show them.
+        view: called with the scene and the plan of the first step at the end, for example to show them.
 
     Raises:
         InputError: an argument cannot be used.
     """
-    given = read_task_input(task, assets, instances, seed)
+    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
     if out is not None:
         check_writable(Path(out) / "plan.json")
     # Only now what takes seconds to import.
-    from gensim2.pipeline.worker import plan_episode
     from gensim2.sim.lane import Lane
 
-    lane = Lane(given.spec, assets=given.library, instances=given.instances)
+    lane = Lane(given.spec, assets=given.library, instances=given.instances, physics=physics, robot=robot)
     lane.reset(seed)
-    scene = lane.scene_state()
-    plan, _ = plan_episode(lane, given.config)
-    result = SolveResult(given.spec.name, given.spec.asset_class, lane.instance.id, plan.to_dict())
+    objects = {
+        role: {"class": placed.model.asset_class, "instance": placed.model.id}
+        for role, placed in lane.setup.objects.items()
+    }
+    steps = _plan(given, lane.scene_state())
+    result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
-    if view is not None:
-        view(scene, plan)
+    if view is not None and steps[0].found.plan is not None:
+        view(steps[0].scene, steps[0].found.plan)
     return result
+
+
+def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
+    from gensim2.pipeline.worker import parsed
+    from gensim2.planning.steps import StepPlanner
+    from gensim2.robots import robot
+
+    planner, strategies = StepPlanner(robot(given.circumstances.robot)), parsed(given.strategies)
+    ways = [(step, [strategies[name] for name in step.strategies]) for step in given.spec.steps]
+    steps: list[SolvedStep] = []
+    for index, (step, _) in enumerate(ways):
+        for name in step.strategies[:1] if given.circumstances.open_loop else step.strategies:
+            found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
+            solved = SolvedStep(step.name, name, scene, found)
+            if found.status in FOUND:
+                break
+        steps.append(solved)
+        if found.status not in FOUND or found.after is None:
+            break
+        scene = found.after
+    return steps

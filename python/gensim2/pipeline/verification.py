@@ -1,17 +1,17 @@
-"""Put a designed config to the test on fresh seeds; each episode is kept as soon as it is finished."""
+"""Put strategies to the test on fresh seeds; each episode is kept as soon as it is finished."""
 
 from __future__ import annotations
 
-from typing import Any
-
+from gensim2.designers.base import Strategies
 from gensim2.errors import InputError
 from gensim2.objects import Library
 from gensim2.pipeline import worker
-from gensim2.pipeline.attempts import AttemptLog
+from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import Attempt, LoggedAttempt, Verification
+from gensim2.pipeline.records import Verification
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.pipeline.search import design_seeds
+from gensim2.pipeline.unseen import Apart
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.spec import TaskSpec
@@ -28,11 +28,12 @@ UNDER_WAY = "verification.jsonl"
 
 def verify(
     task: TaskSpec,
-    config: dict[str, Any],
+    strategies: Strategies,
     files: TaskFolder,
     run: RunFolder,
     evaluator: PoolEvaluator,
     library: Library,
+    apart: Apart,
     *,
     episodes: int,
     seed: int,
@@ -41,6 +42,7 @@ def verify(
     """Run fresh episodes and write ``verification.json``; a second call reads it.
 
     Args:
+        apart: which instances the episodes draw from.
         episodes: demonstrations asked for; where they are more than ``VERIFY_EPISODES``, as many are run.
 
     Raises:
@@ -51,7 +53,7 @@ def verify(
     log_path = files.path / UNDER_WAY
     verification = files.verification()
     if verification is not None:
-        if [attempt.seed for attempt in verification.attempts] != seeds:
+        if [episode.seed for episode in verification.episodes] != seeds:
             raise InputError(
                 "is not of this run", file=files.verification_path, field="episodes", remedy="delete it and resume"
             )
@@ -59,21 +61,15 @@ def verify(
         log = AttemptLog(log_path, seeds)
         progress.start(f"{task.name}: verify", len(seeds))
         progress.advance(len(log.done))
-        setting = evaluator.setting(task)
-        jobs = [Job(i, (setting, config, seeds[i])) for i in range(len(seeds)) if i not in log.done]
-        for index, attempt in evaluator.run(worker.attempt, jobs, f"{task.name}: verification"):
-            log.add(LoggedAttempt.of(attempt, index))
+        settings = [evaluator.setting(task, words) for words in apart.verification(len(seeds), seed)]
+        jobs = [Job(i, (settings[i], strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+        for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
+            log.add(LoggedEpisode.of(episode, index))
             progress.advance()
-        attempts = tuple(_plain(log.done[index]) for index in range(len(seeds)))
-        verification = Verification(attempts, KEEP_THRESHOLD)
+        found = tuple(log.done[index].episode for index in range(len(seeds)))
+        verification = Verification(found, KEEP_THRESHOLD, apart.kind)
         files.write_verification(verification)
     log_path.unlink(missing_ok=True)
-    run.add_attempts(library, task.asset_class, verification.attempts, files.verification_path)
+    run.add_episodes(library, verification.episodes, files.verification_path)
     run.save()
     return verification
-
-
-def _plain(entry: LoggedAttempt) -> Attempt:
-    value = entry.to_dict()
-    del value["index"], value["episode_digest"]
-    return Attempt(**value)

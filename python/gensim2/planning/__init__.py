@@ -1,1 +1,22 @@
-"""planning."""
+"""Planning: a scene, a step of a task and a strategy in; a motion, its actions and the scene after it out."""
+
+from gensim2.planning.config import ObjectNames, check_strategies
+from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
+from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner
+from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy, parse_strategy
+
+__all__ = [
+    "PLAN_OPTIONS",
+    "GraspStrategy",
+    "JointState",
+    "KeypointStrategy",
+    "ObjectNames",
+    "Scene",
+    "SceneBody",
+    "SceneObject",
+    "StepPlan",
+    "StepPlanner",
+    "Strategy",
+    "check_strategies",
+    "parse_strategy",
+]

@@ -1,8 +1,9 @@
-"""A plan as control actions: joint targets and a gripper command at the control frequency."""
+"""A plan as control actions of a robot: joint targets and a gripper command at its control frequency."""
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -10,20 +11,67 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.robots import CLOSED, OPEN, RobotProfile
 
+Array = npt.NDArray[np.float64]
 
-def plan_actions(
-    plan: kpam.Plan, gripper: Literal["open", "closed", "grasp"], robot: RobotProfile, hold_steps: int = 4
-) -> npt.NDArray[np.float32]:
+#: Speed of each finger as it closes on a thing that can be pushed away, m/s.
+CLOSING_SPEED = 0.06
+
+#: Seconds for which the last target is held, so that the arm arrives.
+HOLD_SECONDS = 0.2
+
+
+@dataclass(frozen=True)
+class Acts:
+    """What the fingers do along a plan.
+
+    Attributes:
+        fingers: as the strategy says.
+        command: gripper command, -1 to 1, with which the step begins.
+        opening: command at which the hand arrives where it closes, -1 to 1.
+        gently: close at ``CLOSING_SPEED``: what is grasped can be pushed away.
+        before: whether the command is to be reached before the arm moves.
+        lets_go: whether the hand opens and backs off at the end.
+    """
+
+    fingers: kpam.Gripper
+    command: float
+    opening: float = OPEN
+    gently: bool = False
+    before: bool = False
+    lets_go: bool = False
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A plan, one row a control step.
+
+    Attributes:
+        actions: (N, m + 1) arm joint targets, ahead by the drives' lag, and the gripper command.
+        times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
+        contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
+        actuation: the first step at the actuation pose.
+        gripped: the first step after the fingers have closed on something, or None; may be N.
+        released: the first step after the fingers have let go of something, or None.
+    """
+
+    actions: npt.NDArray[np.float32]
+    times: Array
+    contact: int
+    actuation: int
+    gripped: int | None
+    released: int | None
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     """Return the actions that execute ``plan``.
 
     Args:
         plan: a plan that has a trajectory.
-        gripper: ``"closed"`` closes before the arm moves; ``"grasp"`` closes at the actuation pose.
-        robot: who executes it; its drives follow late, so targets are sent ahead by that much.
-        hold_steps: steps for which the last target is held, so that the arm arrives.
-
-    Returns:
-        (N, m + 1): targets of the m arm joints and the gripper command, 1 open and -1 closed.
+        acts: what the fingers do.
+        profile: of the robot that executes them.
 
     Raises:
         ValueError: the plan has no trajectory.
@@ -31,36 +79,103 @@ def plan_actions(
     trajectory = plan.trajectory
     if trajectory is None:
         raise ValueError(f"the plan has no trajectory: {plan.reason}")
-    arm = trajectory.sample_every(1.0 / robot.control_hz)[:, : robot.arm_size]
-    split = _actuation_step(plan, robot.control_hz, len(arm)) if gripper == "grasp" else len(arm)
-    before, after = _ahead(arm[: split + 1], robot.lag_steps), _ahead(arm[split:], robot.lag_steps)
-    approach = CLOSED if gripper == "closed" else OPEN
-    parts = []
-    if gripper == "closed":
-        parts.append(_with_gripper(np.repeat(arm[:1], robot.gripper_steps, axis=0), CLOSED))
-    parts.append(_with_gripper(before, approach))
-    if gripper == "grasp":
-        dwell = np.repeat(arm[split : split + 1], robot.gripper_steps, axis=0)
-        parts.append(_with_gripper(dwell[: robot.lag_steps], OPEN))
-        parts.append(_with_gripper(dwell, CLOSED))
-        parts.append(_with_gripper(after, CLOSED))
-        approach = CLOSED
-    parts.append(_with_gripper(np.repeat(arm[-1:], hold_steps, axis=0), approach))
-    return np.concatenate(parts).astype(np.float32)
+    rate = profile.control_hz
+    joints = [profile.model.joint_names.index(name) for name in profile.arm_joints]
+    arm = trajectory.sample_every(1.0 / rate)[:, joints]
+    reached = {frame["label"]: frame["time"] for frame in plan.keyframes if frame["time"] is not None}
+
+    def step_of(label: str) -> int | None:
+        return min(round(reached[label] * rate), len(arm) - 1) if label in reached else None
+
+    last = len(arm) - 1
+    actuation = step_of("actuation")
+    let_go = step_of(_before_letting_go(plan)) if acts.lets_go else None
+    rows = _Rows(arm, profile.lag_steps, rate, acts.command)
+    if acts.before:
+        rows.dwell(0, acts.command, profile.gripper_steps)
+    at, gripped, released = 0, None, None
+    if acts.fingers in ("grasp", "release") and actuation is not None:
+        rows.move(at, actuation)
+        rows.dwell(actuation, rows.command, profile.lag_steps)
+        if acts.fingers == "release":
+            rows.dwell(actuation, OPEN, profile.gripper_steps)
+            released = len(rows)
+        elif acts.gently:
+            rows.close(actuation, profile)
+            gripped = len(rows)
+        else:
+            rows.dwell(actuation, CLOSED, profile.gripper_steps)
+            gripped = len(rows)
+        at = actuation
+    if let_go is not None:
+        rows.move(at, let_go)
+        if acts.fingers in ("grasp", "hold"):
+            rows.dwell(let_go, rows.command, profile.lag_steps)
+            rows.dwell(let_go, OPEN, profile.gripper_steps)
+            released = len(rows)
+        at = let_go
+    rows.move(at, last)
+    rows.dwell(last, rows.command, ceil(HOLD_SECONDS * rate))
+    actions, times = rows.finish()
+    contact = reached.get("pre_0", 0.0)
+    return Schedule(
+        actions,
+        times,
+        contact=_first(times, contact),
+        actuation=_first(times, reached.get("actuation", np.inf)),
+        gripped=gripped,
+        released=released,
+    )
 
 
-def _actuation_step(plan: kpam.Plan, control_hz: int, steps: int) -> int:
-    time: float = next(frame["time"] for frame in plan.keyframes if frame["label"] == "actuation")
-    return min(round(time * control_hz), steps - 1)
+class _Rows:
+    """Actions under way."""
+
+    def __init__(self, arm: Array, lag: int, rate: int, command: float) -> None:
+        self._arm, self._lag, self._rate = arm, lag, rate
+        self.command = command
+        self._targets: list[Array] = []
+        self._commands: list[float] = []
+        self._steps: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self._targets)
+
+    def move(self, start: int, end: int) -> None:
+        """Follow the samples from one to another, ahead by the lag; the last one is held."""
+        for step in range(start, end + 1):
+            self._add(self._arm[min(step + self._lag, end)], step)
+
+    def dwell(self, step: int, command: float, count: int) -> None:
+        """Stay at a sample with a gripper command."""
+        self.command = command
+        for _ in range(count):
+            self._add(self._arm[step], step)
+
+    def close(self, step: int, profile: RobotProfile) -> None:
+        """Close slowly at a sample, then press."""
+        gripper = profile.gripper
+        travel = 0.5 * (self.command - CLOSED) * (gripper.open - gripper.closed)
+        for command in np.linspace(self.command, CLOSED, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
+            self.dwell(step, float(command), 1)
+        self.dwell(step, CLOSED, self._lag + ceil(HOLD_SECONDS * self._rate))
+
+    def _add(self, target: Array, step: int) -> None:
+        self._targets.append(target)
+        self._commands.append(self.command)
+        self._steps.append(step)
+
+    def finish(self) -> tuple[npt.NDArray[np.float32], Array]:
+        actions = np.column_stack([np.array(self._targets), np.array(self._commands)]).astype(np.float32)
+        return actions, np.array(self._steps, dtype=np.float64) / self._rate
 
 
-def _ahead(arm: npt.NDArray[np.float64], steps: int) -> npt.NDArray[np.float64]:
-    """Shift targets forward by so many steps; the last one is held."""
-    if len(arm) == 0:
-        return arm
-    index = np.minimum(np.arange(len(arm)) + steps, len(arm) - 1)
-    return arm[index]
+def _before_letting_go(plan: kpam.Plan) -> str:
+    labels = [frame["label"] for frame in plan.keyframes]
+    label: str = labels[labels.index("let_go") - 1]
+    return label
 
 
-def _with_gripper(arm: npt.NDArray[np.float64], command: float) -> npt.NDArray[np.float64]:
-    return np.column_stack([arm, np.full(len(arm), command)])
+def _first(times: Array, time: float) -> int:
+    """The first step that ends at or after ``time``."""
+    return int(np.searchsorted(times, time - 1e-9))

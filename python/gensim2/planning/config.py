@@ -1,76 +1,100 @@
-"""Solver configs from files: refused by file and field before anything is planned."""
+"""Strategies held against the objects of a task before anything is planned: refused by file and field."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
-from gensim2.robots import DEFAULT
-from gensim2.robots import robot as robot_profile
+from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
+from gensim2.planning.steps import StepPlanner
+from gensim2.planning.strategies import GraspStrategy, Strategy, named
+from gensim2.robots import RobotProfile
+from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 
-def solver_config(config: Mapping[str, Any], file: Path | str | None = None) -> kpam.SolverConfig:
-    """Plain data as a validated config.
+@dataclass(frozen=True)
+class ObjectNames:
+    """What a strategy may name of an object.
 
-    Args:
-        config: fields as in docs/solver.md.
-        file: where they come from.
-
-    Raises:
-        InputError: a field is unknown, missing or out of range.
+    Attributes:
+        keypoints: their names.
+        joint: type of its joint; None of a rigid object.
     """
-    try:
-        return kpam.SolverConfig(config)
-    except kpam.ConfigError as error:
-        raise _named(error, file) from error
-    except OverflowError as error:
-        raise InputError("holds a number beyond 1e308", file=file) from error
-    except UnicodeEncodeError as error:
-        raise InputError("holds half a character (a lone surrogate)", file=file) from error
+
+    keypoints: tuple[str, ...]
+    joint: Literal["revolute", "prismatic"] | None
 
 
-def check_keypoints(
-    config: kpam.SolverConfig,
-    keypoints: Iterable[str],
-    joint: Literal["revolute", "prismatic"],
-    file: Path | str | None = None,
-    robot: str = DEFAULT,
+def check_strategies(
+    task: TaskSpec,
+    strategies: Mapping[str, Strategy],
+    objects: Mapping[str, ObjectNames],
+    profile: RobotProfile,
+    files: Mapping[str, Path | str] | None = None,
 ) -> None:
-    """Make sure that the robot's tool and an object have the keypoints that a config names.
+    """Make sure that every step has its strategies, and that tool and objects have the keypoints that these name.
 
     Args:
-        config: the config.
-        keypoints: names that the object has.
-        joint: type of its moving joint.
-        file: where the config comes from.
-        robot: name of its profile.
+        task: whose steps.
+        strategies: by name.
+        objects: by their names in the task.
+        profile: the robot.
+        files: where the strategies come from, by name.
 
     Raises:
-        InputError: one of them has not.
+        InputError: something does not fit; names the file and the field.
     """
-    profile = robot_profile(robot)
-    model = profile.model
+    planner = StepPlanner(profile)
+    scene = _made_up(objects, profile)
+    for number, step in enumerate(task.steps):
+        if step.tool != HAND and not any(before.object == step.tool for before in task.steps[:number]):
+            raise InputError(f"no step before it takes up {step.tool!r}", field=f"steps.{step.name}.tool")
+        for name in step.strategies:
+            if name not in strategies:
+                raise InputError(f"there is no strategy {name!r}", field=f"steps.{step.name}.strategies")
+            _check(planner, scene, step, strategies[name], (files or {}).get(name))
+
+
+def _check(planner: StepPlanner, scene: Scene, step: Step, strategy: Strategy, file: Path | str | None) -> None:
+    if isinstance(strategy, GraspStrategy):
+        if not scene.objects[step.object].is_rigid:
+            remedy = "a handle is grasped by a solver config with gripper: grasp"
+            raise InputError(f"{step.object} has a joint", file=file, field="grasp", remedy=remedy)
+        if step.tool != HAND:
+            raise InputError(f"the hand holds {step.tool}", file=file, field="grasp", remedy="a step without tool")
+        return
+    held = None if step.tool == HAND else step.tool
     try:
-        kpam.KeypointProblem(
-            model,
-            config,
-            (model.lower + model.upper) / 2,
-            tool_keypoints=profile.tool_keypoints,
-            # Anywhere off the joint's axis, no two in one place: names are what is checked.
-            object_keypoints={name: np.array([1.0, 0.1 * n, 0.0]) for n, name in enumerate(keypoints)},
-            T_base_object=np.eye(4),
-            joint=kpam.Joint(joint, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.5, 0.0, 1.0),
-        )
+        planner.problem(_with_held(scene, held), step, strategy)
     except kpam.ProblemError as error:
-        raise _named(error, file) from error
+        raise named(error, file) from error
 
 
-def _named(error: kpam.KpamError, file: Path | str | None) -> InputError:
-    """The solver writes ``field: what is wrong``."""
-    field, colon, problem = str(error).partition(": ")
-    return InputError(problem if colon else field, file=file, field=field if colon else None)
+def _with_held(scene: Scene, held: str | None) -> Scene:
+    return Scene(scene.q, scene.qvel, scene.T_world_base, scene.objects, held=held)
+
+
+def _made_up(objects: Mapping[str, ObjectNames], profile: RobotProfile) -> Scene:
+    """Objects side by side, their keypoints anywhere off their joint's axis, no two in one place."""
+    q = np.array(profile.reset_qpos)
+    made = {name: _object(name, names, 1.0 + n) for n, (name, names) in enumerate(objects.items())}
+    return Scene(q, np.zeros_like(q), profile.T_world_base, made)
+
+
+def _object(name: str, names: ObjectNames, x: float) -> SceneObject:
+    pose = np.eye(4)
+    pose[0, 3] = x
+    cube = 0.01 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=np.float64)
+    body = SceneBody(name, (cube,), pose)
+    points = {key: np.array([x, 0.1 * (n + 1), 0.1]) for n, key in enumerate(names.keypoints)}
+    joint = None
+    if names.joint is not None:
+        axis = np.array([0.0, 0.0, 1.0])
+        joint = JointState(names.joint, np.array([x, -0.5, 0.0]), axis, 0.5, 0.0, 1.0, (name,))
+    return SceneObject(name, (body,), pose, points, joint)

@@ -13,33 +13,28 @@ from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
 from gensim2.errors import MissingExtraError
-from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT
-from gensim2.robots import robot as robot_profile
+from gensim2.planning.scene import Scene, SceneBody
+from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-#: Colours by a body's role, RGB.
-COLORS = {
-    "table": (205, 190, 170),
-    "object_body": (120, 150, 190),
-    "moving_link": (230, 150, 60),
-    "rigid": (120, 180, 120),
-}
+#: Colours, RGB: of what is no object, of what stands of an object, of what its joint moves, of rigid objects.
+FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 60), (120, 180, 120)
 #: Seconds between two pictures while a motion plays, and between two points of the path that is drawn.
 STEP = 0.04
 
 
-def show(scene: Scene, plan: kpam.Plan, *, robot: str = DEFAULT, host: str = "localhost", port: int = 8080) -> Any:
+def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
     """Serve a page on which the plan can be watched; return at once.
 
     The page shows the arm at the slider's time, the scene's collision hulls, the hand's path, every keyframe (small
-    where it is not reached) and the object's keypoints with their names. Without a motion the arm stands at its start.
+    where it is not reached) and the objects' keypoints with their names. What is held rides on the hand. Without a
+    motion the arm stands at its start.
 
     Args:
         scene: what was planned in.
         plan: what was found.
-        robot: name of the profile that it was found for.
+        profile: the robot.
         host: address to listen on.
         port: of the page; the next free one is taken where it is in use.
 
@@ -50,17 +45,24 @@ def show(scene: Scene, plan: kpam.Plan, *, robot: str = DEFAULT, host: str = "lo
         MissingExtraError: viser or yourdfpy is not installed.
     """
     viser, extras = _load("viser"), _load("viser.extras")
-    profile = robot_profile(robot)
     model = _load("yourdfpy").URDF.load(str(profile.urdf))
     server = viser.ViserServer(host=host, port=port, verbose=False)
     server.scene.set_up_direction("+z")
     arm = extras.ViserUrdf(server, model, root_node_name="/arm")
-    _draw_scene(server, scene)
-    _draw_plan(server, plan, profile.model)
-    places = [profile.model.joint_names.index(name) for name in arm.get_actuated_joint_names()]
+    riding = _draw_scene(server, scene)
+    _draw_plan(server, plan, profile)
+    robot = profile.model
+    places = [robot.joint_names.index(name) for name in arm.get_actuated_joint_names()]
+    T_hand_held: Array = np.eye(4)
+    if riding is not None and scene.held is not None:
+        T_base_held = scene.objects[scene.held].T_base_object
+        T_hand_held = np.linalg.inv(robot.forward_kinematics(scene.q)) @ T_base_held
 
     def pose_at(q: Array) -> None:
         arm.update_cfg(np.asarray(q)[places])
+        if riding is not None:
+            pose = robot.forward_kinematics(q) @ T_hand_held
+            riding.position, riding.wxyz = pose[:3, 3], _quaternion(pose)
 
     trajectory = plan.trajectory
     server.gui.add_markdown(f"**{plan.status}**: {plan.reason}")
@@ -98,37 +100,55 @@ def _load(module: str) -> Any:
         raise MissingExtraError(module, "viz") from error
 
 
-def _draw_scene(server: Any, scene: Scene) -> None:
-    for body in scene.bodies:
-        parts = [trimesh.convex.convex_hull(hull) for hull in body.hulls]
-        mesh = trimesh.util.concatenate(parts)
-        mesh.apply_transform(body.T_base_body)
-        server.scene.add_mesh_simple(
-            f"/scene/{body.name}",
-            np.asarray(mesh.vertices, dtype=np.float32),
-            np.asarray(mesh.faces, dtype=np.uint32),
-            color=COLORS[body.role],
-            flat_shading=True,
-        )
-    for name, place in scene.object_keypoints.items():
-        server.scene.add_icosphere(f"/keypoints/{name}", 0.008, color=(220, 40, 40), position=place)
-        server.scene.add_label(f"/keypoints/{name}/label", name.removeprefix("articulated_object_"))
+def _quaternion(pose: Array) -> Array:
+    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
 
 
-def _draw_plan(server: Any, plan: kpam.Plan, robot: kpam.Robot) -> None:
+def _draw_body(server: Any, body: SceneBody, color: tuple[int, int, int]) -> Any:
+    mesh = trimesh.util.concatenate([trimesh.convex.convex_hull(hull) for hull in body.hulls])
+    return server.scene.add_mesh_simple(
+        f"/scene/{body.name}",
+        np.asarray(mesh.vertices, dtype=np.float32),
+        np.asarray(mesh.faces, dtype=np.uint32),
+        color=color,
+        flat_shading=True,
+        position=body.T_base_body[:3, 3],
+        wxyz=_quaternion(body.T_base_body),
+    )
+
+
+def _draw_scene(server: Any, scene: Scene) -> Any:
+    """Draw it; returns what is held as it was drawn, or None."""
+    riding = None
+    for body in scene.fixtures:
+        _draw_body(server, body, FIXTURE)
+    for name, thing in scene.objects.items():
+        moves = () if thing.joint is None else thing.joint.moves
+        for body in thing.bodies:
+            color = RIGID if thing.is_rigid else MOVING if body.name in moves else STANDING
+            drawn = _draw_body(server, body, color)
+            riding = drawn if name == scene.held else riding
+        for key, place in thing.keypoints.items():
+            label = key.removeprefix("articulated_object_").removeprefix("rigidbody_object_")
+            server.scene.add_icosphere(f"/keypoints/{name}/{key}", 0.008, color=(220, 40, 40), position=place)
+            server.scene.add_label(f"/keypoints/{name}/{key}/label", f"{name} {label}")
+    return riding
+
+
+def _draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile) -> None:
     for frame in plan.keyframes:
         pose = np.asarray(frame["T_base_hand"], dtype=np.float64)
         server.scene.add_frame(
             f"/keyframes/{frame['label']}",
             axes_length=0.06 if frame["reached"] else 0.03,
             axes_radius=0.003,
-            wxyz=Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
+            wxyz=_quaternion(pose),
             position=pose[:3, 3],
         )
         text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
         server.scene.add_label(f"/keyframes/{frame['label']}/label", text)
     if plan.trajectory is not None:
-        path = robot.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
+        path = profile.model.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
         if len(path) > 1:
             server.scene.add_line_segments(
                 "/path", np.stack([path[:-1], path[1:]], axis=1).astype(np.float32), (40, 90, 220), thickness=0.003

@@ -58,12 +58,14 @@ class Outcome(Generic[Result]):
         result: what the function returned.
         error: what it raised on purpose.
         failures: one a try, where the job could not be run.
+        cpu_s: seconds of CPU that another process spent on the try that ended it; 0 where it ran in the caller's own.
     """
 
     index: int
     result: Result | None = None
     error: GenSim2Error | None = None
     failures: tuple[Failure, ...] = ()
+    cpu_s: float = 0.0
 
     def unwrap(self) -> Result:
         """The result.

@@ -90,12 +90,12 @@ class Worker:
         if not self._ready:
             self._ready, self._since = True, time.monotonic()
             return None
-        kind, value, text = pickle.loads(message)
+        kind, value, text, cpu_s = pickle.loads(message)
         if kind == "failure":
             return self.give_up(number, value, text)
         index, self._job = self._job.index, None
         self._served += 1
-        return Outcome(index, error=value) if kind == "error" else Outcome(index, value)
+        return Outcome(index, error=value, cpu_s=cpu_s) if kind == "error" else Outcome(index, value, cpu_s=cpu_s)
 
     def give_up(self, number: int, reason: str | None = None, text: str | None = None) -> Failure:
         """End the process; by default because its job took too long."""
@@ -220,15 +220,17 @@ def _end_with_the_parent() -> None:
 
 
 def _answer(payload: bytes) -> bytes:
-    """(kind, value, traceback), pickled; kind is result, error or failure."""
+    """(kind, value, traceback, seconds of CPU), pickled; kind is result, error or failure."""
     try:
         function, arguments = pickle.loads(payload)
+        begin = time.process_time()
         try:
-            return pickle.dumps(("result", function(*arguments), None))
+            result = function(*arguments)
+            return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
-            answer = pickle.dumps(("error", error, None))
+            answer = pickle.dumps(("error", error, None, time.process_time() - begin))
             pickle.loads(answer)  # what does not survive the way is a bug like any other
             return answer
     except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
-        return pickle.dumps(("failure", words, traceback.format_exc()))
+        return pickle.dumps(("failure", words, traceback.format_exc(), 0.0))

@@ -2,7 +2,7 @@
 
 from gensim2.robots.profile import (
     CLOSED,
-    DEFAULT,
+    DEFAULT_ROBOT,
     OPEN,
     Gripper,
     RobotFiles,
@@ -14,7 +14,7 @@ from gensim2.robots.profile import (
 
 __all__ = [
     "CLOSED",
-    "DEFAULT",
+    "DEFAULT_ROBOT",
     "OPEN",
     "Gripper",
     "RobotFiles",

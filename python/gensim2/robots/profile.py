@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 OPEN, CLOSED = 1.0, -1.0
 """Gripper commands: the last number of an action."""
 
-DEFAULT = "panda"
+DEFAULT_ROBOT = "panda"
 """Name of the robot where nobody says otherwise."""
 
 
@@ -226,7 +226,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 @cache
-def robot(name: str = DEFAULT) -> RobotProfile:
+def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     """The profile of a robot.
 
     Raises:

@@ -21,7 +21,7 @@ from mani_skill.utils.structs.types import SimConfig
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT, robot_names
+from gensim2.robots import DEFAULT_ROBOT, robot_names
 from gensim2.robots import robot as robot_profile
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import (
@@ -91,7 +91,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: str | TaskSpec | Mapping[str, Any],
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
-        robot: str = DEFAULT,
+        robot: str = DEFAULT_ROBOT,
         robot_uids: str | None = None,
         physics: PhysicsName = "ours",
         control_mode: str | None = "pd_joint_pos",
@@ -382,7 +382,7 @@ def make_env(
     *,
     assets: str | Path | ObjectSource | None = None,
     instances: Words | Mapping[str, Words] = "all",
-    robot: str = DEFAULT,
+    robot: str = DEFAULT_ROBOT,
     physics: PhysicsName = "ours",
     obs_mode: str = "state",
     render_mode: str | None = None,

@@ -18,11 +18,12 @@ import sapien
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
 from gensim2.sim.arm import Arm, built, parsed
+from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
@@ -59,7 +60,7 @@ class Lane:
         *,
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
-        robot: str = DEFAULT,
+        robot: str = DEFAULT_ROBOT,
         physics: PhysicsName = "ours",
     ) -> None:
         self.physics = named_physics(physics)
@@ -194,6 +195,10 @@ class Lane:
     def is_finite(self) -> bool:
         """Whether physics still gives numbers for the robot and the objects."""
         return bool(np.isfinite(self._robot.q).all()) and all(part.is_finite for part in self.parts.values())
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot presses against."""
+        return touched(self._system, self._require_arm().reader.articulation, self._parts)
 
     @property
     def q(self) -> npt.NDArray[np.float64]:

@@ -1,5 +1,7 @@
 //! Configs from code, and the check that every config passes.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Vector3;
 
 use super::{Constraint, Frame, Gripper, Motion, SolverConfig, TargetAxis};
@@ -9,6 +11,8 @@ use crate::ConfigError;
 pub(super) const MOST_ENTRIES: usize = 200;
 /// Numbers beyond this are taken for damage: metres, radians and seconds of a table-top scene are far smaller.
 pub(super) const LARGEST: f64 = 1e6;
+/// How far (m) a hand may move back once it has let go.
+const BACK: RangeInclusive<f64> = 0.01..=0.3;
 /// Directions have length 1 within this.
 const UNIT: f64 = 1e-6;
 
@@ -29,6 +33,7 @@ impl SolverConfigBuilder {
             pre_times: None,
             post_times: None,
             gripper: Gripper::Open,
+            let_go: None,
             source: String::new(),
         })
     }
@@ -60,6 +65,12 @@ impl SolverConfigBuilder {
     /// Sets what the fingers do; by default they are open.
     pub fn gripper(mut self, gripper: Gripper) -> Self {
         self.0.gripper = gripper;
+        self
+    }
+
+    /// Has the hand let go after the last motion, and move back along its own z axis by `distance` (m), 0.01 to 0.3.
+    pub fn let_go(mut self, distance: f64) -> Self {
+        self.0.let_go = Some(distance);
         self
     }
 
@@ -186,6 +197,12 @@ impl SolverConfig {
         }
         for (i, motion) in self.post.iter().enumerate() {
             motion.check(&format!("post_actuation_motions[{i}]"))?;
+        }
+        if let Some(back) = self.let_go
+            && !BACK.contains(&back)
+        {
+            let message = format!("must be {} to {} m, not {back}", BACK.start(), BACK.end());
+            return Err(ConfigError::new("let_go", message));
         }
         let times = [
             ("pre_actuation_times", &self.pre_times, self.pre.len()),

@@ -170,6 +170,10 @@ pub enum Gripper {
     Closed,
     /// Closing at the actuation pose.
     Grasp,
+    /// As they are throughout: something is held.
+    Hold,
+    /// Opening at the actuation pose.
+    Release,
 }
 
 impl Gripper {
@@ -180,6 +184,16 @@ impl Gripper {
             Self::Open => "open",
             Self::Closed => "closed",
             Self::Grasp => "grasp",
+            Self::Hold => "hold",
+            Self::Release => "release",
+        }
+    }
+
+    /// Whether the fingers act at the actuation pose, where the motion has to rest then.
+    pub(crate) fn acts(self) -> bool {
+        match self {
+            Self::Grasp | Self::Release => true,
+            Self::Open | Self::Closed | Self::Hold => false,
         }
     }
 }
@@ -202,6 +216,8 @@ pub struct SolverConfig {
     pub(crate) post_times: Option<Vec<f64>>,
     /// Fingers.
     pub(crate) gripper: Gripper,
+    /// Way (m) that the hand moves back along its own z axis after it has let go at the end.
+    pub(crate) let_go: Option<f64>,
     /// The config as JSON text, as it was given.
     pub(crate) source: String,
 }
@@ -266,6 +282,12 @@ impl SolverConfig {
         self.gripper
     }
 
+    /// How far (m) the hand moves back along its own z axis at the end, once the fingers have opened; none where it stays.
+    #[must_use]
+    pub fn let_go(&self) -> Option<f64> {
+        self.let_go
+    }
+
     /// The config as JSON text, as it was given; empty where it was built.
     #[must_use]
     pub fn source(&self) -> &str {
@@ -278,8 +300,8 @@ impl SolverConfig {
         self.actuation_time.is_some() || self.pre_times.is_some() || self.post_times.is_some()
     }
 
-    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation. Where it sets none, the
-    /// actuation is at 24 and motions are 4 apart.
+    /// Keyframe times (s) on the config's clock, increasing: pre-actuation, actuation, post-actuation, letting go.
+    /// Where it sets none, the actuation is at 24 and motions are 4 apart; letting go always takes 4.
     ///
     /// # Errors
     /// Times that do not increase from `start`.
@@ -295,6 +317,9 @@ impl SolverConfig {
         match &self.post_times {
             Some(t) => out.extend_from_slice(t),
             None => out.extend((0..self.post.len()).map(|i| actuation + STEP * (i + 1) as f64)),
+        }
+        if self.let_go.is_some() {
+            out.push(out[out.len() - 1] + STEP);
         }
         let mut last = start;
         for (i, t) in out.iter().enumerate() {

@@ -19,6 +19,7 @@ const TOP: &[&str] = &[
     "pre_actuation_times",
     "post_actuation_times",
     "gripper",
+    "let_go",
 ];
 
 const NAMED: &[(&str, [f64; 3])] = &[
@@ -69,13 +70,17 @@ impl SolverConfig {
                 "open" => Gripper::Open,
                 "closed" => Gripper::Closed,
                 "grasp" => Gripper::Grasp,
+                "hold" => Gripper::Hold,
+                "release" => Gripper::Release,
                 other => {
-                    return Err(ConfigError::new("gripper", format!("must be open, closed or grasp, not {other:?}")));
+                    let message = format!("must be open, closed, grasp, hold or release, not {other:?}");
+                    return Err(ConfigError::new("gripper", message));
                 }
             },
         };
+        let let_go = present(top, "let_go").map(|v| number(v, "let_go")).transpose()?;
         let source = value.to_string();
-        let config = Self { constraints, pre, post, actuation_time, pre_times, post_times, gripper, source };
+        let config = Self { constraints, pre, post, actuation_time, pre_times, post_times, gripper, let_go, source };
         config.check()?;
         Ok(config)
     }

@@ -101,7 +101,7 @@ impl Planner<'_> {
         let act = motions.actuation;
         let first = if self.entry > act { self.entry - 1 } else { self.entry };
         let mut out = Attempt::new(x, rank, motions, first);
-        self.world.act_at(x);
+        self.world.act_at(x, out.motions.letting_go());
         // What overlapped at the start has come apart on the approach, where there is one.
         let plain = if self.entry > act { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
         if self.entry <= act

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::actuation::ActuationSearch;
 use crate::fingers::resting_joints;
 use crate::model::Model;
+use crate::world::Course;
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
 use planner::Planner;
 pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
@@ -81,7 +82,7 @@ pub struct Residual {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct KeyframeReport {
-    /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ...; numbers are places in the config's lists.
+    /// In time: ..., `pre_1`, `pre_0`, `actuation`, `post_0`, ..., `let_go`; numbers are places in the config's lists.
     pub label: String,
     /// Time (s), where the motion has one.
     pub time: Option<f64>,
@@ -231,15 +232,12 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
 /// Number in time of the keyframe that the motion goes to first.
 fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, ProblemError> {
     let Some(label) = request.resume else { return Ok(0) };
-    let last = problem.config.pre.len() + problem.config.post.len();
-    let entry =
-        problem.keyframe_index(label).filter(|k| (1..=last + 1).contains(k)).map(|k| k - 1).ok_or_else(|| {
-            let message =
-                format!("{label:?} is not a keyframe of the motion: ..., pre_1, pre_0, actuation, post_0, ...");
-            ProblemError::new("resume", message)
-        })?;
+    let course = Course::of(&problem.config);
+    let entry = course
+        .keyframe(label)
+        .ok_or_else(|| ProblemError::new("resume", format!("{label:?} is not a keyframe of the motion: {course}")))?;
     let posed = request.former.is_some_and(|f| f.q_plan.as_ref().is_some_and(|q| q.len() == problem.q_start.len()));
-    if entry > problem.config.pre.len() && !posed {
+    if entry > course.actuation() && !posed {
         let message = format!("{label:?} lies past the actuation pose; pass the earlier plan that has one");
         return Err(ProblemError::new("former", message));
     }

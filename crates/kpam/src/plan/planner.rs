@@ -134,7 +134,7 @@ impl<'p> Planner<'p> {
     /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
     /// actuation there is no other.
     pub(super) fn former_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
-        let past = self.entry > self.problem.config.pre.len();
+        let past = self.entry > self.world.course.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
         let mut trial = Trial::default();
         let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };

@@ -89,7 +89,7 @@ pub fn min_clearance(
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let mut world = World::new(problem, &model);
     if let Some(q) = plan.q_plan.as_ref().filter(|q| q.len() == problem.q_start.len()) {
-        world.act_at(&model.pick(q));
+        world.act_at(&model.pick(q), replay.motions.letting_go());
     }
     let mut out = Clearances { itself: f64::INFINITY, table: f64::INFINITY, object: f64::INFINITY };
     for k in 0..=steps as usize {

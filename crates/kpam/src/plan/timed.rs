@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use super::attempt::Attempt;
 use super::failure::Failure;
 use super::planner::{NEAR, Planner, WIDE};
-use crate::Gripper;
 use crate::hand_path::OFF_PATH;
 use crate::model::{MOST_JOINTS, Row};
 use crate::motion::HandPath;
@@ -72,10 +71,10 @@ impl Planner<'_> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
         let options = &self.problem.options;
-        // The gripper acts at the actuation pose.
-        let acts =
-            self.problem.config.gripper == Gripper::Grasp || !options.pick.is_empty() || !options.release.is_empty();
-        let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts);
+        // The gripper acts at the actuation pose, and where the hand lets go.
+        let acts = self.problem.config.gripper.acts() || !options.pick.is_empty() || !options.release.is_empty();
+        let lets_go_at = attempt.motions.lets_go_at;
+        let rests = |keyframe: usize| clock.is_some() || (keyframe == act && acts) || lets_go_at == Some(keyframe);
         let mut legs = Vec::new();
         let total: f64 = attempt.approach.iter().map(|piece| length(n, piece)).sum();
         let mut gone = 0.0;

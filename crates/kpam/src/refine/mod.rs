@@ -120,7 +120,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
     let mut world = World::new(problem, &model);
     let entry = plan.keyframes.iter().position(|k| k.time.is_some()).unwrap_or(0);
     world.measure_start(State::still(&waypoints[0]), world.course.toward(entry));
-    world.act_at(&model.pick(q_plan));
+    world.act_at(&model.pick(q_plan), motions.letting_go());
     let mut places = Vec::with_capacity(times.len());
     let mut former = 0.0;
     for (k, time) in times.iter().enumerate() {

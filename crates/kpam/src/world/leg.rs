@@ -13,24 +13,71 @@ pub(crate) enum Leg {
     ToActuation,
     /// Along the hand's path to a post-actuation keyframe, by its number in the config's list.
     Post(usize),
+    /// Straight back from what the hand has let go of.
+    LetGo,
 }
+
+impl Leg {
+    /// Whether it comes after the actuation.
+    pub fn is_after(self) -> bool {
+        matches!(self, Self::Post(_) | Self::LetGo)
+    }
+}
+
+/// Label of the keyframe at which a hand that has let go ends.
+const LET_GO: &str = "let_go";
 
 /// Legs and keyframes of a motion in time. Keyframe k of a motion is what leg k leads to.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Course {
     before: usize,
     after: usize,
+    lets_go: bool,
 }
 
 impl Course {
     /// That of a config.
     pub fn of(config: &SolverConfig) -> Self {
-        Self { before: config.pre.len(), after: config.post.len() }
+        Self { before: config.pre.len(), after: config.post.len(), lets_go: config.let_go.is_some() }
     }
 
     /// Number of legs.
     pub fn len(&self) -> usize {
-        self.before + 1 + self.after
+        self.before + 1 + self.after + usize::from(self.lets_go)
+    }
+
+    /// Number in time of the actuation pose.
+    pub fn actuation(&self) -> usize {
+        self.before
+    }
+
+    /// Number in time of the keyframe at which the hand lets go, where it does.
+    pub fn lets_go_at(&self) -> Option<usize> {
+        self.lets_go.then_some(self.before + self.after)
+    }
+
+    /// Label of keyframe number `keyframe` in time.
+    pub fn label(&self, keyframe: usize) -> String {
+        match self.toward(keyframe) {
+            _ if keyframe < self.before => format!("pre_{}", self.before - 1 - keyframe),
+            Leg::Post(i) => format!("post_{i}"),
+            Leg::LetGo => LET_GO.to_owned(),
+            Leg::Approach | Leg::Pre(_) | Leg::ToActuation => "actuation".to_owned(),
+        }
+    }
+
+    /// Number in time of the keyframe with a label.
+    pub fn keyframe(&self, label: &str) -> Option<usize> {
+        let numbered = |prefix: &str, count: usize| {
+            label.strip_prefix(prefix).and_then(|n| n.parse::<usize>().ok()).filter(|n| *n < count)
+        };
+        match label {
+            "actuation" => Some(self.before),
+            LET_GO => self.lets_go_at().map(|k| k + 1),
+            _ => numbered("pre_", self.before)
+                .map(|i| self.before - 1 - i)
+                .or_else(|| numbered("post_", self.after).map(|i| self.before + 1 + i)),
+        }
     }
 
     /// The leg to keyframe number `keyframe` in time.
@@ -41,6 +88,8 @@ impl Course {
             Leg::Pre(self.before - 1 - keyframe)
         } else if keyframe == self.before {
             Leg::ToActuation
+        } else if self.lets_go_at().is_some_and(|at| keyframe > at) {
+            Leg::LetGo
         } else {
             Leg::Post(keyframe - self.before - 1)
         }
@@ -58,7 +107,7 @@ impl Course {
 
     /// The leg that begins at the actuation pose, where one does.
     pub fn first_after_actuation(&self) -> Option<Leg> {
-        (self.after > 0).then_some(Leg::Post(0))
+        (self.before + 1 < self.len()).then(|| self.toward(self.before + 1))
     }
 
     /// Number in time of the keyframe that a leg leads to.
@@ -68,6 +117,7 @@ impl Course {
             Leg::Pre(i) => self.before - 1 - i,
             Leg::ToActuation => self.before,
             Leg::Post(i) => self.before + 1 + i,
+            Leg::LetGo => self.before + 1 + self.after,
         }
     }
 
@@ -78,6 +128,13 @@ impl Course {
     }
 }
 
+impl std::fmt::Display for Course {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let labels: Vec<String> = (0..self.len()).map(|k| self.label(k)).collect();
+        f.write_str(&labels.join(", "))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,18 +142,22 @@ mod tests {
     #[test]
     fn legs_and_keyframes_are_numbered_alike() {
         for (before, after) in [(0, 0), (0, 2), (1, 1), (3, 2)] {
-            let course = Course { before, after };
-            for (k, leg) in course.legs().enumerate() {
-                assert_eq!(course.number(leg), k, "{leg:?}");
+            for lets_go in [false, true] {
+                let course = Course { before, after, lets_go };
+                for (k, leg) in course.legs().enumerate() {
+                    assert_eq!(course.number(leg), k, "{leg:?}");
+                    assert_eq!(course.keyframe(&course.label(k)), Some(k), "{leg:?}");
+                }
+                assert_eq!(course.number(course.last_before_actuation()), before);
             }
-            assert_eq!(course.number(course.last_before_actuation()), before);
         }
     }
 
     #[test]
     fn pre_actuation_motions_count_from_the_actuation() {
-        let course = Course { before: 3, after: 1 };
+        let course = Course { before: 3, after: 1, lets_go: true };
         let legs: Vec<Leg> = course.legs().collect();
-        assert_eq!(legs, [Leg::Approach, Leg::Pre(1), Leg::Pre(0), Leg::ToActuation, Leg::Post(0)]);
+        assert_eq!(legs, [Leg::Approach, Leg::Pre(1), Leg::Pre(0), Leg::ToActuation, Leg::Post(0), Leg::LetGo]);
+        assert_eq!(course.to_string(), "pre_2, pre_1, pre_0, actuation, post_0, let_go");
     }
 }

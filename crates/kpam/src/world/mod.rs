@@ -230,8 +230,9 @@ impl<'p> World<'p> {
     }
 
     /// Takes up an actuation pose: what is picked rides from there on as it lies in the hand there, what is released
-    /// stands where the hand holds it there.
-    pub fn act_at(&mut self, x: &Row) {
+    /// stands where the hand holds it there, and what is held yet where the hand lets go, at pose `letting_go`, stands
+    /// where it holds it there.
+    pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
         let riding = self.cast.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {
             return;
@@ -242,11 +243,12 @@ impl<'p> World<'p> {
         for (group, what) in self.cast.groups.iter().enumerate() {
             let Group::Riding(b) = what else { continue };
             let body = &self.problem.bodies[*b];
-            if body.role == Role::Attached {
-                self.placed[group] = hand * self.grasps[group];
-            } else {
+            if body.role != Role::Attached {
                 self.grasps[group] = hand.inverse() * body.pose;
             }
+            let released = self.problem.options.release.contains(&body.name);
+            let left_at = letting_go.filter(|_| !released).unwrap_or(&hand);
+            self.placed[group] = left_at * self.grasps[group];
         }
         self.measure_picked(x);
     }

@@ -173,8 +173,8 @@ impl<'c, 'p> Compiler<'c, 'p> {
                 Some(Window {
                     groups: (0..cast.groups.len()).map(named).collect(),
                     bodies: problem.bodies.iter().map(|b| w.bodies.contains(&b.name)).collect(),
-                    from: problem.keyframe_index(&w.from)?,
-                    to: problem.keyframe_index(&w.to)?,
+                    from: problem.window_index(&w.from)?,
+                    to: problem.window_index(&w.to)?,
                 })
             };
             // The problem's check has refused windows that name no keyframe.
@@ -188,29 +188,31 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let groups = self.cast.groups.len();
         let carriers: Vec<Carrier> = (0..groups).map(|g| self.carrier(g, leg)).collect();
         let present = (0..groups).filter(|g| carriers[*g] != Carrier::Absent).collect();
-        let carried = self.carried(&carriers);
+        let carried = self.carried(&carriers, leg);
         let bodies = (0..groups)
             .flat_map(|g| (0..self.cast.bodies.len()).map(move |b| (g, b)))
             .map(|(g, b)| self.against_body(g, b, leg, &carriers, &carried))
             .collect();
         let judged = |pair: &usize| self.between(self.cast.pairs[*pair], leg, &carriers, &carried) == Verdict::Judged;
         let pairs = (0..self.cast.pairs.len()).filter(judged).collect();
-        let guessed = matches!(leg, Leg::Post(i) if joint_steps(self.problem)[i].is_none());
+        let steps = joint_steps(self.problem);
+        let guessed = match leg {
+            Leg::Post(i) => steps[i].is_none(),
+            // It stands still, where the motions before have taken it.
+            Leg::LetGo => steps.contains(&None),
+            Leg::Approach | Leg::Pre(_) | Leg::ToActuation => false,
+        };
         LegWorld { carriers, present, bodies, pairs, carried, guessed }
     }
 
-    fn is_after(leg: Leg) -> bool {
-        matches!(leg, Leg::Post(_))
-    }
-
     fn carrier(&self, group: usize, leg: Leg) -> Carrier {
-        let after = Self::is_after(leg);
+        let after = leg.is_after();
         match self.cast.groups[group] {
             Group::Link(_) => Carrier::Robot,
             Group::Moved(_) if after => Carrier::Joint,
             Group::Moved(_) => Carrier::Absent,
             Group::Riding(b) => match (self.cast.bodies[b].role == Role::Attached, after) {
-                (true, true) if self.is_released(b) => Carrier::Placed,
+                (_, true) if leg == Leg::LetGo || self.is_released(b) => Carrier::Placed,
                 (true, _) | (false, true) => Carrier::Hand,
                 (false, false) => Carrier::Absent,
             },
@@ -226,7 +228,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
     }
 
     /// The joints that carry each group; the object's comes last.
-    fn carried(&self, carriers: &[Carrier]) -> Carried {
+    fn carried(&self, carriers: &[Carrier], leg: Leg) -> Carried {
         let (robot, hand) = (self.cast.robot, self.cast.robot.hand());
         let joints = self.movers.len() + 1;
         let mut flags = Vec::with_capacity(joints * carriers.len());
@@ -236,7 +238,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
                 (Carrier::Hand, _) => flags.extend(self.movers.carrying(robot, hand)),
                 _ => flags.extend((0..joints - 1).map(|_| false)),
             }
-            flags.push(*carrier == Carrier::Joint);
+            flags.push(*carrier == Carrier::Joint && leg != Leg::LetGo);
         }
         Carried { joints, flags }
     }
@@ -250,7 +252,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
 
     fn against_body(&self, group: usize, body: usize, leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
         let what = &self.cast.bodies[body];
-        let after = Self::is_after(leg);
+        let after = leg.is_after();
         let stands = match what.role {
             Role::Attached => false,
             Role::MovingLink => !(after && self.problem.joint.is_some()),

@@ -12,9 +12,9 @@ use crate::problem::{ObjectJoint, ObjectJointKind};
 /// A contact point nearer than this (m) to a joint's axis does not turn it.
 const ON_AXIS: f64 = 1e-3;
 
-/// By how much (rad or m) each post-actuation motion moves the object's joint, where that is known: those that follow
+/// By how much (rad or m) each path after the actuation moves the object's joint, where that is known: motions that follow
 /// or trace the joint say so, `options.joint_travel` says it of all of them, and a hand that picks or releases something
-/// leaves the joint alone.
+/// leaves the joint alone, as does one that has let go.
 pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
     let mut value = problem.joint.map_or(0.0, |j| j.value);
     let motions = problem.config.post.iter().enumerate();
@@ -34,6 +34,7 @@ pub(crate) fn joint_steps(problem: &KeypointProblem) -> Vec<Option<f64>> {
             value += step.unwrap_or(0.0);
             step
         })
+        .chain(problem.config.let_go.map(|_| Some(0.0)))
         .collect()
 }
 

@@ -17,19 +17,21 @@ import io
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from gensim2.demos.recording import Recording, Tree
+from gensim2.episodes.record import Episode
+from gensim2.episodes.recording import Recording
+from gensim2.episodes.world import Tree
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_atomic, write_json
 from gensim2.tasks.spec import TaskSpec
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
 
 _EPISODE_FILE = re.compile(r"^(\d{6,})\.h5$")
@@ -41,19 +43,21 @@ class Provenance:
 
     Attributes:
         task: what was done.
-        config: solver config that did it.
+        strategies: by name: how it was done, as plain data.
         assets: ``"builtin"``, or the folder that the objects come from.
         licenses: terms by ``class/id``, which the data carries on.
         seed: of the run.
+        environment: further arguments of the environment (the robot, the physics), where they are not its defaults.
         details: anything else worth keeping (versions, command), as plain data.
     """
 
     task: TaskSpec
-    config: Mapping[str, Any]
+    strategies: Mapping[str, Mapping[str, Any]]
     assets: str
     licenses: Mapping[str, str]
     seed: int
-    details: Mapping[str, Any]
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
 
 
 class TrajectoryStore:
@@ -79,13 +83,13 @@ class TrajectoryStore:
         matches = (_EPISODE_FILE.match(path.name) for path in self._episodes.iterdir())
         return tuple(sorted(int(match[1]) for match in matches if match))
 
-    def add(self, index: int, recording: Recording, info: Mapping[str, Any] | None = None) -> str:
+    def add(self, index: int, recording: Recording, episode: Episode) -> str:
         """Write one finished episode, atomically, and return the digest by which :meth:`digest` knows it again.
 
         Args:
             index: its place in the order of the merged file; need not be contiguous.
-            recording: the episode.
-            info: further fields for its entry in the JSON file.
+            recording: what was recorded of it.
+            episode: what is known of it; its entry in the JSON file holds it.
 
         Raises:
             InputError: the folder cannot be written to.
@@ -96,10 +100,8 @@ class TrajectoryStore:
             "elapsed_steps": recording.steps,
             "reset_kwargs": {"seed": recording.seed, "options": recording.reset_options},
             "success": bool(recording.success[-1]),
-            "instance": recording.reset_options["instance"],
-            "openness_start": float(recording.openness[0]),
-            "openness_end": float(recording.openness[-1]),
-            **(info or {}),
+            "instances": recording.instances,
+            "episode": episode.to_dict(),
         }
         buffer = io.BytesIO()
         with h5py.File(buffer, "w") as file:
@@ -170,7 +172,7 @@ class TrajectoryStore:
 
 def _entry(file: h5py.File) -> dict[str, Any]:
     entry = json.loads(file.attrs["episode"])
-    if not isinstance(entry, dict) or not isinstance(entry.get("instance"), str):
+    if not isinstance(entry, dict) or not isinstance(entry.get("instances"), dict):
         raise ValueError("the episode does not say what it is of")
     return entry
 
@@ -181,15 +183,25 @@ def _env_id(task: TaskSpec) -> str:
     return env_id(task)
 
 
-def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[str, Any]:
-    """Arguments with which ``gym.make(env_id(task), ...)`` makes the environment of the demonstrations."""
+def env_kwargs(
+    task: TaskSpec, assets: str, instances: Mapping[str, Sequence[str]], environment: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Arguments with which ``gym.make(env_id(task), ...)`` makes the environment of the demonstrations.
+
+    Args:
+        task: what was done.
+        assets: ``"builtin"``, or a folder.
+        instances: ids by object.
+        environment: further arguments.
+    """
     kwargs: dict[str, Any] = {
         "obs_mode": "state",
         "control_mode": "pd_joint_pos",
         "sim_backend": "physx_cpu",
         "reward_mode": "sparse",
         "assets": assets if assets == "builtin" else str(Path(assets).resolve()),
-        "instances": list(instances),
+        "instances": {name: list(ids) for name, ids in instances.items()},
+        **environment,
     }
     if not _env_id(task).endswith(task.env_id):  # not in the library: the spec travels with the data
         kwargs["task"] = task.model_dump(mode="json")
@@ -198,11 +210,12 @@ def env_kwargs(task: TaskSpec, assets: str, instances: Sequence[str]) -> dict[st
 
 def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str, Any]:
     task = provenance.task
-    instances = sorted({entry["instance"] for entry in entries})
+    instances = {name: sorted({entry["instances"][name] for entry in entries}) for name in task.objects}
+    names = [f"{task.objects[name].asset_class}/{id}" for name, ids in instances.items() for id in ids]
     return {
         "env_info": {
             "env_id": _env_id(task),
-            "env_kwargs": env_kwargs(task, provenance.assets, instances),
+            "env_kwargs": env_kwargs(task, provenance.assets, instances, provenance.environment),
             "max_episode_steps": task.max_episode_steps,
         },
         "commit_info": None,
@@ -211,13 +224,9 @@ def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str
         "gensim2": {
             "schema_version": SCHEMA_VERSION,
             "task": task.model_dump(mode="json"),
-            "config": dict(provenance.config),
+            "strategies": {name: dict(strategy) for name, strategy in provenance.strategies.items()},
             "seed": provenance.seed,
-            "licenses": {
-                name: provenance.licenses[name]
-                for name in (f"{task.asset_class}/{instance}" for instance in instances)
-                if name in provenance.licenses
-            },
+            "licenses": {name: provenance.licenses[name] for name in names if name in provenance.licenses},
             **provenance.details,
         },
         "episodes": entries,

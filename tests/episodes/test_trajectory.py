@@ -15,11 +15,11 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from gensim2.demos.rollout import run_episode
 from jobs import HALFWAY, record
 
-from gensim2.demos.recording import Recording
-from gensim2.demos.rollout import run_episode
-from gensim2.demos.trajectory import Provenance, TrajectoryStore
+from gensim2.episodes.recording import Recording
+from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.sim.lane import Lane
@@ -214,7 +214,7 @@ def test_nothing_is_written_where_it_may_not_be(tmp_path: Path) -> None:
 def test_a_film_shows_the_recorded_episode(store: TrajectoryStore, tmp_path: Path) -> None:
     import imageio.v2 as imageio
 
-    from gensim2.demos.video import film
+    from gensim2.episodes.video import film
 
     short = TrajectoryStore(tmp_path)
     recording = record(0).recording

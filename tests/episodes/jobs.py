@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-
 from gensim2.demos.rollout import EpisodeResult
+
 from gensim2.planning.scene import Scene
 from gensim2.robots import CLOSED, robot
 
@@ -68,6 +68,7 @@ def _panda() -> tuple[pin.Model, pin.Data, int]:
 def record(seed: int) -> EpisodeResult:
     """One recorded episode of ``HALFWAY``: the arm pushes on even seeds and stays still on odd ones."""
     from gensim2.demos.rollout import run_episode
+
     from gensim2.sim.lane import Lane
 
     lane = Lane(HALFWAY, assets="builtin")

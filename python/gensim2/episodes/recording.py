@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from gensim2.sim.lane import Lane
-
-Tree = dict[str, Any]
-"""Arrays by name, nested; leaves are numpy arrays whose first axis is time."""
+from gensim2.episodes.world import Tree, World
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
 
 
 @dataclass(frozen=True)
@@ -21,19 +20,19 @@ class Recording:
 
     Attributes:
         seed: of the reset.
-        reset_options: the options of the reset, and which instance stood there; the rest follows from the
-            seed.
+        reset_options: with which a reset to the seed gives the same scene, whatever instances there are to draw from.
+        instances: id of each object's instance.
         control_mode: of the actions.
-        actions: (T, 8) float32.
+        actions: (T, m + 1) float32.
         obs: (T + 1, D) float32 state observations.
-        env_states: tree of (T + 1, ...) float32.
+        env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
         rewards: (T,) float32.
         terminated, truncated, success: (T,) bool.
-        openness: (T + 1,) float32.
     """
 
     seed: int
     reset_options: dict[str, Any]
+    instances: dict[str, str]
     control_mode: str
     actions: npt.NDArray[np.float32]
     obs: npt.NDArray[np.float32]
@@ -42,7 +41,6 @@ class Recording:
     terminated: npt.NDArray[np.bool_]
     truncated: npt.NDArray[np.bool_]
     success: npt.NDArray[np.bool_]
-    openness: npt.NDArray[np.float32]
 
     @property
     def steps(self) -> int:
@@ -54,35 +52,35 @@ class Recorder:
     """Collects an episode from a fresh reset on.
 
     Args:
-        lane: has just been reset.
+        world: has just been reset.
     """
 
-    def __init__(self, lane: Lane) -> None:
-        self._lane = lane
-        self._obs = [lane.observation()]
-        self._states: list[Tree] = [lane.state()]
-        self._openness = [lane.openness]
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._obs = [world.observation()]
+        self._states: list[Tree] = [world.state()]
         self._actions: list[npt.NDArray[np.float32]] = []
         self._success: list[bool] = []
         self._truncated: list[bool] = []
 
-    def add(self, action: npt.NDArray[np.float32]) -> None:
+    def add(self, action: npt.NDArray[np.float32], measured: Measurement) -> None:
         """Take what came of one step."""
-        lane = self._lane
-        self._actions.append(np.array(action, dtype=np.float32))
-        self._obs.append(lane.observation())
-        self._states.append(lane.state())
-        self._openness.append(lane.openness)
-        self._success.append(lane.success)
-        self._truncated.append(lane.elapsed_steps >= lane.max_episode_steps)
+        world = self._world
+        self._actions.append(action)
+        self._obs.append(world.observation())
+        self._states.append(world.state())
+        self._success.append(all_hold(world.task.success, measured))
+        self._truncated.append(world.elapsed_steps >= world.task.max_episode_steps)
 
     def finish(self) -> Recording:
         """Return what was collected; rewards and ends are those of the registered environment."""
         success = np.array(self._success, dtype=bool)
+        instances = {name: placed.model.id for name, placed in self._world.setup.objects.items()}
         return Recording(
-            seed=self._lane.seed,
-            reset_options=_plain({**self._lane.reset_options, "instance": self._lane.instance.id}),
-            control_mode=self._lane.control_mode,
+            seed=self._world.seed,
+            reset_options=_plain({**self._world.reset_options, "instance": instances}),
+            instances=instances,
+            control_mode=self._world.control_mode,
             actions=np.stack(self._actions),
             obs=np.stack(self._obs),
             env_states=_stack(self._states),
@@ -90,16 +88,14 @@ class Recorder:
             terminated=success,
             truncated=np.array(self._truncated, dtype=bool),
             success=success,
-            openness=np.array(self._openness, dtype=np.float32),
         )
 
 
-def _plain(options: dict[str, Any]) -> dict[str, Any]:
+def _plain(value: Any) -> Any:
     """Reset options as JSON holds them: numbers and arrays of any kind as floats and lists."""
-    return {
-        key: value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
-        for key, value in options.items()
-    }
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
 
 
 def _stack(trees: list[Any]) -> Any:

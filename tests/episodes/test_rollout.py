@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gensim2.demos.rollout import SETTLE_STEPS, check_actions, run_episode, still_arm
 from jobs import HALFWAY, hold, push
 
-from gensim2.demos.rollout import SETTLE_STEPS, check_actions, run_episode, still_arm
 from gensim2.errors import InputError
 from gensim2.sim.lane import Lane
 

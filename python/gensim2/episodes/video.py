@@ -13,7 +13,7 @@ import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.demos.trajectory import JSON_NAME
+from gensim2.episodes.trajectory import JSON_NAME
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
 
@@ -45,7 +45,7 @@ def film(trajectory: Path, video: Path, *, episode: int = 0, still: Path | None 
         trajectory: the h5 file; its JSON file lies beside it.
         video: file to write, atomically.
         episode: number in the file.
-        still: also write a PNG of the moment when the object has moved farthest from where it began.
+        still: also write a PNG of the moment when a keypoint of an object is farthest from where it began.
 
     Raises:
         InputError: the file or the episode is not there.
@@ -74,13 +74,13 @@ class _Shown:
         self.frames = 0
         self.success = False
         self.farthest: Frame | None = None
-        self._start = 0.0
+        self._start: npt.NDArray[np.float64] | None = None
         self._distance = -1.0
 
-    def add(self, frame: Frame, openness: float, success: bool) -> None:
-        if self.frames == 0:
-            self._start = openness
-        distance = abs(openness - self._start)
+    def add(self, frame: Frame, keypoints: npt.NDArray[np.float64], success: bool) -> None:
+        if self._start is None:
+            self._start = keypoints
+        distance = float(np.linalg.norm(keypoints - self._start, axis=1).max())
         if distance > self._distance:
             self._distance, self.farthest = distance, frame
         self.frames += 1
@@ -106,12 +106,13 @@ def _replay(
 ) -> Iterator[Frame]:
     import gymnasium as gym
 
-    kwargs = {**info["env_kwargs"], "instances": [entry["instance"]]}
-    env = gym.make(info["env_id"], **{**kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
+    env = gym.make(info["env_id"], **{**info["env_kwargs"], "obs_mode": "none", "render_mode": "rgb_array"})
 
     def see(outcome: dict[str, Any]) -> Frame:
         frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
-        shown.add(frame, float(outcome["openness"][0]), bool(outcome["success"][0]))
+        keypoints = env.unwrapped.measure().keypoints.values()  # type: ignore[attr-defined]
+        points = [point for own in keypoints for point in own.values()]
+        shown.add(frame, np.stack(points), bool(outcome["success"][0]))
         return frame
 
     try:

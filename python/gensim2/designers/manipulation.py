@@ -1,7 +1,8 @@
 """A way to work an object's joint, written in the joint's own frame, and the solver config that it stands for.
 
 Everything is relative to the joint frame at the contact keypoint (docs/architecture.md): y is where the keypoint goes
-as the joint opens, z the axis, x away from the hinge. So one strategy reads the same for a lid, a door and a drawer.
+as the joint opens, z the axis, x away from the hinge. So one manipulation reads the same for a lid, a door and a
+drawer.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ Motion = Literal["follow_joint_to", "trace_joint_to"]
 #: Position tolerance of the contact, metres.
 CONTACT_TOLERANCE = 0.001
 
+#: Metres by which the hand backs off at the end: a hand that still holds the part has not shown that it stays.
+LET_GO = 0.06
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -28,7 +32,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Strategy:
+class Manipulation:
     """One way to move the joint.
 
     Attributes:
@@ -42,6 +46,8 @@ class Strategy:
         motion: post-actuation motion that follows the joint, with or without turning the hand.
         goal_openness: where that motion ends; may overshoot.
         tolerance: of the alignment, radians.
+        opening: whether the joint is to open.
+        let_go: metres by which the hand backs off, fingers open, when the motion is done.
     """
 
     keypoint: str
@@ -55,6 +61,7 @@ class Strategy:
     goal_openness: float
     tolerance: float
     opening: bool
+    let_go: float = LET_GO
 
     @property
     def label(self) -> str:
@@ -121,4 +128,5 @@ class Strategy:
             "pre_actuation_motions": [["translate_z", -self.retreat]],
             "post_actuation_motions": [[self.motion, self.goal_openness]],
             "gripper": self.gripper,
+            "let_go": self.let_go,
         }

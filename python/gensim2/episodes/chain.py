@@ -1,0 +1,310 @@
+"""A task's steps one after the other: planned, watched, planned again where something goes otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
+from gensim2.episodes.record import Cause, PlanRecord, StepRecord
+from gensim2.episodes.watch import Held, has_drifted, taken
+from gensim2.planning.scene import Scene
+from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner, Ways
+from gensim2.planning.strategies import Strategy, parse_strategy
+from gensim2.robots import RobotProfile
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+
+START, NOT_DONE = "start", "not done"
+"""Triggers of plans beside deviations."""
+
+MOST_PLANS = 8
+"""Plans of one step in one episode."""
+MOST_TRIES = 2
+"""Times that a strategy is executed to its end without its step being done."""
+WAIT_STEPS = 10
+"""Control steps that a step has after its motion to become done."""
+CALM_STEPS = 40
+"""Control steps for which the arm waits at most for an object that rolls."""
+CALM = 0.02
+"""Speed (m/s) below which an object lies still enough to be planned for."""
+
+
+@dataclass
+class _Plan:
+    """A plan and what becomes of it."""
+
+    strategy: str
+    planned: StepPlan
+    scene: Scene
+    at_step: int
+    trigger: str
+    ran: int = 0
+
+    @property
+    def is_over(self) -> bool:
+        return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
+
+    def next_action(self) -> Action:
+        """Of a plan that is not over."""
+        assert self.planned.schedule is not None
+        action: Action = self.planned.schedule.actions[self.ran]
+        self.ran += 1
+        return action
+
+    def record(self) -> PlanRecord:
+        planned = self.planned
+        return PlanRecord(
+            strategy=self.strategy,
+            status=planned.status,
+            reason=planned.reason,
+            at_step=self.at_step,
+            trigger=self.trigger,
+            ran=self.ran,
+            detail=planned.detail(),
+        )
+
+
+@dataclass
+class _Turn:
+    """One turn of a step; it has another where what it took up is lost."""
+
+    step: Step
+    plans: list[_Plan] = field(default_factory=list)
+    tries: dict[str, int] = field(default_factory=dict)
+
+    def is_done(self, measured: Measurement) -> bool:
+        return all_hold(self.step.done, measured)
+
+
+class ChainController:
+    """Executes the steps of a task in order.
+
+    A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
+    velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
+    the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
+    more and then by the next strategy. Plans are counted, and bounded by ``MOST_PLANS`` a step.
+
+    Args:
+        task: whose steps.
+        strategies: by name, as plain data or parsed.
+        profile: the robot.
+        open_loop: plan every step at the start, on the scenes that are foreseen, by its first strategy, and look at
+            nothing afterwards.
+        options: the solver's, for every plan.
+
+    Raises:
+        InputError: a strategy cannot be used.
+    """
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        strategies: Mapping[str, Mapping[str, Any] | Strategy],
+        profile: RobotProfile,
+        *,
+        open_loop: bool = False,
+        options: kpam.Options = PLAN_OPTIONS,
+    ) -> None:
+        self._task, self._profile, self._options = task, profile, options
+        self._open_loop = open_loop
+        self._strategies: dict[str, Strategy] = {
+            name: parse_strategy(given) if isinstance(given, Mapping) else given for name, given in strategies.items()
+        }
+
+    def reset(self, scene: Scene) -> None:
+        """Begin an episode in ``scene``."""
+        self._planner = StepPlanner(self._profile, self._options)
+        self._turns: list[_Turn] = []
+        self._events: list[Event] = []
+        self._at = 0
+        self._running: _Plan | None = None
+        self._held: Held | None = None
+        self._trigger = START
+        self._waited = 0
+        self._last: Action | None = None
+        self._ahead = self._plan_ahead(scene) if self._open_loop else []
+
+    @property
+    def turn(self) -> str | None:
+        """Name of the step whose turn it is."""
+        return self._turns[-1].step.name if self._turns else None
+
+    @property
+    def history(self) -> list[StepRecord]:
+        """One a step that was begun, with the plans of all its turns."""
+        plans: dict[str, list[PlanRecord]] = {}
+        for turn in self._turns:
+            plans.setdefault(turn.step.name, []).extend(plan.record() for plan in turn.plans)
+        # The loop says whether each was done: it sees what comes after the last action, too.
+        return [StepRecord(name, records, paper=False, done=False) for name, records in plans.items()]
+
+    @property
+    def events(self) -> list[Event]:
+        """What was noticed, in order."""
+        return list(self._events)
+
+    @property
+    def plans(self) -> list[tuple[Scene, StepPlan]]:
+        """Every plan that was made, with the scene that it was made for."""
+        return [(plan.scene, plan.planned) for turn in self._turns for plan in turn.plans]
+
+    def act(self, observation: Observation) -> Action | None:
+        """The next action, (m + 1,); None: done, or nothing more can be done."""
+        self._last = self._blind(observation) if self._open_loop else self._next(observation)
+        return self._last
+
+    @property
+    def _step(self) -> Step:
+        return self._task.steps[self._at]
+
+    def _turn(self) -> _Turn:
+        """That of the present step; begun where it is not."""
+        if not self._turns or self._turns[-1].step is not self._step:
+            self._turns.append(_Turn(self._step))
+        return self._turns[-1]
+
+    def _next(self, observation: Observation) -> Action | None:
+        while True:
+            run = self._running
+            if run is not None:
+                turn = self._turns[-1]
+                deviation = self._deviation(observation, run)
+                if deviation is None and not run.is_over:
+                    return self._follow(run, observation)
+                done = deviation is None and turn.is_done(observation.measurement)
+                if deviation is None and not done and self._waited < WAIT_STEPS:
+                    self._waited += 1
+                    return self._last
+                self._running, self._waited = None, 0
+                if done and self._at + 1 == len(self._task.steps):
+                    return None
+                if done:
+                    self._at, self._trigger = self._at + 1, START
+                    continue
+                if deviation is None:
+                    turn.tries[run.strategy] = turn.tries.get(run.strategy, 0) + 1
+                self._trigger = NOT_DONE if deviation is None else deviation.value
+            if self._must_wait(observation.measurement):
+                self._waited += 1
+                return self._stay(observation)
+            self._waited = 0
+            if not self._begin(observation):
+                return None
+
+    def _follow(self, run: _Plan, observation: Observation) -> Action:
+        assert run.planned.schedule is not None
+        if run.ran == run.planned.schedule.actuation:
+            self._notice(observation, ACTUATION)
+        return run.next_action()
+
+    def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
+        self._events.append(Event(observation.step, self._step.name, what))
+
+    def _deviation(self, observation: Observation, run: _Plan) -> Cause | None:
+        """What goes otherwise than planned; takes note of what the hand takes and releases."""
+        found = self._look(observation, run)
+        if found is not None:
+            self._notice(observation, found)
+        return found
+
+    def _look(self, observation: Observation, run: _Plan) -> Cause | None:
+        measured, schedule = observation.measurement, run.planned.schedule
+        assert schedule is not None
+        if run.ran == schedule.gripped and run.planned.picks is not None:
+            self._held = taken(self._profile, observation.q, measured, run.planned)
+            if self._held is None:
+                return Cause.GRASP_MISSED
+        if schedule.released is not None and run.ran >= schedule.released:
+            self._held = None
+        if self._held is not None and self._held.is_lost(self._profile, observation.q, measured):
+            self._held = None
+            return Cause.GRASP_LOST
+        name = self._step.object
+        until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
+        if run.ran < until and has_drifted(run.scene, measured, name):
+            return Cause.OBJECT_DRIFTED
+        return None
+
+    def _must_wait(self, measured: Measurement) -> bool:
+        """Whether what the step acts on still rolls; not for ever."""
+        speed = measured.speeds.get(self._step.object)
+        held = None if self._held is None else self._held.name
+        moves = speed is not None and self._step.object != held and float(speed[0]) > CALM
+        return moves and self._waited < CALM_STEPS
+
+    def _stay(self, observation: Observation) -> Action:
+        """Stop where the arm is, the fingers as they were commanded."""
+        if self._last is not None and self._waited > 1:
+            return self._last
+        names = self._profile.model.joint_names
+        arm = observation.q[[names.index(name) for name in self._profile.arm_joints]]
+        return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
+
+    def _begin(self, observation: Observation) -> bool:
+        """Plan the step whose turn it is, or the one that must come before it; whether there is a motion."""
+        held = None if self._held is None else self._held.name
+        if self._step.tool not in (HAND, held):
+            before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
+            if not before:
+                return False
+            self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
+        turn = self._turn()
+        scene = replace(observation.scene(), held=held)
+        found: list[_Plan] = []
+        for name in self._untried(turn):
+            if self._plans_of(self._step) >= MOST_PLANS:
+                break
+            former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
+            plan = self._plan(scene, name, observation.step, former)
+            turn.plans.append(plan)
+            found.append(plan)
+            if plan.planned.is_solved:
+                break
+        with_motion = [plan for plan in found if plan.planned.schedule is not None]
+        whole = [plan for plan in with_motion if plan.planned.is_solved]
+        self._running = next(iter(whole or with_motion), None)
+        return self._running is not None
+
+    def _plans_of(self, step: Step) -> int:
+        return sum(len(turn.plans) for turn in self._turns if turn.step is step)
+
+    def _untried(self, turn: _Turn) -> list[str]:
+        """Strategies that were not executed to the end often enough in this turn, in order of preference."""
+        return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
+
+    def _plan(self, scene: Scene, name: str, at_step: int, former: StepPlan | None) -> _Plan:
+        later = self._task.steps[self._at + 1 :]
+        following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
+        planned = self._planner.plan(scene, self._step, self._strategies[name], following=following, former=former)
+        return _Plan(name, planned, scene, at_step, self._trigger)
+
+    def _plan_ahead(self, scene: Scene) -> list[_Plan]:
+        """A plan a step, up to the first that cannot be planned whole."""
+        plans: list[_Plan] = []
+        for number, step in enumerate(self._task.steps):
+            self._at = number
+            plans.append(self._plan(scene, step.strategies[0], 0, None))
+            planned = plans[-1].planned
+            if planned.after is None or not planned.is_solved:
+                break
+            scene = planned.after
+        self._at = 0
+        return plans
+
+    def _blind(self, observation: Observation) -> Action | None:
+        while True:
+            run = self._running
+            if run is not None and not run.is_over:
+                return self._follow(run, observation)
+            if run is not None:
+                self._at += 1
+            if not self._ahead:
+                return None
+            self._running = self._ahead.pop(0)
+            self._turn().plans.append(self._running)

@@ -1,0 +1,92 @@
+"""How far things went between two instants, and whether they are at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from gensim2.tasks.measurement import Measurement
+
+Array = npt.NDArray[np.float64]
+
+SETTLED_CHANGE = 0.001
+"""Change of openness in one control step (0.05 s) below which a joint counts as settled."""
+
+SETTLED_DISTANCE = 0.0005
+"""Metres in one control step below which a rigid object counts as settled: 1 cm/s."""
+
+SETTLED_TURN = 0.025
+"""Radians in one control step below which a rigid object counts as settled: half a radian a second, at which a ball
+that rolls in place is no matter."""
+
+LARGEST_OVERSHOOT = 0.5
+"""Openness by which a joint may stand outside 0..1; the give of its limits is a hundredth of that."""
+
+FARTHEST = 10.0
+"""Metres from the world's origin at which a rigid object may be; one that falls off the table stays nearer."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became of one object between two instants.
+
+    Attributes:
+        openness: change of its joint's openness, signed; 0 of a rigid object.
+        distance: metres that a rigid object went; 0 of an articulated one, whose root stands fast.
+        turn: rad that it turned by, about whatever axis.
+        tilt: rad between its former and its present upright.
+    """
+
+    openness: float = 0.0
+    distance: float = 0.0
+    turn: float = 0.0
+    tilt: float = 0.0
+
+    def exceeds(self, openness: float, distance: float) -> bool:
+        """Whether it is more than that; NaN always is."""
+        return not (abs(self.openness) <= openness and self.distance <= distance)
+
+
+def change(before: Measurement, after: Measurement, name: str) -> Change:
+    """What became of one object."""
+    if name in after.openness:
+        return Change(openness=after.openness[name] - before.openness[name])
+    then, now = before.poses[name], after.poses[name]
+    if not np.isfinite([then, now]).all():
+        return Change(distance=math.nan, turn=math.nan, tilt=math.nan)
+    turned = _rotation(now) * _rotation(then).inv()
+    upright = turned.apply([0.0, 0.0, 1.0])[2]
+    return Change(
+        distance=math.dist(then[:3], now[:3]),
+        turn=float(turned.magnitude()),
+        tilt=math.acos(max(-1.0, min(1.0, float(upright)))),
+    )
+
+
+def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
+    """What became of every object."""
+    return {name: change(before, after, name) for name in (*after.openness, *after.poses)}
+
+
+def is_at_rest(before: Measurement, after: Measurement) -> bool:
+    """Whether nothing moved to speak of from one control step to the next."""
+    return all(
+        not moved.exceeds(SETTLED_CHANGE, SETTLED_DISTANCE) and moved.turn <= SETTLED_TURN
+        for moved in changes(before, after).values()
+    )
+
+
+def is_stable(measured: Measurement) -> bool:
+    """Whether physics holds together; once it has blown up, positions stay NaN or far out."""
+    return all(-LARGEST_OVERSHOOT <= value <= 1 + LARGEST_OVERSHOOT for value in measured.openness.values()) and all(
+        bool(np.isfinite(pose).all()) and float(np.abs(pose[:3]).max()) <= FARTHEST for pose in measured.poses.values()
+    )
+
+
+def _rotation(pose: Array) -> Rotation:
+    return Rotation.from_quat(pose[3:], scalar_first=True)

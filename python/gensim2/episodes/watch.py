@@ -1,0 +1,79 @@
+"""What a chain of steps looks out for while a plan is executed: what went otherwise than planned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from gensim2.planning.scene import Scene
+from gensim2.planning.steps import StepPlan
+from gensim2.robots import RobotProfile
+from gensim2.tasks.measurement import Measurement
+
+Array = npt.NDArray[np.float64]
+
+MOST_DRIFT = 0.005
+"""Metres by which an object may move before the hand is to touch it."""
+MOST_OPENNESS_DRIFT = 0.02
+"""Openness by which a joint may move before the hand is to touch it."""
+MOST_SLIP = 0.03
+"""Metres by which a held object may move in the hand."""
+LEAST_OPENING = 0.002
+"""Metres between the pads below which they hold nothing."""
+LEAST_SHARE = 0.4
+"""Share of the width of a grasp below which its object is no longer between the pads."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object in the hand.
+
+    Attributes:
+        name: of the object.
+        T_hand_object: (4, 4) as it was when the fingers had closed.
+        width: distance of the pads that the grasp was planned for, m; None where nobody knows it.
+    """
+
+    name: str
+    T_hand_object: Array
+    width: float | None
+
+    def is_lost(self, profile: RobotProfile, q: Array, measured: Measurement) -> bool:
+        """Whether it is no longer in the hand."""
+        if measured.finger_opening < _least_opening(self.width):
+            return True
+        now = in_hand(profile, q, measured, self.name)
+        return bool(np.linalg.norm(now[:3, 3] - self.T_hand_object[:3, 3]) > MOST_SLIP)
+
+
+def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
+    """What the hand holds once the fingers have closed; None: they have closed on nothing."""
+    if plan.picks is None or measured.finger_opening < _least_opening(plan.width):
+        return None
+    return Held(plan.picks, in_hand(profile, q, measured, plan.picks), plan.width)
+
+
+def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -> Array:
+    """(4, 4) a rigid object in the hand's frame."""
+    x, y, z, *quaternion = measured.poses[name]
+    T_world_object = np.eye(4)
+    T_world_object[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    T_world_object[:3, 3] = x, y, z
+    T_world_hand = profile.T_world_base @ profile.model.forward_kinematics(q)
+    return np.asarray(np.linalg.solve(T_world_hand, T_world_object), dtype=np.float64)
+
+
+def has_drifted(planned: Scene, measured: Measurement, name: str) -> bool:
+    """Whether an object stands elsewhere than where it was planned for, or is open otherwise."""
+    thing = planned.objects[name]
+    if thing.joint is not None:
+        return abs(measured.openness[name] - thing.joint.openness) > MOST_OPENNESS_DRIFT
+    planned_at = planned.T_world_base @ np.append(thing.T_base_object[:3, 3], 1.0)
+    return bool(np.linalg.norm(measured.poses[name][:3] - planned_at[:3]) > MOST_DRIFT)
+
+
+def _least_opening(width: float | None) -> float:
+    return LEAST_OPENING if width is None else max(LEAST_OPENING, LEAST_SHARE * width)

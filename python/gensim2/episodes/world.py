@@ -1,0 +1,157 @@
+"""What the loop needs of a simulator: any scene that can be reset, stepped and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.planning.scene import Scene
+from gensim2.robots import RobotProfile
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import TaskSpec
+
+Array = npt.NDArray[np.float64]
+Tree = dict[str, Any]
+"""Arrays by name, nested; leaves are numpy arrays."""
+
+
+class Point(Protocol):
+    """A keypoint of an object."""
+
+    @property
+    def link(self) -> str: ...
+    @property
+    def position(self) -> Array:
+        """(3,) metres in the link's frame."""
+        ...
+
+
+class Joint(Protocol):
+    """The joint of an articulated object."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def lower(self) -> float: ...
+    @property
+    def upper(self) -> float: ...
+
+
+class Model(Protocol):
+    """What is recorded of an object, and what verdicts need of it."""
+
+    @property
+    def asset_class(self) -> str: ...
+    @property
+    def id(self) -> str: ...
+    @property
+    def source(self) -> str: ...
+    @property
+    def content_hash(self) -> str: ...
+    @property
+    def keypoints(self) -> Mapping[str, Point]: ...
+    @property
+    def joint(self) -> Joint | None: ...
+
+
+class Placed(Protocol):
+    """An object as a reset put it into the scene."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def position(self) -> Array:
+        """(3,) of its root in the world, m."""
+        ...
+
+    @property
+    def quaternion(self) -> Array:
+        """(4,) of its root in the world, (w, x, y, z)."""
+        ...
+
+    @property
+    def yaw(self) -> float:
+        """rad that the randomization turned it by."""
+        ...
+
+
+class Setup(Protocol):
+    """What a reset drew."""
+
+    @property
+    def objects(self) -> Mapping[str, Placed]:
+        """By name, in the task's order."""
+        ...
+
+    @property
+    def draws(self) -> int:
+        """Draws until all stood apart and within reach."""
+        ...
+
+
+class World(Protocol):
+    """One task's scene. :class:`gensim2.sim.lane.Lane` is one."""
+
+    task: TaskSpec
+    seed: int
+    elapsed_steps: int
+    control_mode: str
+
+    profile: RobotProfile
+
+    @property
+    def setup(self) -> Setup: ...
+    @property
+    def reset_options(self) -> Mapping[str, Any]:
+        """Options with which a reset to the same seed gives the same scene."""
+        ...
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
+        """A fresh scene; without the arm where ``robot`` is False."""
+        ...
+
+    def step(self, action: npt.ArrayLike) -> None:
+        """One control step, (m + 1,)."""
+        ...
+
+    def wait(self) -> None:
+        """One control step in which nothing is commanded."""
+        ...
+
+    @property
+    def q(self) -> Array:
+        """(n,) robot joints, rad and m."""
+        ...
+
+    @property
+    def qvel(self) -> Array:
+        """(n,) their velocities."""
+        ...
+
+    def measure(self) -> Measurement:
+        """Everything that criteria and verdicts go by; without the arm as if it stood as at the start."""
+        ...
+
+    def scene_state(self) -> Scene:
+        """The scene as a planner sees it."""
+        ...
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot touches."""
+        ...
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether physics still gives numbers."""
+        ...
+
+    def state(self) -> Tree:
+        """ManiSkill's ``env_states`` of this instant."""
+        ...
+
+    def observation(self) -> npt.NDArray[np.float32]:
+        """(D,) the environment's state observation of this instant."""
+        ...

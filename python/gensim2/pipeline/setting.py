@@ -1,0 +1,54 @@
+"""What episodes follow from beside their strategies and their seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gensim2.robots import DEFAULT_ROBOT
+from gensim2.tasks.spec import TaskSpec
+
+PHYSICS = ("ours", "original")
+"""Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What all episodes of a run have in common.
+
+    Attributes:
+        assets: a folder of objects or ``"builtin"``.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start, with the first strategy of each step.
+    """
+
+    assets: str
+    physics: str = PHYSICS[0]
+    robot: str = DEFAULT_ROBOT
+    open_loop: bool = False
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Arguments of the registered environment, where they are not its defaults."""
+        given = {"physics": self.physics, "robot": self.robot}
+        defaults = {"physics": PHYSICS[0], "robot": DEFAULT_ROBOT}
+        return {name: value for name, value in given.items() if value != defaults[name]}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all episodes of one task have in common.
+
+    Attributes:
+        task: what is to be done.
+        instances: which instances are drawn from: one word, or several ids.
+        circumstances: of the run.
+    """
+
+    task: TaskSpec
+    instances: str | tuple[str, ...]
+    circumstances: Circumstances
+
+    def __hash__(self) -> int:
+        """By the task's name: a spec holds mappings."""
+        return hash((self.task.name, self.instances, self.circumstances))

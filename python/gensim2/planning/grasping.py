@@ -1,0 +1,87 @@
+"""Grasps of a scene's rigid object, and the config that brings the hand to one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.planning.scene import Scene, SceneBody
+from gensim2.planning.strategies import GraspStrategy
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+#: Height (m) by which the config language's ``move-up`` raises the hand.
+STRIDE = 0.06
+
+#: How exactly the hand comes to a grasp: m and rad.
+AT, ALONG = 0.001, 0.02
+
+
+def grasps_of(scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy) -> Sequence[kpam.Grasp]:
+    """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out."""
+    thing = scene.objects[name]
+    others = [_body(body) for body in scene.bodies if body.name != name]
+    up = np.linalg.inv(scene.T_world_base)[:3, 2]
+    found = kpam.grasps(
+        _body(thing.bodies[0]),
+        gripper,
+        bodies=others,
+        center_of_mass=thing.center_of_mass,
+        options={"friction": strategy.friction, "approach": strategy.approach, "up": up},
+    )
+    return [grasp for grasp in found if grasp.quality["tilt"] <= strategy.tilt][: strategy.candidates]
+
+
+def grasp_config(
+    scene: Scene, grasp: kpam.Grasp, profile: RobotProfile, strategy: GraspStrategy, swapped: bool
+) -> tuple[dict[str, Array], kpam.SolverConfig]:
+    """The config that brings the hand to a grasp and lifts, and the (3,) keypoints that it names, in the base frame.
+
+    Args:
+        swapped: the fingers the other way round.
+    """
+    T_base_hand = np.array(grasp.T_base_hand)
+    if swapped:
+        T_base_hand[:3, :2] *= -1.0
+    tool = {name: T_base_hand[:3, :3] @ at + T_base_hand[:3, 3] for name, at in profile.tool_keypoints.items()}
+    T_world_base = scene.T_world_base
+    constraints: list[dict[str, Any]] = [
+        {
+            "type": "point2point_constraint",
+            "keypoint_name": "tool_head",
+            "target_keypoint_name": "grasp",
+            "tolerance": AT,
+        }
+    ]
+    for end in ("tool_tail", "tool_side"):
+        axis = T_world_base[:3, :3] @ (tool[end] - tool["tool_head"])
+        constraints.append(
+            {
+                "type": "frame_axis_parallel",
+                "axis_from_keypoint_name": "tool_head",
+                "axis_to_keypoint_name": end,
+                "target_axis": list(axis / np.linalg.norm(axis)),
+                "target_axis_frame": "world",
+                "target_inner_product": 1.0,
+                "tolerance": ALONG,
+            }
+        )
+    config = kpam.SolverConfig(
+        {
+            "constraint_list": constraints,
+            "pre_actuation_motions": [["translate_z", -strategy.approach]],
+            "post_actuation_motions": ["move-up"] * max(1, round(strategy.lift / STRIDE)),
+            "gripper": "grasp",
+        }
+    )
+    return {"grasp": tool["tool_head"]}, config
+
+
+def _body(body: SceneBody) -> kpam.Body:
+    shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in body.hulls]
+    return kpam.Body(body.name, "rigid", shapes, body.T_base_body)

@@ -1,0 +1,72 @@
+"""What a scene will be after a step: its plan taken at its word."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from gensim2.planning.scene import JointState, Scene, SceneObject
+from gensim2.planning.world import carried_by
+
+Array = npt.NDArray[np.float64]
+
+
+def with_joint(scene: Scene, name: str, value: float) -> Scene:
+    """The scene with an object's joint at another value (rad or m), and what lies on it taken along."""
+    thing = scene.objects[name]
+    joint = thing.joint
+    assert joint is not None, name
+    value = float(np.clip(value, joint.lower, joint.upper))
+    motion = joint_motion(joint, value - joint.value)
+    objects = dict(scene.objects)
+    for other in scene.objects.values():
+        if other.is_rigid and other.name != scene.held and carried_by(scene, other.name) == name:
+            objects[other.name] = moved(other, motion)
+    objects[name] = replace(
+        thing,
+        bodies=tuple(
+            replace(body, T_base_body=motion @ body.T_base_body) if body.name in joint.moves else body
+            for body in thing.bodies
+        ),
+        T_base_object=motion @ thing.T_base_object,
+        # By the rule of docs/assets.md: a keypoint whose name contains "base" belongs to the body.
+        keypoints={key: at if "base" in key else _point(motion, at) for key, at in thing.keypoints.items()},
+        joint=replace(joint, value=value),
+    )
+    return replace(scene, objects=objects)
+
+
+def with_pose(scene: Scene, name: str, T_base_object: Array) -> Scene:
+    """The scene with a rigid object elsewhere, (4, 4) in the base frame."""
+    thing = scene.objects[name]
+    motion = T_base_object @ np.linalg.inv(thing.T_base_object)
+    return replace(scene, objects={**scene.objects, name: moved(thing, motion)})
+
+
+def moved(thing: SceneObject, motion: Array) -> SceneObject:
+    """A rigid object after a motion, (4, 4) in the base frame."""
+    return replace(
+        thing,
+        bodies=tuple(replace(body, T_base_body=motion @ body.T_base_body) for body in thing.bodies),
+        T_base_object=motion @ thing.T_base_object,
+        keypoints={key: _point(motion, at) for key, at in thing.keypoints.items()},
+    )
+
+
+def joint_motion(joint: JointState, by: float) -> Array:
+    """(4, 4) motion in the base frame of what a joint moves by so many rad or m."""
+    motion = np.eye(4)
+    if joint.type == "prismatic":
+        motion[:3, 3] = by * joint.axis
+    else:
+        turn = Rotation.from_rotvec(by * joint.axis).as_matrix()
+        motion[:3, :3] = turn
+        motion[:3, 3] = joint.origin - turn @ joint.origin
+    return motion
+
+
+def _point(motion: Array, point: Array) -> Array:
+    return np.asarray(motion[:3, :3] @ point + motion[:3, 3], dtype=np.float64)

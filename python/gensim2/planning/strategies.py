@@ -1,0 +1,131 @@
+"""Ways to do a step, as data: a config of the keypoint solver, or a grasp that is found on the object itself."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+import gensim2_kpam as kpam
+from gensim2.errors import InputError
+
+
+@dataclass(frozen=True)
+class KeypointStrategy:
+    """A solver config (docs/solver.md, docs/architecture.md).
+
+    Its names without a prefix are keypoints of the step's object and of its tool; ``"<object>/<keypoint>"`` is one of
+    any other object.
+
+    Attributes:
+        config: plain data.
+    """
+
+    config: Mapping[str, Any]
+
+    @cached_property
+    def solver_config(self) -> kpam.SolverConfig:
+        """The config, validated."""
+        return kpam.SolverConfig(self.config)
+
+    @property
+    def fingers(self) -> kpam.Gripper:
+        """What they do."""
+        return self.solver_config.gripper
+
+    @property
+    def let_go(self) -> float | None:
+        """Metres by which the hand backs off at the end, once it has let go."""
+        return self.solver_config.let_go
+
+    def to_dict(self) -> dict[str, Any]:
+        """The config."""
+        return dict(self.config)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"config": self.config}  # what is validated is made again
+
+
+class GraspStrategy(BaseModel):
+    """A grasp of the step's object between the two fingers, found on its shape; the first that serves is taken.
+
+    A grasp serves where the arm reaches it and lifts the object, and where the next step that uses the object as its
+    tool can then be planned.
+
+    Attributes:
+        grasp: how it is found.
+        approach: straight way of the open hand to it, m.
+        lift: way up with the object, m; in strides of 6 cm, the config language's ``move-up``.
+        tilt: most (rad) by which the approach leans away from straight down.
+        friction: coefficient between pads and object.
+        candidates: most grasps that are tried, each with the fingers either way round.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    grasp: Literal["antipodal"]
+    approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
+    lift: Annotated[float, Field(gt=0, le=0.5)] = 0.12
+    tilt: Annotated[float, Field(ge=0, le=1.6)] = 1.1
+    friction: Annotated[float, Field(gt=0, le=5)] = 1.0
+    candidates: Annotated[int, Field(ge=1, le=1000)] = 24
+
+    @property
+    def fingers(self) -> kpam.Gripper:
+        """What they do."""
+        return "grasp"
+
+    @property
+    def let_go(self) -> None:
+        """A grasp keeps what it holds."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return self.model_dump(mode="json")
+
+
+Strategy = KeypointStrategy | GraspStrategy
+
+
+def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> Strategy:
+    """Validate a strategy given as plain data.
+
+    Args:
+        data: fields of a solver config, or of :class:`GraspStrategy` where there is a field ``grasp``.
+        file: where it comes from.
+
+    Raises:
+        InputError: a field is unknown, missing or out of range; names it.
+    """
+    if "grasp" in data:
+        try:
+            return GraspStrategy.model_validate(data, strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(part) for part in first["loc"]) or None
+            if first["type"] != "extra_forbidden":
+                raise InputError(first["msg"].lower(), file=file, field=field) from error
+            near = difflib.get_close_matches(str(field), GraspStrategy.model_fields, n=1)
+            remedy = f"did you mean {near[0]!r}?" if near else "remove it"
+            raise InputError("unknown field of a grasp", file=file, field=field, remedy=remedy) from error
+    strategy = KeypointStrategy(data)
+    try:
+        _ = strategy.solver_config
+    except kpam.KpamError as error:
+        raise named(error, file) from error
+    except OverflowError as error:
+        raise InputError("holds a number beyond 1e308", file=file) from error
+    except UnicodeEncodeError as error:
+        raise InputError("holds half a character (a lone surrogate)", file=file) from error
+    return strategy
+
+
+def named(error: kpam.KpamError, file: Path | str | None) -> InputError:
+    """The solver's complaint as one of ours: it writes ``field: what is wrong``."""
+    field, colon, problem = str(error).partition(": ")
+    return InputError(problem if colon else field, file=file, field=field if colon else None)

@@ -1,0 +1,122 @@
+"""Strategies as data: what can be read, and what is refused by field before anything is planned."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.planning.config import ObjectNames, check_strategies
+from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, parse_strategy
+from gensim2.robots import robot
+from gensim2.tasks.spec import TaskSpec
+
+pytest.importorskip("mani_skill")
+
+POINT = {
+    "type": "point2point_constraint",
+    "keypoint_name": "tool_head",
+    "target_keypoint_name": "articulated_object_head",
+    "tolerance": 0.001,
+}
+OPEN = {"constraint_list": [POINT], "post_actuation_motions": [["follow_joint_to", 1.0]], "gripper": "grasp"}
+PLACE = {
+    "constraint_list": [
+        {**POINT, "keypoint_name": "rigidbody_object_head", "target_keypoint_name": "articulated_object_inside"}
+    ],
+    "gripper": "release",
+    "let_go": 0.08,
+}
+OBJECTS = {
+    "drawer": ObjectNames(("articulated_object_head", "articulated_object_inside"), "prismatic"),
+    "ball": ObjectNames(("rigidbody_object_head",), None),
+}
+
+
+def task(**changes: Any) -> TaskSpec:
+    fields: dict[str, Any] = {
+        "name": "Try",
+        "description": "",
+        "objects": {"drawer": {"class": "drawer"}, "ball": {"class": "golf_ball"}},
+        "steps": [
+            {"name": "open", "object": "drawer", "strategies": ["open"]},
+            {"name": "grasp", "object": "ball", "strategies": ["grasp"]},
+            {"name": "place", "object": "drawer", "tool": "ball", "strategies": ["place"]},
+        ],
+        "goal": [{"type": "articulated_open", "object": "drawer"}],
+    }
+    return TaskSpec.model_validate({**fields, **changes})
+
+
+def check(given: TaskSpec, **strategies: Any) -> None:
+    data = {"open": OPEN, "grasp": {"grasp": "antipodal"}, "place": PLACE, **strategies}
+    files = {name: f"strategies/{name}.yaml" for name in data}
+    parsed = {name: parse_strategy(fields, files[name]) for name, fields in data.items()}
+    check_strategies(given, parsed, OBJECTS, robot("panda"), files)
+
+
+def test_what_fits_passes() -> None:
+    check(task())
+
+
+def test_a_strategy_goes_through_data_and_pickles() -> None:
+    place, grasp = parse_strategy(PLACE), parse_strategy({"grasp": "antipodal", "lift": 0.2})
+    assert isinstance(place, KeypointStrategy)
+    assert place.to_dict() == PLACE
+    assert (place.fingers, place.let_go) == ("release", 0.08)
+    assert pickle.loads(pickle.dumps(place)) == place
+    assert isinstance(grasp, GraspStrategy)
+    assert parse_strategy(grasp.to_dict()) == grasp
+    assert (grasp.fingers, grasp.lift, grasp.let_go) == ("grasp", 0.2, None)
+
+
+@pytest.mark.parametrize(
+    ("data", "field", "words"),
+    [
+        ({"grasp": "antipodal", "approch": 0.1}, "approch", "did you mean 'approach'"),
+        ({"grasp": "suction"}, "grasp", "antipodal"),
+        ({"grasp": "antipodal", "lift": -1.0}, "lift", "greater than 0"),
+        ({"grasp": "antipodal", "candidates": "many"}, "candidates", "integer"),
+        ({**OPEN, "gripper": "bite"}, "gripper", "bite"),
+        ({"constraint_list": [{**POINT, "tolerance": -1}]}, "constraint_list[0].tolerance", "toleran"),
+        ({**OPEN, "let_go": 7.0}, "let_go", "0.3"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_by_field(data: dict[str, Any], field: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_strategy(data, "strategies/one.yaml")
+    assert str(caught.value.file) == "strategies/one.yaml"
+    assert caught.value.field == field
+    assert words in str(caught.value)
+
+
+def test_keypoints_that_nothing_has_are_refused_by_file_and_field() -> None:
+    lost = {**PLACE, "constraint_list": [{**PLACE["constraint_list"][0], "keypoint_name": "rigidbody_object_tail"}]}
+    with pytest.raises(InputError, match="rigidbody_object_tail") as caught:
+        check(task(), place=lost)
+    assert str(caught.value.file) == "strategies/place.yaml"
+
+
+def test_another_objects_keypoints_have_its_name_before_them() -> None:
+    other = {"constraint_list": [{**POINT, "target_keypoint_name": "drawer/articulated_object_inside"}]}
+    steps = [{"name": "reach", "object": "ball", "strategies": ["reach"]}]
+    check(task(steps=steps), reach=other)
+    wrong = {"constraint_list": [{**POINT, "target_keypoint_name": "articulated_object_inside"}]}
+    with pytest.raises(InputError, match="articulated_object_inside"):
+        check(task(steps=steps), reach=wrong)
+
+
+@pytest.mark.parametrize(
+    ("steps", "field", "words"),
+    [
+        ([{"name": "place", "object": "drawer", "tool": "ball", "strategies": ["place"]}], "steps.place.tool", "ball"),
+        ([{"name": "open", "object": "drawer", "strategies": ["opne"]}], "steps.open.strategies", "opne"),
+        ([{"name": "open", "object": "drawer", "strategies": ["grasp"]}], "grasp", "has a joint"),
+    ],
+)
+def test_steps_that_cannot_be_are_refused(steps: list[Any], field: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        check(task(steps=steps))
+    assert caught.value.field == field
