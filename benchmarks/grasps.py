@@ -28,7 +28,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
-from gensim2.objects import RigidObject, open_rigid_library
+from gensim2.objects import RigidObject, open_library
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
@@ -140,11 +140,11 @@ def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tupl
 
 def lift(robot_name: str, name: str, seed: int, episode: int) -> dict[str, Any]:
     """Plan and execute one grasp of an object in the pose of this number."""
-    return asdict(_lift(robot(robot_name), open_rigid_library("builtin").load(name), seed, episode))
+    return asdict(_lift(robot(robot_name), open_library("builtin").load_rigid(name), seed, episode))
 
 
 def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) -> Lift:
-    pose = resting_pose(rigid, *draw_pose(profile, rigid.name, seed, episode))
+    pose = resting_pose(rigid, *draw_pose(profile, rigid.asset_class, seed, episode))
     env = LiftEnv(profile, rigid, pose, render_backend="none")
     try:
         env.reset(seed=0)
@@ -152,14 +152,14 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
             env.step(profile.rest_action)
         T_base_world = np.linalg.inv(profile.T_world_base)
         gripper = kpam.ParallelGripper.of_robot(profile.model, **profile.tool_keypoints)
-        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls]
-        body = kpam.Body(rigid.name, "target", shapes, T_base_world @ env.object_pose)
+        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls["body"]]
+        body = kpam.Body(rigid.asset_class, "target", shapes, T_base_world @ env.object_pose)
         T_world_table = np.eye(4)
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
         options = {"friction": (profile.gripper.friction + rigid.friction) / 2}  # PhysX takes the mean
         began = time.process_time()
-        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.inertial.center, options=options)
+        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.center_of_mass, options=options)
         searched = time.process_time()
         q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(profile.model.lower, profile.model.upper)
         found = kpam.plan_grasp(profile.model, q, gripper, body, grasps, bodies=[table], lift=[0, 0, LIFT])
@@ -167,10 +167,12 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:
             cause = "no motion to any grasp" if grasps else "no grasp"
-            return Lift(rigid.name, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
+            return Lift(rigid.asset_class, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
         grasp = grasps[found.index]
         cause, raised = execute(env, found.pick, grasp.opening)
-        return Lift(rigid.name, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times)
+        return Lift(
+            rigid.asset_class, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times
+        )
     finally:
         env.close()
 
@@ -189,7 +191,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     arrive = profile.lag_steps + ARRIVE_STEPS
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
     grip = min(round(time_of["actuation"] * profile.control_hz), len(arm) - 1)
-    center = env.rigid.inertial.center
+    center = env.rigid.center_of_mass
 
     def height() -> float:
         pose = env.object_pose
@@ -259,7 +261,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where less than 0.9 are held."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", choices=robot_names(), default=DEFAULT_ROBOT)
-    parser.add_argument("--objects", nargs="*", default=list(open_rigid_library("builtin").names()))
+    parser.add_argument("--objects", nargs="*", default=list(open_library("builtin").classes("rigid")))
     parser.add_argument("--poses", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)

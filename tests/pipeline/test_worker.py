@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import fake_world
+import process_jobs
 import pytest
 
 from gensim2.designers.base import Strategies
@@ -16,6 +17,7 @@ from gensim2.errors import InputError, NotRunError
 from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.processes import Job
 from gensim2.tasks.library import load_strategies, load_task
 
 SIMULATOR = True
@@ -162,20 +164,8 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
             evaluator.screen(SETTING, [{}], [3, 4, 5])
 
 
-def spin(seconds: float) -> float:
-    """Work for so many seconds of CPU."""
-    import time
-
-    begin = time.process_time()
-    while time.process_time() - begin < seconds:
-        pass
-    return seconds
-
-
 @pytest.mark.parametrize("workers", [0, 2])
 def test_cpu_is_that_of_all_processes(workers: int) -> None:
-    from gensim2.processes import Job
-
     with PoolEvaluator(Circumstances("builtin"), workers) as evaluator:
-        list(evaluator.run(spin, [Job(index, (0.25,)) for index in range(4)], "work"))
+        list(evaluator.run(process_jobs.spin, [Job(index, (0.25,)) for index in range(4)], "work"))
         assert 1.0 <= evaluator.cpu_s < 2.0

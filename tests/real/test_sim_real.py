@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from gensim2.demos.rollout import still_arm
+
 from gensim2.sim.lane import Lane
 from gensim2.tasks.library import task_names
 

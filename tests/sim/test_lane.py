@@ -90,8 +90,11 @@ def _check_equal_episodes(task: str | TaskSpec, seeds: range) -> int:
         assert repr(lane.scene_state()) == repr(env.scene_state())
         assert lane.elapsed_steps == int(env.elapsed_steps[0])
         assert bool(truncated[0]) == (lane.elapsed_steps >= lane.max_episode_steps)
-        points = [(before.point(name), after.point(name)) for name in lane.task.objects]
-        moved += any(np.linalg.norm(start - end) > 0.01 for start, end in points)
+        moved += any(
+            np.linalg.norm(start - end) > 0.01
+            for name, points in before.keypoints.items()
+            for start, end in zip(points.values(), after.keypoints[name].values(), strict=True)
+        )
     return moved
 
 

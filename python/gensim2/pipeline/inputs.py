@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
-from gensim2.objects import Instance, Library, open_library
+from gensim2.objects import Instance, Library, RigidObject, open_library
 from gensim2.pipeline.setting import PHYSICS, Circumstances
 from gensim2.planning.check import check_strategies
 from gensim2.robots import DEFAULT_ROBOT
@@ -97,9 +97,9 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
     return spec, load_strategies_beside(folder, spec)
 
 
-def _models(spec: TaskSpec, library: Library, word: str) -> dict[str, Instance]:
+def _models(spec: TaskSpec, library: Library, word: str) -> dict[str, Instance | RigidObject]:
     """One object for each name; the first name's is one that ``word`` stands for."""
-    found = {}
+    found: dict[str, Instance | RigidObject] = {}
     for index, (name, thing) in enumerate(spec.objects.items()):
         words = thing.instances or (("all",) if index else (word,))
         found[name] = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])

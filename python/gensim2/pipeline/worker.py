@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import gensim2_kpam as kpam
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
-from gensim2.pipeline.setting import Setting
+from gensim2.objects import open_library
+from gensim2.pipeline.setting import Circumstances, Setting
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.tasks.spec import TaskSpec
@@ -39,6 +40,19 @@ SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates
 
 #: What planning says of a candidate on one scene: a score from 0 to 1, and what stood in the way of 1.
 Screened = tuple[float, str | None]
+
+
+def prepare(circumstances: Circumstances) -> None:
+    """Read and build what every episode of a run needs and only the first of a process would pay for."""
+    import sapien
+
+    from gensim2.sim.arm import Arm
+    from gensim2.sim.physics import named_physics
+
+    open_library(circumstances.assets).classes()
+    profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
+    assert profile.model
+    Arm(sapien.Scene([physics.new_system()]), profile, physics)
 
 
 @lru_cache(maxsize=2)

@@ -10,7 +10,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
-from gensim2.objects import Instance
+from gensim2.objects import Instance, RigidObject
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, named, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -19,7 +19,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 def check_strategies(
     task: TaskSpec,
     strategies: Mapping[str, Mapping[str, Any]],
-    models: Mapping[str, Instance],
+    models: Mapping[str, Instance | RigidObject],
     robot: RobotProfile,
     folder: Path,
 ) -> None:
@@ -48,7 +48,7 @@ def check_strategies(
 
 
 def _check_keypoints(
-    step: Step, config: kpam.SolverConfig, models: Mapping[str, Instance], robot: RobotProfile, file: Path
+    step: Step, config: kpam.SolverConfig, models: Mapping[str, Instance | RigidObject], robot: RobotProfile, file: Path
 ) -> None:
     model = robot.model
     points = [f"{role}/{key}" for role, thing in models.items() for key in thing.keypoints]

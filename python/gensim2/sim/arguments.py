@@ -10,11 +10,9 @@ import numpy as np
 import torch
 
 from gensim2.errors import InputError
-from gensim2.objects import Library, RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects import Instance, RigidObject, open_library
 from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
-from gensim2.sim.rooms import with_rigid_objects
 from gensim2.tasks.library import load_task
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -47,8 +45,8 @@ def check_names(task: TaskSpec, robot: RobotProfile) -> None:
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
     """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
-    if assets is None or isinstance(assets, str | Path | Library):
-        return with_rigid_objects(assets)
+    if assets is None or isinstance(assets, str | Path):
+        return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
         raise InputError(f"must be None, 'builtin', a folder or an opened library, is {assets!r}", field="assets")
     return assets

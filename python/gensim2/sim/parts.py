@@ -11,6 +11,7 @@ import sapien
 from sapien import physx
 
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.sim.objects import link_name
@@ -200,11 +201,11 @@ class RigidPart:
         pose = T_base_world @ matrix(self.entity)
         return SceneObject(
             name=self.name,
-            bodies=(SceneBody(self.name, self.model.hulls, pose),),
+            bodies=(SceneBody(self.name, self.model.hulls[BODY], pose),),
             T_base_object=pose,
             keypoints={name: _moved(pose, point.position) for name, point in self.model.keypoints.items()},
             yaw=self.thing.yaw,
-            center_of_mass=np.asarray(self.model.inertial.center, dtype=np.float64),
+            center_of_mass=self.model.center_of_mass,
         )
 
 

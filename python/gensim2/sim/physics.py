@@ -171,7 +171,7 @@ class OurPhysics(Physics):
 
     def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
         if isinstance(model, RigidObject):
-            return DefaultPlace(model.resting.position, model.resting.quaternion, 0.0, "ours")
+            return DefaultPlace(model.placement.position, model.placement.quaternion, 0.0, "ours")
         return DefaultPlace(model.placement.position, model.placement.quaternion, model.default_openness, "ours")
 
 

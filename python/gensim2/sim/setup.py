@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
@@ -151,7 +152,7 @@ def set_up(
 
 def model_id(model: Instance | RigidObject) -> str:
     """Class and id of an object, for people."""
-    return f"{model.asset_class}/{model.id}" if isinstance(model, Instance) else model.name
+    return model.asset_class if isinstance(model, RigidObject) else f"{model.asset_class}/{model.id}"
 
 
 def _stand_all(
@@ -187,7 +188,7 @@ def _stand(
         mean = openness_at_reset(spec.randomization, draw, default.openness)
         openness = mean if given is None else float(given)
     elif "openness" in options:
-        raise InputError(f"{model.name} has no joint", field="openness")
+        raise InputError(f"{model.asset_class} has no joint", field="openness")
     if "pose" in options:
         pose = np.asarray(options["pose"], dtype=np.float64)
         return Placed(model, pose[:3], pose[3:], 0.0, openness)
@@ -247,7 +248,7 @@ class _Room:
         if isinstance(thing.model, Instance):
             head = keypoint_in_root(thing.model, work_keypoint(thing.model), thing.joint_value)
         else:
-            head = np.concatenate(thing.model.hulls).mean(axis=0)
+            head = np.concatenate(thing.model.hulls[BODY]).mean(axis=0)
         return bool(np.linalg.norm((thing.in_world(head) - self._base)[:2]) <= self._reach)
 
     def _is_clear(self, name: str, objects: Mapping[str, Placed], outlines: Mapping[str, Array]) -> bool:
