@@ -39,7 +39,7 @@ from gensim2.sim.arguments import (
 from gensim2.sim.objects import load_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
-from gensim2.sim.physics import PhysicsName, named_physics
+from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE
 from gensim2.sim.rigid import load_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
@@ -93,7 +93,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
         robot_uids: str | None = None,
-        physics: PhysicsName = "ours",
+        physics: str = "ours",
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -383,7 +383,7 @@ def make_env(
     assets: str | Path | ObjectSource | None = None,
     instances: Words | Mapping[str, Words] = "all",
     robot: str = DEFAULT_ROBOT,
-    physics: PhysicsName = "ours",
+    physics: str = "ours",
     obs_mode: str = "state",
     render_mode: str | None = None,
 ) -> GenSim2Env:

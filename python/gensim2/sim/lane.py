@@ -27,7 +27,7 @@ from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import Physics, PhysicsName, named_physics
+from gensim2.sim.physics import Physics, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
@@ -61,7 +61,7 @@ class Lane:
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
-        physics: PhysicsName = "ours",
+        physics: str = "ours",
     ) -> None:
         self.physics = named_physics(physics)
         self.task = as_task(task)
