@@ -14,7 +14,7 @@ PYTHON = Path(__file__).parents[1] / "python"
 
 #: Rooms that know nothing of the simulator, and what lies above them.
 BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.tasks")
-FROM_SIM_UP = ("gensim2.demos", "gensim2.inspection", "gensim2.pipeline", "gensim2.sim")
+FROM_SIM_UP = ("gensim2.episodes", "gensim2.inspection", "gensim2.pipeline", "gensim2.sim")
 #: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
 WITHIN_OBJECTS = {
     "core": {"core"},

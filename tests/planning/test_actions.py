@@ -95,7 +95,7 @@ def test_a_release_opens_at_the_actuation_pose(panda: RobotProfile) -> None:
     opens = rows.actions[:, 7] == OPEN
     first = int(opens.argmax())
     assert opens[first:].all()
-    assert rows.released == first + FINGERS
+    assert rows.released == first
     assert (rows.actions[first - LAG : first + FINGERS, 0] == ACTUATION).all()
 
 
@@ -103,9 +103,9 @@ def test_a_release_opens_at_the_actuation_pose(panda: RobotProfile) -> None:
 def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers: Any) -> None:
     rows = schedule(plan(let_go=True), Acts(fingers, CLOSED if fingers == "hold" else OPEN, lets_go=True), panda)
     assert rows.released is not None
-    assert rows.actions[rows.released - 1, 0] == POST
-    assert (rows.actions[rows.released - FINGERS :, 7] == OPEN).all()
-    assert rows.actions[rows.released - FINGERS - 1, 7] == CLOSED
+    assert (rows.actions[rows.released - LAG : rows.released + FINGERS, 0] == POST).all()
+    assert (rows.actions[rows.released :, 7] == OPEN).all()
+    assert rows.actions[rows.released - 1, 7] == CLOSED
 
 
 def test_closed_fingers_back_off_closed(panda: RobotProfile) -> None:

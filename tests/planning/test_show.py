@@ -6,10 +6,12 @@ import urllib.request
 
 import numpy as np
 import pytest
-from gensim2.planning.problem import SceneProblems
 
-import gensim2_kpam as kpam
-from gensim2.planning.scene import JointState, Scene, SceneBody
+from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
+from gensim2.planning.steps import StepPlanner
+from gensim2.planning.strategies import KeypointStrategy
+from gensim2.robots import robot
+from gensim2.tasks.spec import Step
 
 pytest.importorskip("viser")
 pytest.importorskip("yourdfpy")
@@ -28,24 +30,39 @@ CONFIG = {
 }
 
 
-@pytest.fixture
-def scene() -> Scene:
-    corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (-0.6, 0.6) for z in (-0.05, 0.0)])
-    table = SceneBody("table", "table", (corners,), np.eye(4))
-    joint = JointState("revolute", np.array([0.5, 0.3, 0.1]), np.array([1.0, 0.0, 0.0]), 0.1, 0.0, 1.0)
-    q = np.array([0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04])
-    keypoints = {"articulated_object_head": np.array([0.5, 0.1, 0.3])}
-    return Scene(q, np.eye(4), np.eye(4), keypoints, joint, 0.0, (table,))
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-@pytest.mark.parametrize("reach", [0.5, 5.0])
-def test_the_page_of_a_plan(scene: Scene, reach: float) -> None:
+def at(*xyz: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = xyz
+    return pose
+
+
+def scene(reach: float, held: str | None) -> Scene:
+    """A lid, and a cube beside it or in the hand."""
+    profile = robot("panda")
+    q = np.array(profile.reset_qpos)
+    table = SceneBody("table", (0.6 * CORNERS,), at(0.0, 0.0, -0.61))
+    joint = JointState("revolute", np.array([0.5, 0.3, 0.1]), np.array([1.0, 0.0, 0.0]), 0.1, 0.0, 1.0, ("lid/top",))
+    top = SceneBody("lid/top", (0.02 * CORNERS,), at(0.7, 0.4, 0.1))
+    lid = SceneObject("lid", (top,), np.eye(4), {"articulated_object_head": np.array([reach, 0.1, 0.3])}, joint)
+    place = profile.model.forward_kinematics(q) @ at(0.0, 0.0, 0.12) if held else at(0.3, 0.5, 0.02)
+    cube = SceneObject("cube", (SceneBody("cube", (0.02 * CORNERS,), place),), place, {"center": place[:3, 3]})
+    return Scene(q, np.zeros(9), np.eye(4), {"lid": lid, "cube": cube}, (table,), held)
+
+
+@pytest.mark.parametrize(("reach", "held"), [(0.5, None), (0.5, "cube"), (5.0, None)])
+def test_the_page_of_a_plan(reach: float, held: str | None) -> None:
     from gensim2.planning.show import show
 
-    scene.object_keypoints["articulated_object_head"][0] = reach
-    plan = kpam.plan(SceneProblems(scene).problem(kpam.SolverConfig(CONFIG)))
+    profile = robot("panda")
+    stands = scene(reach, held)
+    step = Step(name="reach", object="lid", strategies=("reach",))
+    plan = StepPlanner(profile).plan(stands, step, KeypointStrategy(CONFIG)).plan
+    assert plan is not None
     assert (plan.trajectory is not None) == (reach < 1.0)
-    server = show(scene, plan, port=18080)
+    server = show(stands, plan, profile, port=18080)
     try:
         address = f"http://{server.get_host()}:{server.get_port()}"
         with urllib.request.urlopen(address, timeout=20) as answer:

@@ -11,11 +11,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.episodes.controller import ACTUATION, Event
-from gensim2.episodes.measured_faults import fault_of_criterion, was_left_behind
+from gensim2.episodes.measured_faults import distance_apart, fault_of_criterion, released, was_left_behind
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
+from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
 from gensim2.tasks.measurement import Measurement
-from gensim2.tasks.spec import Step, TaskSpec
+from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 Fault = tuple[Cause, dict[str, Any]]
 
@@ -105,8 +106,9 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took.
-            return self._missed_grasp(index, step, own)
+            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took. What was
+            # true in passing, while the hand still held the object, is not done.
+            return self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
         if noticed:
             return Cause(noticed[-1].what), dict(noticed[-1].detail)
@@ -130,7 +132,7 @@ class _Facts:
             plan = record.plans[-1]
             found |= {"strategy": plan.strategy, "status": plan.status, "reason": plan.reason}
             found |= {"plan": plan.detail} if plan.detail else {}
-        deviations = [asdict(event) for event in self.events if event.what != ACTUATION]
+        deviations = [{**asdict(e), "what": str(e.what)} for e in self.events if e.what != ACTUATION]
         return found | ({"deviations": deviations} if deviations else {})
 
     def _is_stuck(self, record: StepRecord) -> bool:
@@ -145,6 +147,16 @@ class _Facts:
         measured = self.trace[own[-1].first : own[-1].last + 1]
         distance = was_left_behind(measured, step.object)
         return None if distance is None else (Cause.GRASP_MISSED, {"distance": distance})
+
+    def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
+        """What became of an object that was where it should be only while the hand held it."""
+        if record.done or step.tool == HAND or not step.done or not own:
+            return None
+        measured = self.trace[own[-1].first : own[-1].last + 1]
+        let_go = released(measured)
+        if let_go is not None and all_hold(step.done, let_go):
+            return None
+        return fault_of_criterion(step, measured, None)
 
     def _at_actuation(self, step: Step) -> Measurement | None:
         found = [e.at_step for e in self.events if e.step == step.name and e.what == ACTUATION]
@@ -178,4 +190,12 @@ def _speeds(measured: Measurement) -> dict[str, Any]:
 
 
 def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
-    return {"failing": [c.type for c in task.success if not c.holds(measured)], "openness": dict(measured.openness)}
+    """Which criteria of the goal do not hold, and what they measure."""
+    failing = [criterion for criterion in task.success if not criterion.holds(measured)]
+    distances = {
+        c.rigid: distance_apart(measured, c.articulated, c.rigid)
+        for c in failing
+        if isinstance(c, DistanceArticulatedRigid)
+    }
+    numbers = {"failing": [criterion.type for criterion in failing], "openness": dict(measured.openness)}
+    return numbers | ({"distances": distances} if distances else {})

@@ -51,7 +51,7 @@ class Schedule:
         contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
         actuation: the first step at the actuation pose.
         gripped: the first step after the fingers have closed on something, or None; may be N.
-        released: the first step after the fingers have let go of something, or None.
+        released: the first step in which the fingers let go of something, or None.
     """
 
     actions: npt.NDArray[np.float32]
@@ -98,8 +98,8 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
         rows.move(at, actuation)
         rows.dwell(actuation, rows.command, profile.lag_steps)
         if acts.fingers == "release":
-            rows.dwell(actuation, OPEN, profile.gripper_steps)
             released = len(rows)
+            rows.dwell(actuation, OPEN, profile.gripper_steps)
         elif acts.gently:
             rows.close(actuation, profile)
             gripped = len(rows)
@@ -111,8 +111,8 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
         rows.move(at, let_go)
         if acts.fingers in ("grasp", "hold"):
             rows.dwell(let_go, rows.command, profile.lag_steps)
-            rows.dwell(let_go, OPEN, profile.gripper_steps)
             released = len(rows)
+            rows.dwell(let_go, OPEN, profile.gripper_steps)
         at = let_go
     rows.move(at, last)
     rows.dwell(last, rows.command, ceil(HOLD_SECONDS * rate))

@@ -141,6 +141,8 @@ class StepPlanner:
         joint = None if thing.is_rigid or fingers == "release" else thing.name
         if fingers == "release" and scene.held is not None:
             acts["release"] = [scene.held]
+        if strategy.contact_speed is not None:
+            acts["contact_speed"] = float(strategy.contact_speed)
         return self._problem(scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts})
 
     def _problem(

@@ -14,6 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
+CONTACT_SPEED = "contact_speed"
+"""Field of a config that is the planner's, not the solver's."""
+SLOWEST, FASTEST = 0.001, 10.0
+"""m/s, what it may be."""
+
 
 @dataclass(frozen=True)
 class KeypointStrategy:
@@ -23,15 +28,22 @@ class KeypointStrategy:
     any other object.
 
     Attributes:
-        config: plain data.
+        config: plain data; beside the solver's fields ``contact_speed``, the greatest speed (m/s) of the point that
+            touches, from the actuation on.
     """
 
     config: Mapping[str, Any]
 
     @cached_property
     def solver_config(self) -> kpam.SolverConfig:
-        """The config, validated."""
-        return kpam.SolverConfig(self.config)
+        """The solver's fields, validated."""
+        return kpam.SolverConfig({name: value for name, value in self.config.items() if name != CONTACT_SPEED})
+
+    @property
+    def contact_speed(self) -> float | None:
+        """Greatest speed of the point that touches, m/s; None: as fast as the arm may."""
+        speed: float | None = self.config.get(CONTACT_SPEED)
+        return speed
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -114,6 +126,9 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
             remedy = f"did you mean {near[0]!r}?" if near else "remove it"
             raise InputError("unknown field of a grasp", file=file, field=field, remedy=remedy) from error
     strategy = KeypointStrategy(data)
+    speed = strategy.contact_speed
+    if speed is not None and not (isinstance(speed, int | float) and SLOWEST <= speed <= FASTEST):
+        raise InputError(f"must lie in {SLOWEST:g}..{FASTEST:g} m/s, is {speed!r}", file=file, field=CONTACT_SPEED)
     try:
         _ = strategy.solver_config
     except kpam.KpamError as error:

@@ -106,5 +106,8 @@ def fetch() -> RobotProfile:
             hand_low_point=0.22,
             hand_clearance=0.13,
             hand_half_width=0.2,
+            base_half=0.15,
+            hand_half=0.14,
+            hand_drop=0.02,
         ),
     )

@@ -63,5 +63,8 @@ def panda() -> RobotProfile:
             hand_low_point=0.22,
             hand_clearance=0.13,
             hand_half_width=0.2,
+            base_half=0.12,
+            hand_half=0.12,
+            hand_drop=0.02,
         ),
     )

@@ -72,6 +72,8 @@ class Workspace:
         hand_low_point: height above the table: what is lower passes under the hand at rest.
         hand_clearance: ahead of the hand at rest, what anything tall keeps: the hand's thickness and the randomization.
         hand_half_width: to each side of the hand at rest where that holds: its width and the randomization.
+        base_half, hand_half: half sides of what its base covers on the table, and its hand at rest.
+        hand_drop: below the tool at rest that what passes under it keeps.
     """
 
     comfortable: float
@@ -82,6 +84,9 @@ class Workspace:
     hand_low_point: float
     hand_clearance: float
     hand_half_width: float
+    base_half: float
+    hand_half: float
+    hand_drop: float
 
 
 @dataclass(frozen=True)
