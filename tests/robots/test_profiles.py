@@ -56,6 +56,43 @@ def test_an_episode_begins_with_the_hand_over_the_table(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
+def test_the_hand_reaches_the_table_as_far_as_stated(name: str) -> None:
+    """Pointing down, 2 cm above the top, straight ahead and half a radian to either side; not much farther."""
+    profile = robot(name)
+    down = {
+        "type": "frame_axis_parallel",
+        "axis_from_keypoint_name": "tool_tail",
+        "axis_to_keypoint_name": "tool_head",
+        "target_axis": [0.0, 0.0, -1.0],
+        "target_axis_frame": "world",
+        "target_inner_product": 1.0,
+        "tolerance": 0.02,
+    }
+    there = {
+        "type": "point2point_constraint",
+        "keypoint_name": "tool_head",
+        "target_keypoint_name": "there",
+        "tolerance": 0.002,
+    }
+    config = kpam.SolverConfig({"constraint_list": [there, down]})
+
+    def is_reached(distance: float, angle: float) -> bool:
+        height = 0.02 - profile.base_position[2]
+        problem = kpam.KeypointProblem(
+            profile.model,
+            config,
+            np.array(profile.reset_qpos),
+            tool_keypoints=profile.tool_keypoints,
+            object_keypoints={"there": [distance * np.cos(angle), distance * np.sin(angle), height]},
+            T_base_object=np.eye(4),
+        )
+        return bool(kpam.ik(problem, most=1))
+
+    assert all(is_reached(profile.reach, angle) for angle in (-0.5, 0.0, 0.5))
+    assert not any(is_reached(profile.reach + 0.1, angle) for angle in (-0.5, 0.0, 0.5))
+
+
+@pytest.mark.parametrize("name", robot_names())
 def test_commands_and_targets_of_the_fingers_agree(name: str) -> None:
     gripper = robot(name).gripper
     assert gripper.target(np.array([OPEN, CLOSED, 3.0], dtype=np.float32)) == pytest.approx(
