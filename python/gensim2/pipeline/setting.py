@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from gensim2.episodes.disturbance import Kind
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.tasks.spec import TaskSpec
-
-DEFAULT_ROBOT = "panda"
 
 Physics = Literal["ours", "original"]
 """Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
@@ -37,8 +36,8 @@ class Circumstances:
     @property
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
-        given = {"physics": self.physics, "robot_uids": self.robot}
-        defaults = {"physics": "ours", "robot_uids": DEFAULT_ROBOT}
+        given = {"physics": self.physics, "robot": self.robot}
+        defaults = {"physics": "ours", "robot": DEFAULT_ROBOT}
         return {name: value for name, value in given.items() if value != defaults[name]}
 
 

@@ -53,7 +53,7 @@ def prepare(circumstances: Circumstances) -> None:
     open_library(circumstances.assets).classes()
     profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
     assert profile.model
-    Arm(sapien.Scene([physics.new_system()]), profile, physics)
+    Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
 
 
 @lru_cache(maxsize=2)
