@@ -1,4 +1,4 @@
-"""Let the designer find a config for a task by itself: search, physics, and a report to look at."""
+"""Let the designer find a strategy for a task by itself: search, physics, and a report to look at."""
 
 import sys
 from pathlib import Path
@@ -19,5 +19,6 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
             progress=progress,
         )
     for task in result.tasks:
-        print(f"{task.name}: {task.successes}/{task.episodes} fresh episodes hold, {task.demos} demonstrations")
+        fresh = task.verification
+        print(f"{task.name}: {fresh.held}/{fresh.episodes} fresh episodes hold, {task.demos} demonstrations")
     print("look at", Path(result.run_dir) / "report.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
 
 if TYPE_CHECKING:
+    from gensim2.pipeline.setting import Physics
     from gensim2.planning.scene import Scene
+    from gensim2.robots import RobotProfile
     from gensim2_kpam import Plan
 
 
@@ -34,7 +37,7 @@ def solve(
     seed: int,
     assets: str | None,
     instances: str,
-    physics: str,
+    physics: Physics,
     robot: str,
     open_loop: bool,
     out: Path | None,
@@ -59,17 +62,18 @@ def solve(
             robot=robot,
             open_loop=open_loop,
             out=out,
-            view=_browse if browser else None,
+            view=partial(_browse, robot) if browser else None,
         )
         give(result.to_dict())
     if not result.is_whole:
         ctx.exit(FOUND_WRONG)
 
 
-def _browse(scene: Scene, plan: Plan) -> None:
+def _browse(scene: Scene, plan: Plan, profile: RobotProfile) -> None:
     from gensim2.planning.show import show, wait
+    from gensim2.robots import robot as profile
 
-    server = show(scene, plan)
+    server = show(scene, plan, profile)
     click.echo(f"http://{server.get_host()}:{server.get_port()} shows the plan; Ctrl-C ends it", err=True)
     wait(server)
 
