@@ -14,10 +14,10 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.robots import DEFAULT_ROBOT
 from gensim2.pipeline.tally import Tally, interval
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import PAPER
 
@@ -216,11 +216,11 @@ def _episodes(
     """All episodes of a task, run after run; those that its log holds are not run again."""
     from gensim2.pipeline import worker
     from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
-    from gensim2.pipeline.search import design_seeds
     from gensim2.processes import Job
+    from gensim2.seeding import scene_seeds
 
     task = given.spec
-    seeds = [each for run in range(runs) for each in design_seeds(seed, task, f"benchmark/{run}", episodes)]
+    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
     log = AttemptLog(folder / ATTEMPTS, seeds)
     progress.start(task.name, len(seeds))
     progress.advance(len(log.done))
