@@ -70,13 +70,7 @@ def test_make_env_takes_a_name_a_spec_or_its_fields() -> None:
     pytest.importorskip("mani_skill")
     task = gensim2.load_task("OpenDrawer")
     fields = {**task.model_dump(mode="json", by_alias=True), "name": "MyDrawer"}
-    for asked, name, limit in (
-        ("OpenDrawer", "OpenDrawer", True),
-        (task, "OpenDrawer", True),
-        (fields, "MyDrawer", False),
-    ):
+    for asked, name in (("OpenDrawer", "OpenDrawer"), (task, "OpenDrawer"), (fields, "MyDrawer")):
         env = gensim2.make_env(asked, assets="builtin", obs_mode="state")
-        world = env.unwrapped
-        assert world.task.name == name
-        assert (env.spec.max_episode_steps == task.max_episode_steps) == limit
+        assert env.unwrapped.task.name == name
         env.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
@@ -17,30 +18,6 @@ SAMPLES = 13
 LYING = np.array(
     [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
 )  # on its back: the model's front looks up, its top at the robot
-
-
-def quaternion_from_matrix(R: Array) -> Array:
-    """(w, x, y, z) with w >= 0 of a (3, 3) rotation."""
-    m = np.array(
-        [
-            1 + R[0, 0] + R[1, 1] + R[2, 2],
-            1 + R[0, 0] - R[1, 1] - R[2, 2],
-            1 - R[0, 0] + R[1, 1] - R[2, 2],
-            1 - R[0, 0] - R[1, 1] + R[2, 2],
-        ]
-    )
-    i = int(np.argmax(m))
-    s = 2 * np.sqrt(m[i])
-    if i == 0:
-        q = np.array([s / 4, (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s])
-    elif i == 1:
-        q = np.array([(R[2, 1] - R[1, 2]) / s, s / 4, (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s])
-    elif i == 2:
-        q = np.array([(R[0, 2] - R[2, 0]) / s, (R[0, 1] + R[1, 0]) / s, s / 4, (R[1, 2] + R[2, 1]) / s])
-    else:
-        q = np.array([(R[1, 0] - R[0, 1]) / s, (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s, s / 4])
-    q = q / np.linalg.norm(q)
-    return np.asarray(q if q[0] >= 0 else -q) + 0.0
 
 
 def work_keypoint(model: Model) -> str:
@@ -110,4 +87,5 @@ def place(model: Model, rule: ClassRule, robot: RobotProfile) -> Placement:
     across = np.abs(path[:, 1] + y)
     farthest = float((base_x + np.sqrt(np.maximum(space.farthest**2 - across**2, 0)) - path[:, 0]).min())
     x = max(comfortable, min(clear, farthest))
-    return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion_from_matrix(R))
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True) + 0.0
+    return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion)

@@ -217,11 +217,11 @@ def _episodes(
     """All episodes of a task, run after run; those that its log holds are not run again."""
     from gensim2.pipeline import worker
     from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
-    from gensim2.pipeline.search import design_seeds
     from gensim2.processes import Job
+    from gensim2.seeding import scene_seeds
 
     task = given.spec
-    seeds = [each for run in range(runs) for each in design_seeds(seed, task, f"benchmark/{run}", episodes)]
+    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
     log = AttemptLog(folder / ATTEMPTS, seeds)
     progress.start(task.name, len(seeds))
     progress.advance(len(log.done))

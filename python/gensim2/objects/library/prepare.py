@@ -10,6 +10,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -28,11 +29,8 @@ EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has none; urdf-rs need
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z)."""
-    pitch = np.arcsin(np.clip(-R[2, 0], -1, 1))
-    if abs(R[2, 0]) < 1 - 1e-9:
-        return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
-    return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
+    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z); where only roll and yaw together are known, yaw is 0."""
+    return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
 def numbers(values: Array) -> str:
