@@ -26,7 +26,8 @@ T_base_table = np.eye(4)
 T_base_table[:3, 3] = [0.615, 0.0, -0.025]
 table = kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], T_base_table)
 
-grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=mug.inertial.center)
+scene = kpam.Scene(robot, [table, body])
+grasps = scene.grasps("mug", gripper, center_of_mass=mug.inertial.center)
 print(f"{len(grasps)} grasps; the best:")
 for grasp in grasps[:3]:
     quality = ", ".join(f"{name} {value:.3f}" for name, value in grasp.quality.items())
@@ -34,7 +35,7 @@ for grasp in grasps[:3]:
 
 q_start = [0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04]
 targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # turned about the vertical as it likes
-found = kpam.plan_grasp(robot, q_start, gripper, body, grasps, bodies=[table], targets=targets)
+found = scene.plan_grasp("mug", gripper, q_start, grasps, targets=targets)
 if found is None:
     print("no grasp reaches both places")
 else:
