@@ -13,7 +13,7 @@ from gensim2.episodes.controller import Action, Event, Observation
 from gensim2.episodes.record import StepRecord
 from gensim2.episodes.run import EpisodeResult
 from gensim2.planning.scene import Scene
-from gensim2.robots import robot
+from gensim2.robots import CLOSED, robot
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +30,25 @@ HALFWAY = {
 ROLE = "object"
 """What its object is called, as in every file of schema version 1."""
 
-OPEN, CLOSED = 1.0, -1.0
+BESIDE_A_BALL = {
+    "schema_version": 2,
+    "name": "PushDrawerBesideBall",
+    "description": "push the drawer in a good deal further, beside a ball",
+    "objects": {
+        ROLE: {"class": "drawer", "randomization": {"x": [-0.03, 0.03], "y": [-0.03, 0.03], "yaw": 0.2}},
+        "ball": {"class": "golf_ball", "place": {"at": [-0.2, -0.45]}},
+    },
+    "steps": [
+        {
+            "name": "push",
+            "object": ROLE,
+            "strategies": ["push"],
+            "done": [{"type": "articulated_closed", "object": ROLE, "threshold": 0.3}],
+        }
+    ],
+    "max_episode_steps": 120,
+}
+"""The same with a second object."""
 
 
 class Actions:
@@ -113,9 +131,10 @@ def _panda() -> tuple[pin.Model, pin.Data, int]:
     return model, model.createData(), model.getFrameId("panda_hand")
 
 
-def record(seed: int) -> EpisodeResult:
-    """One recorded episode of ``HALFWAY``: the arm pushes on even seeds and stays still on odd ones."""
+def record(seed: int, several: bool = False) -> EpisodeResult:
+    """One recorded episode of a task above: the arm pushes on even seeds and stays still on odd ones."""
     from gensim2.episodes.run import run
     from gensim2.sim.lane import Lane
 
-    return run(Lane(HALFWAY, assets="builtin"), Actions(hold if seed % 2 else push), seed=seed, record=True)
+    lane = Lane(BESIDE_A_BALL if several else HALFWAY, assets="builtin")
+    return run(lane, Actions(hold if seed % 2 else push), seed=seed, record=True)

@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from jobs import HALFWAY, ROLE, Actions, hold, record
+from jobs import BESIDE_A_BALL, HALFWAY, ROLE, Actions, hold, record
 from pydantic import TypeAdapter
 
 from gensim2.episodes.record import Episode, ObjectRecord
@@ -38,7 +38,7 @@ def _provenance(task: TaskSpec | None = None) -> Provenance:
         task=task or parse_task(HALFWAY),
         strategies={"push": {"gripper": "open"}},
         assets="builtin",
-        licenses={f"drawer/{n}": "CC0-1.0" for n in range(100)},
+        licenses={f"drawer/{n}": "CC0-1.0" for n in range(100)} | {"golf_ball/0": "CC-BY-4.0"},
         seed=0,
         details={"versions": {"python": "3"}},
     )
@@ -48,14 +48,14 @@ def _digests(store: TrajectoryStore) -> dict[int, str | None]:
     return {index: store.digest(index) for index in store.indices()}
 
 
-def _collect(folder: Path, workers: int) -> TrajectoryStore:
+def _collect(folder: Path, workers: int, several: bool = False) -> TrajectoryStore:
     store = TrajectoryStore(folder)
     with WorkerPool(workers) as pool:
-        for outcome in pool.map_unordered(record, enumerated((seed,) for seed in SEEDS)):
+        for outcome in pool.map_unordered(record, enumerated((seed, several) for seed in SEEDS)):
             result = outcome.unwrap()
             assert result.recording is not None
             store.add(outcome.index, result.recording, result.episode)
-    store.merge(_provenance(), _digests(store))
+    store.merge(_provenance(parse_task(BESIDE_A_BALL if several else HALFWAY)), _digests(store))
     return store
 
 
@@ -66,10 +66,13 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> TrajectoryStore:
 
 @pytest.fixture(scope="module")
 def replayed(store: TrajectoryStore, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    return _replay(store.h5_path, tmp_path_factory.mktemp("replayed"))
+
+
+def _replay(trajectory: Path, folder: Path) -> tuple[Path, str]:
     """Output of ManiSkill's own command, run where nothing but the two files is."""
-    folder = tmp_path_factory.mktemp("replayed")
     for suffix in (".h5", ".json"):
-        shutil.copy(store.h5_path.with_suffix(suffix), folder)
+        shutil.copy(trajectory.with_suffix(suffix), folder)
     command = [sys.executable, "-m", "mani_skill.trajectory.replay_trajectory"]
     done = subprocess.run(
         [*command, "--traj-path", "trajectory.h5", "--save-traj", "--allow-failure"],
@@ -94,7 +97,22 @@ def test_the_episodes_are_of_different_objects_and_of_both_outcomes(store: Traje
 def test_maniskill_replays_every_episode_to_the_same_flags_and_states(
     store: TrajectoryStore, replayed: tuple[Path, str]
 ) -> None:
-    output, words = replayed
+    _check_replayed(store, *replayed, {f"env_states/articulations/{ROLE}"})
+
+
+def test_maniskill_replays_scenes_of_several_objects(tmp_path: Path) -> None:
+    several = _collect(tmp_path / "recorded", 0, several=True)
+    (tmp_path / "replayed").mkdir()
+    output, words = _replay(several.h5_path, tmp_path / "replayed")
+    _check_replayed(several, output, words, {f"env_states/articulations/{ROLE}", "env_states/actors/ball"})
+    document = json.loads(several.h5_path.with_suffix(".json").read_text())
+    assert document["gensim2"]["licenses"]["golf_ball/0"] == "CC-BY-4.0"
+    for entry in document["episodes"]:
+        assert set(entry["episode"]["objects"]) == set(entry["instances"]) == {ROLE, "ball"}
+        assert entry["episode"]["objects"]["ball"]["pose_end"] is not None
+
+
+def _check_replayed(store: TrajectoryStore, output: Path, words: str, expected: set[str]) -> None:
     assert re.search(rf"Replayed {len(SEEDS)} episodes, {len(SEEDS)}/{len(SEEDS)}=100", words)
     with h5py.File(store.h5_path) as ours, h5py.File(output) as theirs:
         assert set(ours) == set(theirs) == {f"traj_{n}" for n in range(len(SEEDS))}
@@ -103,7 +121,7 @@ def test_maniskill_replays_every_episode_to_the_same_flags_and_states(
             theirs[name].visititems(
                 lambda path, item, found=found: found.update({path: item}) if hasattr(item, "shape") else None
             )
-            assert {"actions", "success", f"env_states/articulations/{ROLE}"} <= set(found)
+            assert {"actions", "success"} | expected <= set(found)
             for path, dataset in found.items():
                 mine = ours[name][path]
                 assert mine.shape == dataset.shape, path
@@ -116,6 +134,24 @@ def test_a_replayed_file_can_be_replayed_again(replayed: tuple[Path, str]) -> No
     document = json.loads(replayed[0].with_suffix(".json").read_text())
     assert document["env_info"]["env_id"] == "gensim2.sim:GenSim2-Task-v1"
     assert document["env_info"]["env_kwargs"]["task"]["name"] == HALFWAY["name"]
+
+
+def test_files_of_schema_version_1_replay(store: TrajectoryStore) -> None:
+    """What ManiSkill's command does with a file as it was written when a task had one object and no name for it."""
+    import gymnasium as gym
+
+    document = json.loads(store.h5_path.with_suffix(".json").read_text())
+    former_kwargs = {**document["env_info"]["env_kwargs"], "task": HALFWAY, "instances": ["0", "1"]}
+    for entry in document["episodes"][:2]:
+        id = entry["instances"][ROLE]
+        former_kwargs["instances"] = sorted({*former_kwargs["instances"], id})
+        env = gym.make(document["env_info"]["env_id"], **former_kwargs)
+        env.reset(seed=entry["episode_seed"], options={"instance": id})
+        with h5py.File(store.h5_path) as file:
+            recorded = file[f"traj_{entry['episode_id']}"]
+            success = [bool(env.step(action)[4]["success"][0]) for action in recorded["actions"]]
+            assert success == recorded["success"][:].tolist()
+        env.close()
 
 
 def test_maniskills_dataset_reads_the_file(store: TrajectoryStore) -> None:

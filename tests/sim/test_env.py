@@ -187,7 +187,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
     ("options", "expected"),
     [
         ({"instanse": "0"}, "instanse: unknown reset option"),
-        ({"instance": "99"}, "instance: crate has no instance '99'"),
+        ({"instance": "99"}, "instance: crate has no instance 99"),
         ({"instance": 0}, "instance: must be the id"),
         ({"openness": 1.5}, "openness: must lie in 0..1"),
         ({"openness": float("nan")}, "openness: must be a finite number"),
@@ -233,7 +233,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
         ({"instances": {"lid": "0"}}, "instances: there is no object 'lid'"),
         ({"num_envs": 2}, "num_envs"),
         ({"reconfiguration_freq": 0}, "reconfiguration_freq"),
-        ({"robot_uids": "baxter"}, "robot: no robot 'baxter'"),
+        ({"robot": "baxter"}, "robot: no robot 'baxter'"),
         ({"obs_mode": "pointcloud", "render_backend": "none"}, "render_backend"),
     ],
 )
