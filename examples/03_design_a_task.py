@@ -3,13 +3,13 @@
 import sys
 from pathlib import Path
 
-from gensim2.pipeline import run_pipeline
+import gensim2
 from gensim2.progress import ConsoleProgress
 
 if __name__ == "__main__":  # the simulator's worker processes import this file
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     with ConsoleProgress() as progress:
-        result = run_pipeline(
+        result = gensim2.run_pipeline(
             target_task="PushDrawerClose",  # hidden from the designer
             episodes=2,
             seed=0,

@@ -11,9 +11,10 @@ from pathlib import Path
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
-from gensim2.pipeline.setting import DEFAULT_ROBOT, PHYSICS, Circumstances, Physics
+from gensim2.pipeline.setting import PHYSICS, Circumstances, Physics
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file

@@ -11,9 +11,9 @@ import gensim2_kpam as kpam
 from gensim2.files import check_writable, write_json
 from gensim2.pipeline.inputs import TaskInput, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import DEFAULT_ROBOT, Physics
+from gensim2.pipeline.setting import Physics
 from gensim2.planning.scene import Scene
-from gensim2.robots import RobotProfile
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile
 
 if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlan

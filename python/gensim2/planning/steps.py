@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import CLOSED, OPEN, Acts, Schedule, schedule
+from gensim2.planning.actions import Acts, Schedule, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
-from gensim2.robots import RobotProfile
+from gensim2.robots import CLOSED, OPEN, RobotProfile
 from gensim2.tasks.spec import HAND, Step
 
 Array = npt.NDArray[np.float64]
@@ -212,8 +212,7 @@ class StepPlanner:
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
-        gripper = self.profile.gripper
-        return float(np.clip((2 * finger - gripper.open - gripper.closed) / (gripper.open - gripper.closed), -1, 1))
+        return float(np.clip(self.profile.gripper.command(finger), CLOSED, OPEN))
 
     def _planned(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, problem: kpam.KeypointProblem, plan: kpam.Plan

@@ -27,8 +27,6 @@ STEADY = np.radians(10)
 LEAN = np.radians(5)
 #: Vertices this far (m) above the lowest still carry: scanned feet are uneven.
 FOOT = 2e-3
-#: Opening of a Panda hand, less a little to get in (m).
-WIDEST_GRIP = 0.076
 #: Thinner matter (m) is an edge, not a hold.
 THINNEST_GRIP = 1.5e-3
 #: Directions and heights at which holds are looked for.
