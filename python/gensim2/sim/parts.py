@@ -79,8 +79,20 @@ class ArticulatedPart:
 
     def keypoints(self) -> dict[str, Array]:
         """(3,) each, in the world, m."""
-        poses = {name: matrix(self._links[name].entity) for name in {p.link for p in self.model.keypoints.values()}}
-        return {name: _moved(poses[point.link], point.position) for name, point in self.model.keypoints.items()}
+        found: dict[str, Array] = {}
+        for link, (names, points) in self._keypoints_by_link.items():
+            pose = matrix(self._links[link].entity)
+            found.update(zip(names, points @ pose[:3, :3].T + pose[:3, 3], strict=True))
+        return {name: found[name] for name in self.model.keypoints}
+
+    @cached_property
+    def _keypoints_by_link(self) -> dict[str, tuple[list[str], Array]]:
+        """Names and (N, 3) positions of the keypoints of each link."""
+        names: dict[str, list[str]] = {}
+        for name, point in self.model.keypoints.items():
+            names.setdefault(point.link, []).append(name)
+        points = self.model.keypoints
+        return {link: (own, np.array([points[name].position for name in own])) for link, own in names.items()}
 
     def state(self) -> Row:
         """(15,) ManiSkill's: root pose, root velocities, qpos, qvel."""
