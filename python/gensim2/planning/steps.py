@@ -33,6 +33,9 @@ AT_REST = 0.01
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
 
+INVALID = "invalid"
+"""Status of a step whose strategy does not fit the objects of the scene."""
+
 
 @dataclass(frozen=True)
 class StepPlan:
