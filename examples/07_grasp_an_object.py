@@ -4,10 +4,10 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.objects import open_library
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.robots import robot
 
-robot = panda()
-gripper = kpam.ParallelGripper.of_robot(robot, **TOOL_KEYPOINTS)
+panda = robot("panda")
+gripper = kpam.ParallelGripper.of_robot(panda.model, **panda.tool_keypoints)
 print(gripper)
 
 mug = open_library("builtin").load_rigid("mug")
@@ -32,9 +32,8 @@ for grasp in grasps[:3]:
     quality = ", ".join(f"{name} {value:.3f}" for name, value in grasp.quality.items())
     print(f"  score {grasp.score:.2f}, {1e3 * grasp.width:.0f} mm wide: {quality}")
 
-q_start = [0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04]
 targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # turned about the vertical as it likes
-found = kpam.plan_grasp(robot, q_start, gripper, body, grasps, bodies=[table], targets=targets)
+found = kpam.plan_grasp(panda.model, panda.reset_qpos, gripper, body, grasps, bodies=[table], targets=targets)
 if found is None:
     print("no grasp reaches both places")
 else:

@@ -75,6 +75,13 @@ def test_the_simulator_knows_neither_episodes_nor_what_looks_at_objects() -> Non
             assert not any(lies_in(name, above) for above in FROM_SIM_UP[:3]), f"{path}: {name}"
 
 
+def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
+    for path in sources("gensim2.robots"):
+        for name in imports(path.read_text()):
+            known = ("gensim2.robots", "gensim2.errors", "gensim2.files")
+            assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
+
+
 def test_rooms_of_objects_depend_in_one_direction() -> None:
     top = PYTHON / "gensim2" / "objects"
     for path in sources("gensim2.objects"):

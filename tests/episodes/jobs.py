@@ -13,7 +13,7 @@ from gensim2.episodes.controller import Action, Event, Observation
 from gensim2.episodes.record import StepRecord
 from gensim2.episodes.run import EpisodeResult
 from gensim2.planning.scene import Scene
-from gensim2.robots import robot
+from gensim2.robots import CLOSED, robot
 
 Array = npt.NDArray[np.float64]
 
@@ -49,8 +49,6 @@ BESIDE_A_BALL = {
     "max_episode_steps": 120,
 }
 """The same with a second object."""
-
-OPEN, CLOSED = 1.0, -1.0
 
 
 class Actions:

@@ -6,20 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawer_task import STRATEGIES, TASK
+from table_scenes import placed, resting, table_scene
 
 from gensim2.episodes.chain import MOST_PLANS, ChainController
 from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.library import load_strategies, load_task
 from gensim2.tasks.spec import TaskSpec
 
 from .kinematic_world import PANDA, KinematicWorld
-from .table_scenes import placed, resting, table_scene
 
 pytest.importorskip("mani_skill")
 
-NAME = "PlaceGolfBallIntoDrawer"
 WIDTH = 0.034
 
 
@@ -35,13 +34,8 @@ def world(scene: Scene) -> KinematicWorld:
     return KinematicWorld(scene, "ball", WIDTH)
 
 
-@pytest.fixture(scope="module")
-def task() -> TaskSpec:
-    return load_task(NAME)
-
-
-def chain(task: TaskSpec, open_loop: bool = False, **strategies: Any) -> ChainController:
-    return ChainController(task, {**load_strategies(NAME), **strategies}, PANDA, open_loop=open_loop)
+def chain(open_loop: bool = False, task: TaskSpec = TASK, **strategies: Any) -> ChainController:
+    return ChainController(task, {**STRATEGIES, **strategies}, PANDA, open_loop=open_loop)
 
 
 def triggers(controller: ChainController) -> list[tuple[str, str]]:
@@ -49,14 +43,11 @@ def triggers(controller: ChainController) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("open_loop", [False, True])
-def test_where_nothing_deviates_every_step_is_planned_once(
-    world: KinematicWorld, task: TaskSpec, open_loop: bool
-) -> None:
-    # What is planned blindly has its first strategy only.
-    controller = chain(task, open_loop, place=load_strategies(NAME)["place_from_above"])
+def test_where_nothing_deviates_every_step_is_planned_once(world: KinematicWorld, open_loop: bool) -> None:
+    controller = chain(open_loop)
     world.run(controller)
     assert triggers(controller) == [(name, "start") for name in ("open", "grasp", "place", "close")]
-    assert all_hold(task.success, world.measure())
+    assert all_hold(TASK.success, world.measure())
     assert [event.what for event in controller.events] == ["actuation"] * 4
     assert all(plan.detail == {} for turn in controller.history for plan in turn.plans if plan.status == "solved")
 
@@ -66,34 +57,34 @@ def grasping(world: KinematicWorld) -> bool:
     return world.measure().openness["drawer"] > 0.9 and not world.holds
 
 
-def test_an_object_that_is_pushed_is_planned_for_again(world: KinematicWorld, task: TaskSpec) -> None:
+def test_an_object_that_is_pushed_is_planned_for_again(world: KinematicWorld) -> None:
     def push(world: KinematicWorld) -> None:
         if grasping(world) and world.tip()[2] < 0.2 and np.linalg.norm((world.tip() - world.center())[:2]) < 0.12:
             world.shift(0.03, 0.0)
             world.mischief = lambda _: None
 
     world.mischief = push
-    controller = chain(task)
+    controller = chain()
     world.run(controller)
     assert ("grasp", "object drifted") in triggers(controller)
-    assert all_hold(task.success, world.measure())
+    assert all_hold(TASK.success, world.measure())
     assert "object drifted" in [event.what for event in controller.events]
 
 
-def test_without_looking_the_pushed_object_is_missed(scene: Scene, world: KinematicWorld, task: TaskSpec) -> None:
+def test_without_looking_the_pushed_object_is_missed(world: KinematicWorld) -> None:
     def push(world: KinematicWorld) -> None:
         if grasping(world):
             world.shift(0.03, 0.0)
             world.mischief = lambda _: None
 
     world.mischief = push
-    controller = chain(task, open_loop=True)
+    controller = chain(open_loop=True)
     world.run(controller)
-    assert not all_hold(task.success, world.measure())
+    assert not all_hold(TASK.success, world.measure())
     assert {trigger for _, trigger in triggers(controller)} == {"start"}
 
 
-def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld, task: TaskSpec) -> None:
+def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld) -> None:
     def lose(world: KinematicWorld) -> None:
         if world.holds and world.center()[2] > 0.1 and world.measure().openness["drawer"] > 0.9:
             world.holds = False
@@ -103,54 +94,54 @@ def test_what_is_lost_on_the_way_is_taken_up_again(world: KinematicWorld, task: 
             world.mischief = lambda _: None
 
     world.mischief = lose
-    controller = chain(task)
+    controller = chain()
     world.run(controller)
     assert "grasp lost" in [event.what for event in controller.events]
     assert [name for name, _ in triggers(controller)].count("grasp") == 2
-    assert all_hold(task.success, world.measure())
+    assert all_hold(TASK.success, world.measure())
 
 
-def test_fingers_that_close_on_nothing_open_and_try_again(world: KinematicWorld, task: TaskSpec) -> None:
+def test_fingers_that_close_on_nothing_open_and_try_again(world: KinematicWorld) -> None:
     def snatch(world: KinematicWorld) -> None:
         if grasping(world) and world.scene.q[7] < 0.02 and np.linalg.norm(world.tip() - world.center()) < 0.02:
             world.shift(-0.05, 0.0)
             world.mischief = lambda _: None
 
     world.mischief = snatch
-    controller = chain(task)
+    controller = chain()
     world.run(controller)
     assert ("grasp", "grasp missed") in triggers(controller)
-    assert all_hold(task.success, world.measure())
+    assert all_hold(TASK.success, world.measure())
 
 
-def test_a_strategy_that_cannot_be_planned_is_recorded_and_the_next_one_taken(
-    world: KinematicWorld, task: TaskSpec
-) -> None:
-    far = load_strategies(NAME)["place_from_above"]
-    far = {**far, "constraint_list": [{**far["constraint_list"][0], "target_offset": [5.0, 0.0, 0.0]}]}
-    controller = chain(task, place=far)
+def test_a_strategy_that_cannot_be_planned_is_recorded_and_the_next_one_taken(world: KinematicWorld) -> None:
+    far = {**STRATEGIES["place"]}
+    far["constraint_list"] = [{**far["constraint_list"][0], "target_offset": [5.0, 0.0, 0.0]}]
+    fields = TASK.model_dump(mode="json")
+    fields["steps"][2]["strategies"] = ["far", "place"]
+    controller = chain(task=TaskSpec.model_validate(fields), far=far)
     world.run(controller)
     place = next(turn for turn in controller.history if turn.name == "place")
-    assert [(plan.strategy, plan.status) for plan in place.plans[:1]] == [("place", "actuation_infeasible")]
+    assert [(plan.strategy, plan.status) for plan in place.plans[:1]] == [("far", "actuation_infeasible")]
     assert place.plans[0].ran == 0
     assert place.plans[0].detail["residuals"][0]["residual"] > 1.0
-    assert place.plans[-1].strategy != "place"
-    assert all_hold(task.success, world.measure())
+    assert place.plans[-1].strategy == "place"
+    assert all_hold(TASK.success, world.measure())
 
 
-def test_what_never_comes_true_ends_with_its_budget(world: KinematicWorld, task: TaskSpec) -> None:
-    stuck = {**load_strategies(NAME)["open"], "post_actuation_motions": []}
-    controller = chain(task, open=stuck)
+def test_what_never_comes_true_ends_with_its_budget(world: KinematicWorld) -> None:
+    stuck = {**STRATEGIES["open"], "post_actuation_motions": []}
+    controller = chain(open=stuck)
     world.run(controller)
     assert [turn.name for turn in controller.history] == ["open"]
     assert triggers(controller) == [("open", "start"), ("open", "not done")]
     assert len(controller.history[0].plans) <= MOST_PLANS
 
 
-def test_a_ball_out_of_reach_is_no_motion(scene: Scene, task: TaskSpec) -> None:
+def test_a_ball_out_of_reach_is_no_motion(scene: Scene) -> None:
     world = KinematicWorld(scene, "ball", WIDTH)
     world.shift(-3.0, 0.0)
-    controller = chain(task)
+    controller = chain()
     world.run(controller)
     grasp = controller.history[-1]
     assert grasp.name == "grasp"

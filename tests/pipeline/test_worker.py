@@ -61,8 +61,9 @@ def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None
     (name,) = STRATEGIES
     unknown = {name: {**STRATEGIES[name], "nonsense": 1}}
     lost = changed("articulated_object_head", "no_such_keypoint")
-    good, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, unknown, lost, {name: {}}, {}])
+    good, misfit, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, lost, unknown, {name: {}}, {}])
     assert good == (1.0, None)
+    assert misfit == (0.0, "invalid")
     assert all(score == 0.0 and str(cause).startswith("planner error: ") for score, cause in bad)
 
 

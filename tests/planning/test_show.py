@@ -7,7 +7,6 @@ import urllib.request
 import numpy as np
 import pytest
 
-import gensim2_kpam as kpam
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.planning.steps import StepPlanner
 from gensim2.planning.strategies import KeypointStrategy

@@ -224,7 +224,7 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
         ({"task": {"name": "X"}}, "field required"),
         ({"num_envs": 2}, "num_envs"),
         ({"reconfiguration_freq": 0}, "reconfiguration_freq"),
-        ({"robot_uids": "baxter"}, "robot: no robot 'baxter'"),
+        ({"robot": "baxter"}, "robot: no robot 'baxter'"),
         ({"obs_mode": "pointcloud", "render_backend": "none"}, "render_backend"),
     ],
 )

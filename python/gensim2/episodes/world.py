@@ -39,6 +39,11 @@ class Placed(Protocol):
         """rad that the randomization turned it by."""
         ...
 
+    @property
+    def default_pose(self) -> str | None:
+        """Whose default pose it was put from, ``"ours"`` or ``"original"``; None: its pose was given."""
+        ...
+
 
 class Setup(Protocol):
     """What a reset drew."""

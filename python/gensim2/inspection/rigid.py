@@ -6,8 +6,8 @@ import numpy as np
 
 from gensim2.errors import MissingExtraError
 from gensim2.inspection.checks import Finding
-from gensim2.objects.library.rigid_prepare import WIDEST_GRIP
 from gensim2.objects.rigid import BODY, RigidObject
+from gensim2.robots import robot
 
 MOST_HULLS = 64
 MASSES = (0.002, 2.0)  # kg
@@ -16,6 +16,7 @@ REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m, rad
 BASE_HEIGHT = 0.001  # m
 KEYPOINT_DISTANCE = 0.02  # m outside the bounds
 TIME_STEP = 0.01
+SPARE = 0.004  # m that open fingers need to get about an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:
@@ -29,7 +30,7 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
     at_most("hull_count", len(rigid.hulls[BODY]), MOST_HULLS)
     at_most("mass", rigid.mass, MASSES[1])
     at_most("mass_least", MASSES[0], rigid.mass)
-    at_most("grip_width", rigid.grip.width, WIDEST_GRIP)
+    at_most("grip_width", rigid.grip.width, 2 * robot().gripper.open - SPARE)
     points = np.concatenate(rigid.hulls[BODY])
     R = rigid.placement.rotation
     at_most("base_height", abs(float((points @ R[2]).min() + rigid.placement.position[2])), BASE_HEIGHT)

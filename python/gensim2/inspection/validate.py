@@ -100,8 +100,9 @@ def validate(
 def reaching(instance: Instance) -> list[Finding]:
     """Where the robot does not get to the head keypoint; needs the robot's model, which comes with the simulator."""
     from gensim2.inspection.reach import reach_findings
+    from gensim2.robots import robot
 
-    return reach_findings(instance)
+    return reach_findings(instance, robot())
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:

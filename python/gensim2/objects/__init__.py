@@ -5,9 +5,9 @@ Libraries are imported when asked for: whoever only holds an object needs none o
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from gensim2.lazy import lazy_names
 from gensim2.objects.errors import AssetError
 from gensim2.objects.rigid import Grip, RigidObject
 from gensim2.objects.types import Instance, Keypoint, Kind, MovingJoint, ObjectModel, Placement, Source
@@ -32,10 +32,7 @@ __all__ = [
     "open_library",
 ]
 
-_OF_LIBRARIES = ("ClassListing", "Library", "listing", "open_library")
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _OF_LIBRARIES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.library.catalogue"), name)
+__getattr__ = lazy_names(
+    __name__,
+    dict.fromkeys(("ClassListing", "Library", "listing", "open_library"), "gensim2.objects.library.catalogue"),
+)

@@ -75,14 +75,9 @@ class Placement:
     @property
     def rotation(self) -> Array:
         """(3, 3) of the quaternion, root to world."""
-        w, x, y, z = self.quaternion / np.linalg.norm(self.quaternion)
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+
+        return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
 
 
 class ObjectModel(Protocol):

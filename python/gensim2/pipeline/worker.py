@@ -19,6 +19,7 @@ from gensim2.robots import robot
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
+    from gensim2.episodes.controller import Controller
     from gensim2.episodes.recording import Recording
     from gensim2.episodes.still import StillResult
     from gensim2.planning.scene import Scene
@@ -52,7 +53,7 @@ def prepare(circumstances: Circumstances) -> None:
     open_library(circumstances.assets).classes()
     profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
     assert profile.model
-    Arm(sapien.Scene([physics.new_system()]), profile, physics)
+    Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
 
 
 @lru_cache(maxsize=2)
@@ -132,13 +133,17 @@ def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Ep
 
 def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> tuple[Episode, Recording | None]:
     from gensim2.episodes.chain import ChainController
+    from gensim2.episodes.disturbance import Disturbed
     from gensim2.episodes.run import run
 
     given = setting.circumstances
-    controller = ChainController(
+    lane = simulator(setting)
+    controller: Controller = ChainController(
         setting.task, parsed(strategies), profile=robot(given.robot), open_loop=given.open_loop
     )
-    result = run(simulator(setting), controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+    if given.disturbance is not None:
+        controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
+    result = run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
     return result.episode, result.recording
 
 

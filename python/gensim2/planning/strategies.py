@@ -14,7 +14,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
-
 CONTACT_SPEED = "contact_speed"
 """Field of a config that is the planner's, not the solver's."""
 SLOWEST, FASTEST = 0.001, 10.0

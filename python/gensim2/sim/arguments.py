@@ -39,8 +39,8 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
     """Refuse a task whose object is called as the robot is: states of a scene are kept by name."""
-    if robot.name in task.objects:
-        raise InputError(f"no object may be called {robot.name!r}, as the robot is", field="objects")
+    if robot.agent in task.objects:
+        raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:

@@ -16,6 +16,7 @@ from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
 from gensim2.sim.physics import OURS, Physics
+from gensim2.sim.randomize import placed
 
 
 def load_rigid(
@@ -74,8 +75,7 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
 
 def resting_pose(rigid: RigidObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> sapien.Pose:
     """Object to world, at rest on the table, its origin above (x, y) m, turned by ``yaw`` rad about the vertical."""
-    turn = sapien.Pose([x, y, 0.0], [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return turn * sapien.Pose(rigid.placement.position, rigid.placement.quaternion)
+    return sapien.Pose(*placed(rigid.placement.position, rigid.placement.quaternion, x, y, yaw))
 
 
 def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:

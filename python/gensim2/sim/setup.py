@@ -29,10 +29,6 @@ MOST_DRAWS = 100
 """Of the placements of one scene."""
 GAP = 0.02
 """Metres that footprints keep apart."""
-BASE_HALF, HAND_HALF = 0.12, 0.12
-"""Half sides (m) of what the robot's base and its hand at rest cover."""
-HAND_DROP = 0.02
-"""Metres below the tool at rest that an object keeps."""
 
 
 class PlacementError(InputError):
@@ -218,8 +214,9 @@ class _Room:
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
-        tool = robot.gripper_at_rest["tool_head"]
-        self._hand, self._hand_bottom = square(tool, HAND_HALF), float(tool[2]) - HAND_DROP
+        tool, space = robot.gripper_at_rest["tool_head"], robot.workspace
+        self._base_half = space.base_half
+        self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
     def holds(self, objects: Mapping[str, Placed]) -> bool:
         """Whether all that was drawn keeps apart, clear of the robot at rest and within its reach."""
@@ -255,7 +252,7 @@ class _Room:
         thing = objects[name]
         if isinstance(thing.model, Instance):  # its own placement sees to that
             return True
-        if not keep_apart(outlines[name], square(self._base, BASE_HALF), GAP):
+        if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False
         low = thing.in_world(self._points[name])[:, 2].max() < self._hand_bottom
         return bool(low or keep_apart(outlines[name], self._hand, GAP))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.cache import DAMAGE, folder_once, join_hulls, split_hulls
@@ -27,8 +28,6 @@ STEADY = np.radians(10)
 LEAN = np.radians(5)
 #: Vertices this far (m) above the lowest still carry: scanned feet are uneven.
 FOOT = 2e-3
-#: Opening of a Panda hand, less a little to get in (m).
-WIDEST_GRIP = 0.076
 #: Thinner matter (m) is an edge, not a hold.
 THINNEST_GRIP = 1.5e-3
 #: Directions and heights at which holds are looked for.
@@ -65,8 +64,8 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
     if R[2, 2] < np.cos(LEAN) or steadiness(points @ R.T, R @ mass.center) < STEADY:
         R = poses[int(np.argmax(np.round(chances, 6)))] if len(chances) else R
     low = float((points @ R[2]).min())
-    quaternion = trimesh.transformations.quaternion_from_matrix(R)
-    return Placement(np.array([0.0, 0.0, -low]), np.asarray(quaternion, float))
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    return Placement(np.array([0.0, 0.0, -low]), quaternion + 0.0)
 
 
 def _least_turn(R: Array) -> Array:

@@ -27,6 +27,7 @@ class Stands:
     T_world_root: Array
     openness: float = 0.0
     yaw: float = 0.0
+    default_pose: str | None = None
 
 
 def placed(model: Instance, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, openness: float = 0.5) -> Stands:

@@ -1,0 +1,92 @@
+"""A task of four steps with one way for each: open a drawer, take a ball, put it in, close the drawer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gensim2.tasks.spec import TaskSpec
+
+TASK = TaskSpec.model_validate(
+    {
+        "name": "PutBallIntoDrawer",
+        "description": "",
+        "objects": {"drawer": {"class": "drawer"}, "ball": {"class": "golf_ball"}},
+        "steps": [
+            {
+                "name": "open",
+                "object": "drawer",
+                "strategies": ["open"],
+                "done": [{"type": "articulated_open", "object": "drawer"}],
+            },
+            {"name": "grasp", "object": "ball", "strategies": ["grasp"]},
+            {
+                "name": "place",
+                "object": "drawer",
+                "tool": "ball",
+                "strategies": ["place"],
+                "done": [{"type": "distance_articulated_rigidbody", "articulated": "drawer", "rigid": "ball"}],
+            },
+            {
+                "name": "close",
+                "object": "drawer",
+                "strategies": ["close"],
+                "done": [{"type": "articulated_closed", "object": "drawer"}],
+            },
+        ],
+        "goal": [
+            {"type": "distance_articulated_rigidbody", "articulated": "drawer", "rigid": "ball"},
+            {"type": "articulated_closed", "object": "drawer"},
+        ],
+        "max_episode_steps": 1200,
+    }
+)
+
+
+def _point(tool: str, target: str, offset: list[float], tolerance: float) -> dict[str, Any]:
+    return {
+        "type": "point2point_constraint",
+        "keypoint_name": tool,
+        "target_keypoint_name": target,
+        "target_offset": offset,
+        "tolerance": tolerance,
+    }
+
+
+def _down(tolerance: float) -> dict[str, Any]:
+    return {
+        "type": "frame_axis_parallel",
+        "axis_from_keypoint_name": "tool_tail",
+        "axis_to_keypoint_name": "tool_head",
+        "target_axis": [0.0, 0.0, -1.0],
+        "target_axis_frame": "world",
+        "target_inner_product": 1.0,
+        "tolerance": tolerance,
+    }
+
+
+STRATEGIES: dict[str, dict[str, Any]] = {
+    "open": {
+        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), _down(0.1)],
+        "pre_actuation_motions": [["translate_z", -0.1]],
+        "post_actuation_motions": [["follow_joint_to", 1.0]],
+        "gripper": "grasp",
+        "let_go": 0.06,
+    },
+    "grasp": {"grasp": "antipodal"},
+    "place": {
+        "constraint_list": [
+            _point("rigidbody_object_head", "articulated_object_inside", [0.0, 0.0, 0.02], 0.028),
+            _down(0.6),
+        ],
+        "pre_actuation_motions": ["move-up"],
+        "gripper": "release",
+        "let_go": 0.08,
+    },
+    "close": {
+        "constraint_list": [_point("tool_head", "articulated_object_head", [0.0, 0.0, 0.0], 0.001), _down(0.6)],
+        "pre_actuation_motions": [["translate_z", -0.1]],
+        "post_actuation_motions": [["follow_joint_to", 0.0]],
+        "gripper": "closed",
+        "let_go": 0.06,
+    },
+}

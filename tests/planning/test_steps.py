@@ -1,0 +1,140 @@
+"""Steps planned on scenes of several objects: what is foreseen, what is held, what a grasp looks ahead to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawer_task import STRATEGIES, TASK
+from table_scenes import placed, resting, table_scene
+
+from gensim2.objects import open_library, open_rigid_library
+from gensim2.planning import predict
+from gensim2.planning.scene import Scene
+from gensim2.planning.steps import NO_GRASP, StepPlanner
+from gensim2.planning.strategies import parse_strategy
+from gensim2.planning.world import PlanningWorld, carried_by
+from gensim2.robots import robot
+from gensim2.tasks.spec import Step
+
+pytest.importorskip("mani_skill")
+
+PANDA = robot("panda")
+STEPS = {step.name: step for step in TASK.steps}
+WAYS = {name: parse_strategy(data) for name, data in STRATEGIES.items()}
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    drawer = open_library("builtin").load("drawer", "5")
+    ball = open_rigid_library("builtin").load("golf_ball")
+    return table_scene({"drawer": placed(drawer, 0.02, 0.02, 0.2), "ball": resting(ball, -0.2, -0.4)})
+
+
+def test_every_step_is_planned_on_what_the_one_before_foresees(scene: Scene) -> None:
+    planner = StepPlanner(PANDA)
+    opened = planner.plan(scene, STEPS["open"], WAYS["open"])
+    assert opened.is_solved, opened.reason
+    assert opened.after is not None
+    joint = opened.after.objects["drawer"].joint
+    assert joint is not None
+    assert joint.openness == pytest.approx(1.0)
+    assert opened.after.held is None
+
+    taken = planner.plan(opened.after, STEPS["grasp"], WAYS["grasp"], following=[(STEPS["place"], [WAYS["place"]])])
+    assert taken.is_solved, taken.reason
+    assert taken.after is not None
+    assert (taken.picks, taken.after.held) == ("ball", "ball")
+    assert taken.width == pytest.approx(0.034, abs=0.003)
+    tip = PANDA.model.forward_kinematics(taken.after.q) @ np.append(PANDA.tool_keypoints["tool_head"], 1.0)
+    np.testing.assert_allclose(taken.after.objects["ball"].T_base_object[:3, 3], tip[:3], atol=0.02)
+    raised = taken.after.objects["ball"].T_base_object[2, 3] - scene.objects["ball"].T_base_object[2, 3]
+    assert raised == pytest.approx(0.12, abs=0.01)
+
+    left = planner.plan(taken.after, STEPS["place"], WAYS["place"])
+    assert left.is_solved, left.reason
+    assert left.after is not None
+    assert left.after.held is None
+    away = left.after.objects["ball"].T_base_object[:3, 3]
+    away = away - left.after.objects["drawer"].keypoints["articulated_object_inside"]
+    assert np.hypot(*away[:2]) < 0.05
+    assert carried_by(left.after, "ball") == "drawer"
+
+    shut = planner.plan(left.after, STEPS["close"], WAYS["close"])
+    assert shut.is_solved, shut.reason
+    assert shut.after is not None
+    gone = shut.after.objects["ball"].T_base_object[:3, 3] - left.after.objects["ball"].T_base_object[:3, 3]
+    drawer = shut.after.objects["drawer"].joint
+    assert drawer is not None
+    assert drawer.openness == pytest.approx(0.0)
+    np.testing.assert_allclose(gone, (drawer.lower - drawer.upper) * drawer.axis, atol=1e-9)
+
+
+def test_a_world_that_is_moved_is_the_one_built_where_things_stand(scene: Scene) -> None:
+    world = PlanningWorld(PANDA)
+    world.of(scene)
+    shifted = predict.with_joint(scene, "drawer", 0.02)
+    pose = shifted.objects["ball"].T_base_object.copy()
+    pose[:3, 3] = shifted.objects["drawer"].keypoints["articulated_object_inside"]
+    shifted = predict.with_pose(shifted, "ball", pose)
+    moved, built = world.of(shifted), PlanningWorld(PANDA).of(shifted)
+    assert [body.name for body in moved.bodies] == [body.name for body in built.bodies]
+    for one, other in zip(moved.bodies, built.bodies, strict=True):
+        np.testing.assert_allclose(one.pose, other.pose, atol=1e-9)
+    assert moved.joints[0].moves == built.joints[0].moves == ["drawer/link_0", "ball"]
+    assert moved.joints[0].value == pytest.approx(0.02)
+
+
+def test_what_is_held_is_named_with_and_without_its_owner(scene: Scene) -> None:
+    held = replace(scene, held="ball")
+    config = {
+        "constraint_list": [
+            {
+                "type": "point2point_constraint",
+                "keypoint_name": "rigidbody_object_head",
+                "target_keypoint_name": "drawer/articulated_object_inside",
+                "tolerance": 0.03,
+            }
+        ]
+    }
+    planner = StepPlanner(PANDA)
+    way = parse_strategy(config)
+    problem = planner.problem(held, STEPS["place"], way)  # type: ignore[arg-type]
+    assert any(body.name == "ball" and body.role == "attached" for body in problem.scene.bodies)
+    bare = Step(name="place", object="drawer", strategies=("place",))
+    with pytest.raises(Exception, match="rigidbody_object_head"):
+        planner.problem(held, bare, way)  # type: ignore[arg-type]
+
+
+def test_a_grasp_is_one_with_which_the_next_step_can_be_done() -> None:
+    box = open_rigid_library("builtin").load("cracker_box")
+    scene = table_scene({"cracker_box": resting(box, -0.1, 0.1, 0.3)})
+    grasp, lay = Step(name="grasp", object="cracker_box", strategies=("grasp",)), "rigidbody_object_"
+    use = Step(name="lay", object="cracker_box", tool="cracker_box", strategies=("lay",))
+    down = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_tail", "axis_to_keypoint_name": "tool_head"}
+    down |= {"target_axis": [0, 0, -1], "target_axis_frame": "world", "target_inner_product": 1, "tolerance": 0.2}
+    level = {"type": "frame_axis_orthogonal", "axis_from_keypoint_name": lay + "tail", "target_axis": [0, 0, 1]}
+    level |= {"axis_to_keypoint_name": lay + "head", "target_axis_frame": "world", "target_inner_product": 0}
+    way = parse_strategy({"constraint_list": [down, {**level, "tolerance": 0.2}], "gripper": "hold"})
+    planner = StepPlanner(PANDA)
+    any_way = parse_strategy({"grasp": "antipodal", "tilt": 1.6, "candidates": 100})
+    first = planner.plan(scene, grasp, any_way)
+    assert first.is_solved, first.reason
+    assert first.after is not None
+    assert not planner.plan(first.after, use, way).is_solved
+    chosen = planner.plan(scene, grasp, any_way, following=[(use, [way])])
+    assert chosen.is_solved, chosen.reason
+    assert chosen.after is not None
+    assert planner.plan(chosen.after, use, way).is_solved
+
+
+def test_what_has_a_joint_or_lies_out_of_reach_is_not_grasped(scene: Scene) -> None:
+    planner = StepPlanner(PANDA)
+    handle = planner.plan(scene, Step(name="grasp", object="drawer", strategies=("grasp",)), WAYS["grasp"])
+    assert (handle.status, handle.schedule) == (NO_GRASP, None)
+    assert "has a joint" in handle.reason
+    pose = scene.objects["ball"].T_base_object.copy()
+    pose[0, 3] -= 3.0
+    far = planner.plan(predict.with_pose(scene, "ball", pose), STEPS["grasp"], WAYS["grasp"])
+    assert (far.status, far.schedule) == (NO_GRASP, None)
