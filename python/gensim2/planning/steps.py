@@ -36,6 +36,9 @@ INVALID = "invalid"
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
 
+INVALID = "invalid"
+"""Status of a step whose strategy does not fit the objects of the scene."""
+
 
 @dataclass(frozen=True)
 class StepPlan:
