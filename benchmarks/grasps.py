@@ -160,10 +160,10 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         options = {"friction": (profile.gripper.friction + rigid.friction) / 2}  # PhysX takes the mean
         scene = kpam.Scene(profile.model, [table, body])
         began = time.process_time()
-        grasps = scene.grasps(rigid.name, gripper, center_of_mass=rigid.center_of_mass, options=options)
+        grasps = scene.grasps(rigid.asset_class, gripper, center_of_mass=rigid.center_of_mass, options=options)
         searched = time.process_time()
         q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(profile.model.lower, profile.model.upper)
-        found = scene.plan_grasp(rigid.name, gripper, q, grasps, lift=[0, 0, LIFT])
+        found = scene.plan_grasp(rigid.asset_class, gripper, q, grasps, lift=[0, 0, LIFT])
         planned = time.process_time()
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:
