@@ -118,7 +118,7 @@ def test_a_grasp_is_one_with_which_the_next_step_can_be_done() -> None:
     level |= {"axis_to_keypoint_name": lay + "head", "target_axis_frame": "world", "target_inner_product": 0}
     way = parse_strategy({"constraint_list": [down, {**level, "tolerance": 0.2}], "gripper": "hold"})
     planner = StepPlanner(PANDA)
-    any_way = parse_strategy({"grasp": "antipodal", "tilt": 1.6, "candidates": 100})
+    any_way = parse_strategy({"grasp": "antipodal", "tilt": 1.6, "candidates": 300})
     first = planner.plan(scene, grasp, any_way)
     assert first.is_solved, first.reason
     assert first.after is not None
