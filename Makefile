@@ -3,8 +3,9 @@
 .PHONY: help setup demo test lint format lock clean
 
 DEMO_OUT ?= runs/demo
-DEMO_TASKS ?= 2
-DEMO_EPISODES ?= 3
+DEMO_TASKS ?= 1
+DEMO_LONG ?= PlaceGolfBallIntoDrawer
+DEMO_EPISODES ?= 2
 DEMO_SEED ?= 0
 
 help: ## list the targets
@@ -13,9 +14,9 @@ help: ## list the targets
 setup: ## make .venv/ ready: packages, extension, command line, Vulkan driver
 	@scripts/setup.sh
 
-demo: setup ## design tasks from nothing, verify them in physics and record demonstrations
-	@.venv/bin/gensim2 run-pipeline --assets builtin --num-tasks $(DEMO_TASKS) --episodes $(DEMO_EPISODES) \
-		--seed $(DEMO_SEED) --out $(DEMO_OUT) --resume
+demo: setup ## design a task from nothing, take a long one from the library, verify both in physics, record both
+	@.venv/bin/gensim2 run-pipeline --assets builtin --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
+		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --out $(DEMO_OUT) --resume
 
 test: setup ## everything that must hold: format, lint, types, Rust and Python tests
 	@scripts/check.sh

@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 import sapien
 import torch
-from gensim2.objects.library.loading import load_all
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.objects import Library, open_library
+from gensim2.objects.library.loading import load_all
 from gensim2.progress import ConsoleProgress
 from gensim2.sim.objects import load_object
 

@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import check_assets, problem_scene
-from gensim2.planning.robot import panda
 
 
 def questions(problems: Path, assets: Path | None) -> list[kpam.KeypointProblem]:
     """The problems of a file with their scenes."""
-    robot = panda()
+    robot = robots.robot("panda").model
     folder = None if assets is None else check_assets(assets)
     return [
         keypoint_problem(

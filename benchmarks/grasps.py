@@ -1,8 +1,8 @@
 """Grasps of the rigid objects in physics: does the best-ranked one lift an object, and does it hold?
 
-    python benchmarks/grasps.py [--objects mug bowl] [--poses 20] [--seed 0] [--workers 2] [--json OUT]
+    python benchmarks/grasps.py [--robot panda] [--objects mug bowl] [--poses 20] [--seed 0] [--workers 2] [--json OUT]
 
-Each object lies at rest on the table, at places and yaws drawn within the Panda's reach. The best-ranked grasp for
+Each object lies at rest on the table, at places and yaws drawn within the robot's reach. The best-ranked grasp for
 which a motion exists is executed as planned: approach, close, lift. It counts where the object's centre of mass is
 10 cm above where it was during the whole of the 2 s that follow, and both fingers touch it at the end. The hand rises
 by 15 cm.
@@ -28,39 +28,38 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
-from gensim2.objects import RigidObject, open_rigid_library
+from gensim2.objects import RigidObject, open_library
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
-from gensim2.robots import robot
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
 from gensim2.seeding import rng
+from gensim2.sim import agents
 from gensim2.sim.physics import RIGID_CONTACT_OFFSET
 from gensim2.sim.rigid import load_rigid, resting_pose
 from gensim2.sim.table import HALF_SIZE, build_table, corners
 
 Array = npt.NDArray[np.float64]
 
-PANDA = robot("panda")
-#: Where objects lie: distance from the robot's base (m), and angle about it (rad).
-DISTANCE, ANGLE = (0.4, 0.65), (-0.6, 0.6)
+#: Where objects lie: distance from the robot's base beyond what is comfortable (m), and angle about it (rad).
+DISTANCE, ANGLE = (-0.15, 0.1), (-0.6, 0.6)
 LIFT, RAISED, HOLD_SECONDS = 0.15, 0.10, 2.0
 SETTLE_STEPS = 4
-#: The drives follow about two steps late.
-ARRIVE_STEPS = PANDA.lag_steps + 4
-#: Speed of a closing finger (m/s), and the target (m) with which it presses; commands from -1 to 1 are -0.01 to 0.04 m.
-FINGER_SPEED, PRESS = 0.06, -0.01
-#: Friction coefficient between finger pads (2.0 in ManiSkill's Panda) and object: PhysX takes the mean.
-PAD_FRICTION = 2.0
+#: Beyond the lag of the drives.
+ARRIVE_STEPS = 4
+#: Of a closing finger, m/s.
+FINGER_SPEED = 0.06
 
 
 class LiftEnv(BaseEnv):  # type: ignore[misc]
-    """The Panda at the table with one rigid object; physics and control as in GenSim2Env."""
+    """A robot at the table with one rigid object; physics and control as in GenSim2Env."""
 
     SUPPORTED_REWARD_MODES = ("none",)
 
-    def __init__(self, rigid: RigidObject, pose: sapien.Pose, **kwargs: Any) -> None:
-        self.rigid, self.start = rigid, pose
+    def __init__(self, profile: RobotProfile, rigid: RigidObject, pose: sapien.Pose, **kwargs: Any) -> None:
+        self.robot, self.rigid, self.start = profile, rigid, pose
+        agents.register(profile)
         super().__init__(
-            robot_uids="panda",
+            robot_uids=profile.agent,
             control_mode="pd_joint_pos",
             num_envs=1,
             sim_backend="physx_cpu",
@@ -72,8 +71,8 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
     @property
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
-            sim_freq=100,
-            control_freq=PANDA.control_hz,
+            sim_freq=self.robot.physics_hz,
+            control_freq=self.robot.control_hz,
             scene_config=SceneConfig(
                 enable_tgs=True,
                 enable_pcm=True,
@@ -84,7 +83,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         )
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(PANDA.base_position)))
+        super()._load_agent(options, sapien.Pose(p=list(self.robot.base_position)))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         build_table(self.scene, visible=False)
@@ -94,8 +93,8 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         pass
 
     def _initialize_episode(self, env_idx: Any, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(PANDA.reset_qpos, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(PANDA.base_position)))
+        self.agent.reset(np.array(self.robot.reset_qpos, dtype=np.float32))
+        self.agent.robot.set_pose(sapien.Pose(p=list(self.robot.base_position)))
 
     def evaluate(self) -> dict[str, Any]:
         return {}
@@ -109,7 +108,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         """Whether each finger touches the object."""
         forces = [
             self.scene.get_pairwise_contact_forces(self.agent.robot.links_map[name], self.object).norm()
-            for name in ("panda_leftfinger", "panda_rightfinger")
+            for name in self.robot.gripper.links
         ]
         return bool(forces[0] > 0), bool(forces[1] > 0)
 
@@ -130,59 +129,70 @@ class Lift:
     plan_ms: float
 
 
-def draw_pose(name: str, seed: int, episode: int) -> tuple[float, float, float]:
+def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
     """x, y in the world and yaw of an object."""
     random = rng(seed, f"grasps/{name}", episode)
-    distance, angle = random.uniform(*DISTANCE), random.uniform(*ANGLE)
+    distance = profile.workspace.comfortable + random.uniform(*DISTANCE)
+    angle = random.uniform(*ANGLE)
     yaw = random.uniform(-np.pi, np.pi)
-    return PANDA.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
+    return profile.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
 
 
-def lift(name: str, seed: int, episode: int) -> dict[str, Any]:
+def lift(robot_name: str, name: str, seed: int, episode: int) -> dict[str, Any]:
     """Plan and execute one grasp of an object in the pose of this number."""
-    return asdict(_lift(open_rigid_library("builtin").load(name), seed, episode))
+    return asdict(_lift(robot(robot_name), open_library("builtin").load_rigid(name), seed, episode))
 
 
-def _lift(rigid: RigidObject, seed: int, episode: int) -> Lift:
-    env = LiftEnv(rigid, resting_pose(rigid, *draw_pose(rigid.name, seed, episode)), render_backend="none")
+def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) -> Lift:
+    pose = resting_pose(rigid, *draw_pose(profile, rigid.asset_class, seed, episode))
+    env = LiftEnv(profile, rigid, pose, render_backend="none")
     try:
         env.reset(seed=0)
-        idle = np.array([*PANDA.reset_qpos[:7], 1.0], dtype=np.float32)
         for _ in range(SETTLE_STEPS):
-            env.step(idle)
-        T_base_world = np.linalg.inv(PANDA.T_world_base)
-        model, gripper = PANDA.model, kpam.ParallelGripper.of_robot(PANDA.model, **PANDA.tool_keypoints)
-        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls]
-        body = kpam.Body(rigid.name, "target", shapes, T_base_world @ env.object_pose)
+            env.step(profile.rest_action)
+        T_base_world = np.linalg.inv(profile.T_world_base)
+        gripper = kpam.ParallelGripper.of_robot(profile.model, **profile.tool_keypoints)
+        shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in rigid.hulls["body"]]
+        body = kpam.Body(rigid.asset_class, "target", shapes, T_base_world @ env.object_pose)
         T_world_table = np.eye(4)
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
-        options = {"friction": (PAD_FRICTION + rigid.friction) / 2}
+        options = {"friction": (profile.gripper.friction + rigid.friction) / 2}  # PhysX takes the mean
+        scene = kpam.Scene(profile.model, [table, body])
         began = time.process_time()
-        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.inertial.center, options=options)
+        grasps = scene.grasps(rigid.asset_class, gripper, center_of_mass=rigid.center_of_mass, options=options)
         searched = time.process_time()
-        q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(model.lower, model.upper)
-        found = kpam.plan_grasp(model, q, gripper, body, grasps, bodies=[table], lift=[0, 0, LIFT])
+        q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(profile.model.lower, profile.model.upper)
+        found = scene.plan_grasp(rigid.asset_class, gripper, q, grasps, lift=[0, 0, LIFT])
         planned = time.process_time()
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:
             cause = "no motion to any grasp" if grasps else "no grasp"
-            return Lift(rigid.name, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
+            return Lift(rigid.asset_class, episode, cause, -1, 0.0, 0.0, {}, len(grasps), **times)
         grasp = grasps[found.index]
         cause, raised = execute(env, found.pick, grasp.opening)
-        return Lift(rigid.name, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times)
+        return Lift(
+            rigid.asset_class, episode, cause, found.index, raised, grasp.score, grasp.quality, len(grasps), **times
+        )
     finally:
         env.close()
+
+
+def press(profile: RobotProfile) -> float:
+    """Target (m) of a finger joint with which it presses."""
+    return profile.gripper.closed
 
 
 def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) -> tuple[str, float]:
     """Run a pick; returns what became of it and how far the centre of mass was raised at least while holding (m)."""
     trajectory = plan.trajectory
     assert trajectory is not None
-    arm = trajectory.sample_every(1.0 / PANDA.control_hz)[:, :7]
+    profile, pressed = env.robot, press(env.robot)
+    arm = trajectory.sample_every(1.0 / profile.control_hz)[:, : profile.arm_size]
+    arrive = profile.lag_steps + ARRIVE_STEPS
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
-    grip = min(round(time_of["actuation"] * PANDA.control_hz), len(arm) - 1)
-    center = env.rigid.inertial.center
+    grip = min(round(time_of["actuation"] * profile.control_hz), len(arm) - 1)
+    center = env.rigid.center_of_mass
 
     def height() -> float:
         pose = env.object_pose
@@ -190,26 +200,26 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
 
     def go(targets: Array, fingers: float) -> None:
         for target in targets:
-            env.step(np.array([*target, (fingers - 0.015) / 0.025], dtype=np.float32))
+            env.step(np.array([*target, profile.gripper.command(fingers)], dtype=np.float32))
             if watch is not None:
                 watch()
 
     begin, before = height(), env.object_pose
     at_grasp, wide = arm[grip : grip + 1], opening / 2
     go(arm[: grip + 1], wide)
-    go(np.repeat(at_grasp, ARRIVE_STEPS, axis=0), wide)
+    go(np.repeat(at_grasp, arrive, axis=0), wide)
     moved = float(np.linalg.norm(env.object_pose[:3, 3] - before[:3, 3]))
-    steps = int(np.ceil((wide - PRESS) * PANDA.control_hz / FINGER_SPEED))
-    for fingers in np.linspace(wide, PRESS, steps):
+    steps = int(np.ceil((wide - pressed) * profile.control_hz / FINGER_SPEED))
+    for fingers in np.linspace(wide, pressed, steps):
         go(at_grasp, float(fingers))
-    go(np.repeat(at_grasp, ARRIVE_STEPS, axis=0), PRESS)
+    go(np.repeat(at_grasp, arrive, axis=0), pressed)
     gripped = all(env.touching())
-    go(arm[grip:], PRESS)
-    go(np.repeat(arm[-1:], ARRIVE_STEPS, axis=0), PRESS)
+    go(arm[grip:], pressed)
+    go(np.repeat(arm[-1:], arrive, axis=0), pressed)
     raised = height() - begin
     lifted = raised >= RAISED
-    for _ in range(round(HOLD_SECONDS * PANDA.control_hz)):
-        go(arm[-1:], PRESS)
+    for _ in range(round(HOLD_SECONDS * profile.control_hz)):
+        go(arm[-1:], pressed)
         raised = min(raised, height() - begin)
     if raised >= RAISED and all(env.touching()):
         return "held", raised
@@ -251,13 +261,14 @@ def report(results: list[dict[str, Any]]) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where less than 0.9 are held."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--objects", nargs="*", default=list(open_rigid_library("builtin").names()))
+    parser.add_argument("--robot", choices=robot_names(), default=DEFAULT_ROBOT)
+    parser.add_argument("--objects", nargs="*", default=list(open_library("builtin").classes("rigid")))
     parser.add_argument("--poses", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
-    jobs = [(name, options.seed, pose) for pose in range(options.poses) for name in options.objects]
+    jobs = [(options.robot, name, options.seed, pose) for pose in range(options.poses) for name in options.objects]
     with WorkerPool(options.workers) as pool:
         found = {}
         for index, result in run(pool.map_unordered(lift, enumerated(jobs)), "episodes"):

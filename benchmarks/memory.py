@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2 import seeding
-from gensim2.planning.robot import panda
+from gensim2 import robots, seeding
 
 Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
 TOOL = {"tool_head": [0.0, 0.0, 0.105], "tool_tail": [0.0, 0.0, 0.075]}
@@ -102,7 +101,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--most", type=float, default=4.0, help="growth that is let pass, MB")
     options = parser.parse_args(arguments)
     # What leaks does so at every call: few starts make a million of them a matter of minutes.
-    quick, whole = problems(panda(), 50, {"starts": 4, "descents": 1}), problems(panda(), 50, {})
+    panda = robots.robot("panda").model
+    quick, whole = problems(panda, 50, {"starts": 4, "descents": 1}), problems(panda, 50, {})
     grown = {
         "inverse kinematics": watch(
             "inverse kinematics", options.queries, options.reports, lambda k: kpam.ik(quick[k % len(quick)], 1)

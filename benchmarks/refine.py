@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import check_assets, problem_scene
-from gensim2.planning.robot import panda
 
 WEIGHTS = np.array([10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     from rules import expected_keyframes
     from solver_vs_drake import Drake, waypoint_times
 
-    robot, arm = panda(), Arm()
+    robot, arm = robots.robot("panda").model, Arm()
     drake = Drake() if options.drake else None
     folder = None if options.assets is None else check_assets(options.assets)
     raw = {entry["id"]: entry for entry in lines(options.problems)}

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import problem_scene
-from gensim2.planning.robot import panda
 
 SHARES = (0.3, 0.6)
 
@@ -43,7 +43,7 @@ def main() -> int:
     parser.add_argument("--from-rest", action="store_true", help="leave the velocity out")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    robot = panda()
+    robot = robots.robot("panda").model
     first, rest, failed = [], [], []
     for problem in read_problems(arguments.problems)[:: arguments.every]:
         hand = robot.forward_kinematics(np.asarray(problem.q_current))

@@ -24,10 +24,10 @@ import toppra.algorithm
 import toppra.constraint
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.convert import keypoint_problem
 from gensim2.bench.problems import read_problems
 from gensim2.bench.scene import check_assets, problem_scene
-from gensim2.planning.robot import panda
 from gensim2.seeding import rng
 
 Array = np.ndarray
@@ -117,7 +117,7 @@ def pieces_of(trajectory: kpam.Trajectory) -> list[Array]:
 
 def on_problems(problems: Path, assets: Path | None, every: int, jerk_factor: float) -> None:
     """Print durations of recorded problems' whole motions over toppra's on their paths."""
-    robot = panda()
+    robot = robots.robot("panda").model
     folder = None if assets is None else check_assets(assets)
     limits = {"velocity_limits": VELOCITY, "acceleration_limits": ACCELERATION, "jerk_limits": jerk_factor * JERK}
     options = {name: np.append(row, [1.0, 1.0]) for name, row in limits.items()} | {"timing": "limits"}

@@ -3,7 +3,9 @@
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.robots import robot
+
+panda = robot("panda")
 
 touch = {"type": "point2point_constraint", "keypoint_name": "tool_head", "target_keypoint_name": "button"}
 upright = {"type": "frame_axis_parallel", "axis_from_keypoint_name": "tool_head", "axis_to_keypoint_name": "tool_tail"}
@@ -14,10 +16,10 @@ config = {
     "post_actuation_motions": ["move-forward"],
 }
 problem = kpam.KeypointProblem(
-    panda(),
+    panda.model,
     kpam.SolverConfig(config),
-    np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04]),
-    tool_keypoints=TOOL_KEYPOINTS,
+    np.array(panda.reset_qpos),
+    tool_keypoints=panda.tool_keypoints,
     object_keypoints={"button": np.array([0.5, 0.1, 0.2])},  # metres, in the robot's base frame
     T_base_object=np.eye(4),
 )

@@ -1,12 +1,11 @@
 """Make an environment and step it: the same seed gives the same object, pose and openness everywhere."""
 
 import gymnasium as gym
-import numpy as np
 
 from gensim2.robots import robot
 
 env = gym.make("gensim2.sim:GenSim2-OpenDrawer-v1", obs_mode="state", assets="builtin")
-hold_still = np.append(robot("panda").reset_qpos[:7], 1.0)  # seven joint targets in rad; 1 opens the gripper
+hold_still = robot("panda").rest_action  # seven joint targets in rad; 1 opens the gripper
 world = env.unwrapped
 for seed in (0, 1):
     observation, _ = env.reset(seed=seed)

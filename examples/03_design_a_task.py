@@ -1,15 +1,15 @@
-"""Let the designer find a config for a task by itself: search, physics, and a report to look at."""
+"""Let the designer find a strategy for a task by itself: search, physics, and a report to look at."""
 
 import sys
 from pathlib import Path
 
-from gensim2.pipeline import run_pipeline
+import gensim2
 from gensim2.progress import ConsoleProgress
 
 if __name__ == "__main__":  # the simulator's worker processes import this file
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     with ConsoleProgress() as progress:
-        result = run_pipeline(
+        result = gensim2.run_pipeline(
             target_task="PushDrawerClose",  # hidden from the designer
             episodes=2,
             seed=0,
@@ -19,5 +19,6 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
             progress=progress,
         )
     for task in result.tasks:
-        print(f"{task.name}: {task.successes}/{task.episodes} fresh episodes hold, {task.demos} demonstrations")
+        fresh = task.verification
+        print(f"{task.name}: {fresh.held}/{fresh.episodes} fresh episodes hold, {task.demos} demonstrations")
     print("look at", Path(result.run_dir) / "report.html")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import h5py
 
-from gensim2.pipeline import demo
+import gensim2
 
 if __name__ == "__main__":  # the simulator's worker processes import this file
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp()) / "run"
-    result = demo("CloseBox", episodes=2, seed=0, assets="builtin", out=out, video=False)
+    result = gensim2.demo("CloseBox", episodes=2, seed=0, assets="builtin", out=out, video=False)
     folder = Path(result.run_dir) / "tasks" / result.name
 
     about = json.loads((folder / "trajectory.json").read_text())
@@ -19,6 +19,7 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     with h5py.File(folder / "trajectory.h5") as file:
         for episode in about["episodes"]:
             actions = file[f"traj_{episode['episode_id']}"]["actions"][:]
-            moved = f"openness {episode['openness_start']:.2f} to {episode['openness_end']:.2f}"
-            print(f"seed {episode['episode_seed']}, object {episode['instance']}:", actions.shape, moved)
+            box = episode["episode"]["objects"]["box"]
+            moved = f"openness {box['openness_start']:.2f} to {box['openness_end']:.2f}"
+            print(f"seed {episode['episode_seed']}, box {box['id']}:", actions.shape, moved)
     print(f"replay: python -m mani_skill.trajectory.replay_trajectory --traj-path {folder / 'trajectory.h5'}")

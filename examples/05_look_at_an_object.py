@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from gensim2.objects import open_library
+import gensim2
 
-library = open_library("builtin")
-print("classes:", ", ".join(library.classes()))
+library = gensim2.open_library("builtin")
+print("with a joint:", ", ".join(library.classes("articulated")))
+print("rigid:", ", ".join(library.classes("rigid")))
 
-drawer = library.load("drawer", "4711")  # any number up to a million
+drawer = library.load_articulated("drawer", "4711")  # any number up to a million
 joint = drawer.joint
 print(f"drawer/{drawer.id}: {drawer.mass:.2f} kg, {joint.type} joint, {joint.lower:.2f} to {joint.upper:.2f}")
 for name, keypoint in drawer.keypoints.items():

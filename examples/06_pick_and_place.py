@@ -3,7 +3,9 @@
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.robots import robot
+
+panda = robot("panda")
 
 
 def at(*xyz: float) -> np.ndarray:
@@ -28,19 +30,19 @@ def reach(tool: str, target: str, post: list) -> kpam.SolverConfig:
 
 block = [kpam.Shape.box([0.02, 0.02, 0.02])]
 scene = kpam.Scene(
-    panda(),
+    panda.model,
     [
         kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], at(0.615, 0, -0.0255)),
         kpam.Body("wall", "rigid", [kpam.Shape.box([0.1, 0.01, 0.06])], at(0.5, 0, 0.06)),
         kpam.Body("cube", "rigid", block, at(0.5, -0.15, 0.02), keypoints={"center": [0, 0, 0]}),
     ],
 )
-q = np.array([0, -0.32, 0, -2.62, 0, 2.23, 0.785, 0.04, 0.04])
+q = np.array(panda.reset_qpos)
 pick = kpam.plan(
     scene.problem(
         reach("tool_head", "cube/center", ["move-up"]),
         q,
-        tool_keypoints=TOOL_KEYPOINTS,
+        tool_keypoints=panda.tool_keypoints,
         options={"pick": ["cube"]},  # it rides on the hand from the actuation on
     )
 )
@@ -49,7 +51,7 @@ place = kpam.plan(
     held.problem(
         reach("cube/center", "spot", ["move-up"]),  # the cube's own keypoint is a tool keypoint now
         pick.trajectory.positions[-1],
-        tool_keypoints=TOOL_KEYPOINTS,
+        tool_keypoints=panda.tool_keypoints,
         object_keypoints={"spot": [0.5, 0.15, 0.025]},
         options={"release": ["cube"]},
     )

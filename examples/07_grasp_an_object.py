@@ -3,21 +3,21 @@
 import numpy as np
 
 import gensim2_kpam as kpam
-from gensim2.objects import open_rigid_library
-from gensim2.planning.robot import TOOL_KEYPOINTS, panda
+from gensim2.objects import open_library
+from gensim2.robots import robot
 
-robot = panda()
-gripper = kpam.ParallelGripper.of_robot(robot, **TOOL_KEYPOINTS)
+panda = robot("panda")
+gripper = kpam.ParallelGripper.of_robot(panda.model, **panda.tool_keypoints)
 print(gripper)
 
-mug = open_rigid_library("builtin").load("mug")
+mug = open_library("builtin").load_rigid("mug")
 
 
 def mug_at(x: float, y: float, lifted: float = 0.0) -> np.ndarray:
     """T_base_object: at rest on the table, or lifted above it, in metres."""
     pose = np.eye(4)
-    pose[:3, :3] = mug.resting.rotation
-    pose[:3, 3] = mug.resting.position + np.array([x, y, lifted])
+    pose[:3, :3] = mug.placement.rotation
+    pose[:3, 3] = mug.placement.position + np.array([x, y, lifted])
     return pose
 
 
@@ -26,15 +26,15 @@ T_base_table = np.eye(4)
 T_base_table[:3, 3] = [0.615, 0.0, -0.025]
 table = kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], T_base_table)
 
-grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=mug.inertial.center)
+scene = kpam.Scene(panda.model, [table, body])
+grasps = scene.grasps("mug", gripper, center_of_mass=mug.center_of_mass)
 print(f"{len(grasps)} grasps; the best:")
 for grasp in grasps[:3]:
     quality = ", ".join(f"{name} {value:.3f}" for name, value in grasp.quality.items())
     print(f"  score {grasp.score:.2f}, {1e3 * grasp.width:.0f} mm wide: {quality}")
 
-q_start = [0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04]
 targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # turned about the vertical as it likes
-found = kpam.plan_grasp(robot, q_start, gripper, body, grasps, bodies=[table], targets=targets)
+found = scene.plan_grasp("mug", gripper, panda.reset_qpos, grasps, targets=targets)
 if found is None:
     print("no grasp reaches both places")
 else:

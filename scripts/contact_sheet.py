@@ -50,7 +50,7 @@ def objects(where: str, columns: int, out: Path) -> None:
     from gensim2.objects import open_library
 
     library = open_library(where)
-    shown = [(library.load(name, library.instances(name)[0]), 0.5) for name in library.classes()]
+    shown = [library.load(name, library.instances(name)[0]) for name in library.classes("articulated")]
     picture = contact_sheet(Studio(190), shown, columns)
     out.parent.mkdir(parents=True, exist_ok=True)
     picture.save(out, optimize=True)

@@ -14,7 +14,7 @@ PYTHON = Path(__file__).parents[1] / "python"
 
 #: Rooms that know nothing of the simulator, and what lies above them.
 BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.tasks")
-FROM_SIM_UP = ("gensim2.demos", "gensim2.inspection", "gensim2.pipeline", "gensim2.sim")
+FROM_SIM_UP = ("gensim2.episodes", "gensim2.inspection", "gensim2.pipeline", "gensim2.sim")
 #: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
 WITHIN_OBJECTS = {
     "core": {"core"},
@@ -73,6 +73,13 @@ def test_the_simulator_knows_neither_episodes_nor_what_looks_at_objects() -> Non
     for path in sources("gensim2.sim"):
         for name in imports(path.read_text()):
             assert not any(lies_in(name, above) for above in FROM_SIM_UP[:3]), f"{path}: {name}"
+
+
+def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
+    for path in sources("gensim2.robots"):
+        for name in imports(path.read_text()):
+            known = ("gensim2.robots", "gensim2.errors", "gensim2.files")
+            assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 
 def test_rooms_of_objects_depend_in_one_direction() -> None:

@@ -118,3 +118,9 @@ PLAIN = st.recursive(
 @settings(max_examples=100, deadline=None)
 def test_plain_data_survives_writing_and_reading(value: dict[str, object]) -> None:
     assert parse_yaml(yaml.safe_dump(value, allow_unicode=True).encode(), "f") == value
+
+
+def test_truth_values_are_true_and_false_only(tmp_path: Path) -> None:
+    path = tmp_path / "words.yaml"
+    path.write_text("on: off\nyes: [no, y, N, On]\ntrue_ones: [true, True, false]\n")
+    assert read_yaml(path) == {"on": "off", "yes": ["no", "y", "N", "On"], "true_ones": [True, True, False]}

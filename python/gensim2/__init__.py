@@ -1,1 +1,75 @@
-"""Articulated objects in, verified manipulation tasks and demonstrations out."""
+"""Articulated objects in, verified manipulation tasks and demonstrations out.
+
+What most programs need is here, and imported when asked for: ``import gensim2`` alone costs nothing.
+
+    library = gensim2.open_library("builtin")     # objects: gensim2.objects
+    task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
+    env = gensim2.make_env(task)                  # simulation: gensim2.sim
+    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.pipeline
+    result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
+    result = gensim2.solve("OpenDrawer")          # plan one scene
+    panda = gensim2.robot("panda")                # robots: gensim2.robots
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.objects import Library, open_library
+    from gensim2.pipeline import demo, run_pipeline, solve
+    from gensim2.robots import robot, robot_names
+    from gensim2.sim import Lane, make_env
+    from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
+
+    __version__: str
+
+__all__ = [
+    "Lane",
+    "Library",
+    "TaskSpec",
+    "__version__",
+    "demo",
+    "load_strategies",
+    "load_task",
+    "make_env",
+    "open_library",
+    "robot",
+    "robot_names",
+    "run_pipeline",
+    "solve",
+    "task_names",
+]
+
+_of_rooms = lazy_names(
+    __name__,
+    {
+        "Lane": "gensim2.sim",
+        "Library": "gensim2.objects",
+        "TaskSpec": "gensim2.tasks",
+        "demo": "gensim2.pipeline",
+        "load_strategies": "gensim2.tasks",
+        "load_task": "gensim2.tasks",
+        "make_env": "gensim2.sim",
+        "open_library": "gensim2.objects",
+        "robot": "gensim2.robots",
+        "robot_names": "gensim2.robots",
+        "run_pipeline": "gensim2.pipeline",
+        "solve": "gensim2.pipeline",
+        "task_names": "gensim2.tasks",
+    },
+)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("gensim2")
+    return _of_rooms(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

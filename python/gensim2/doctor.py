@@ -155,7 +155,7 @@ def _assets(assets: str | Path | None) -> Check:
 
 
 def _cache() -> Check:
-    from gensim2.objects.library.cache import cache_dir
+    from gensim2.files import cache_dir
 
     folder = cache_dir()
     try:

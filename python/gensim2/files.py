@@ -12,10 +12,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from platformdirs import user_cache_dir
+
 from gensim2.errors import InputError
 from gensim2.special_files import is_special, write_through
 
 _TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
+
+
+def cache_dir() -> Path:
+    """Folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder."""
+    return Path(os.environ.get("GENSIM2_CACHE") or user_cache_dir("gensim2"))
 
 
 @contextlib.contextmanager

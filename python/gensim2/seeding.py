@@ -44,3 +44,14 @@ def rng(seed: int, task: str, episode: int = 0) -> np.random.Generator:
 
     digest = hashlib.blake2b(task.encode(), digest_size=8).digest()
     return np.random.default_rng([seed, int.from_bytes(digest, "little"), episode])
+
+
+def scene_seeds(seed: int, task: str, purpose: str, count: int, start: int = 0) -> list[int]:
+    """Seeds of ``count`` scenes, from the ``start``-th on: those of different purposes share no stream.
+
+    Args:
+        seed: the run's seed.
+        task: name of the task.
+        purpose: what the scenes are for, for example ``"verify"``.
+    """
+    return [int(rng(seed, f"{task}/{purpose}", index).integers(2**31)) for index in range(start, start + count)]

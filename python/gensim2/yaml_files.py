@@ -8,6 +8,7 @@ anchor inside itself are refused; every refusal names file and line.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,15 @@ class _PlainLoader(yaml.SafeLoader):
                 raise _refusal(f"field {key!r} is given twice", key_node.start_mark)
             found[key] = self.construct_object(value_node, deep=deep)
         return found
+
+
+# YAML 1.1 takes on, off, yes and no for truth values as well, and "on" is a field of ours.
+_BOOL = _PREFIX + "bool"
+_PlainLoader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_PlainLoader.add_implicit_resolver(_BOOL, re.compile("^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
 
 
 def _shown(node: Node) -> str:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gensim2.robots import robot
+
 pytest.importorskip("mani_skill")
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -34,17 +36,17 @@ def test_objects_are_lifted_and_held(benchmark: Any, capsys: pytest.CaptureFixtu
 
 def test_an_object_that_is_not_held_is_counted(benchmark: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     # Fingers that stay open lift nothing.
-    monkeypatch.setattr(benchmark, "PRESS", 0.04)
-    result = benchmark.lift("rubiks_cube", 5, 0)
+    monkeypatch.setattr(benchmark, "press", lambda profile: profile.gripper.open)
+    result = benchmark.lift("panda", "rubiks_cube", 5, 0)
     assert result["cause"] == "missed"
     assert result["raised"] < 0.01
 
 
 def test_poses_are_seeded_and_within_reach(benchmark: Any) -> None:
-    poses = np.array([benchmark.draw_pose("mug", 0, i) for i in range(50)])
-    again = np.array([benchmark.draw_pose("mug", 0, i) for i in range(50)])
+    poses = np.array([benchmark.draw_pose(robot("panda"), "mug", 0, i) for i in range(50)])
+    again = np.array([benchmark.draw_pose(robot("panda"), "mug", 0, i) for i in range(50)])
     np.testing.assert_array_equal(poses, again)
-    distance = np.hypot(poses[:, 0] - benchmark.BASE_POSITION[0], poses[:, 1])
+    distance = np.hypot(poses[:, 0] - robot("panda").base_position[0], poses[:, 1])
     assert distance.min() >= 0.4
     assert distance.max() <= 0.65
     assert np.ptp(poses[:, 2]) > 5

@@ -120,9 +120,8 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["assets", "render", "drawer/1", "--out", str(file / "x.png")], "cannot write: Not a directory"),
         (["assets", "render", "nope", "--out", str(folder / "x.png")], "no class 'nope'"),
         (["assets", "gallery", "--classes", "nope", "--out", str(folder / "page")], "no class 'nope'"),
-        (["assets", "rigid", "render", "nope", "--out", str(folder / "x.png")], "no rigid object 'nope'"),
-        (["assets", "rigid", "validate", "nope"], "no rigid object 'nope'"),
-        (["assets", "rigid", "list", "--assets", long], "no such folder"),
+        (["assets", "export", "mug", "--out", str(folder / "x")], "mug is rigid: it has no joint"),
+        (["assets", "show", "mug/1"], "no instance '1' of mug"),
         (["nonsense"], "No such command"),
     ]
     return found

@@ -27,6 +27,7 @@ class Stands:
     T_world_root: Array
     openness: float = 0.0
     yaw: float = 0.0
+    default_pose: str | None = None
 
 
 def placed(model: Instance, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, openness: float = 0.5) -> Stands:
@@ -41,8 +42,8 @@ def placed(model: Instance, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, op
 def resting(model: RigidObject, x: float, y: float, yaw: float = 0.0) -> Stands:
     """A rigid object at rest on the table."""
     pose = _turned(yaw)
-    pose[:3, :3] = pose[:3, :3] @ model.resting.rotation
-    pose[:3, 3] = np.array([x, y, 0.0]) + _turned(yaw)[:3, :3] @ model.resting.position
+    pose[:3, :3] = pose[:3, :3] @ model.placement.rotation
+    pose[:3, 3] = np.array([x, y, 0.0]) + _turned(yaw)[:3, :3] @ model.placement.position
     return Stands(model, pose, yaw=yaw)
 
 
@@ -65,11 +66,11 @@ def _object(name: str, stands: Stands, T_base_world: Array) -> SceneObject:
     if isinstance(model, RigidObject):
         return SceneObject(
             name,
-            (SceneBody(name, model.hulls, T_base_root),),
+            (SceneBody(name, model.hulls["body"], T_base_root),),
             T_base_root,
             {key: _at(T_base_root, point.position) for key, point in model.keypoints.items()},
             yaw=stands.yaw,
-            center_of_mass=model.inertial.center,
+            center_of_mass=model.center_of_mass,
         )
     joint = model.joint
     moving = T_base_root @ link_pose(model, stands.openness)

@@ -10,7 +10,7 @@ import pytest
 import gensim2_kpam as kpam
 from gensim2.designers import Affordance, CandidateResult, OfflineDesigner, StageResult
 from gensim2.designers.offline import manipulation_from
-from gensim2.designers.proposals import affordance_of, redesigned, spec, task_name
+from gensim2.designers.proposals import affordance_of, redesigned, spec
 from gensim2.errors import InputError
 from gensim2.tasks.criteria import ArticulatedOpen, DistanceArticulatedRigid
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -54,7 +54,8 @@ def test_a_proposal_is_one_object_under_its_noun_and_one_step_that_a_designer_is
     assert (step.name, step.object, step.tool, step.strategies) == ("open", "washing_machine", "hand", ("designed",))
     assert task.success == step.done == (ArticulatedOpen(object="washing_machine"),)
     assert list(spec(affordance("stapler_press"), "articulated_closed").objects) == ["stapler"]
-    assert spec(affordance("window_push"), "articulated_closed").steps[0].name == "push_back"
+    assert list(spec(affordance("table_move"), "articulated_open").objects) == ["the_table"]
+    assert list(spec(affordance("3d_printer"), "articulated_open").objects) == ["the_3d_printer"]
 
 
 def long_task() -> TaskSpec:
@@ -93,11 +94,21 @@ def test_a_class_without_keypoints_on_its_moving_link_affords_nothing() -> None:
     assert list(OfflineDesigner().propose([bare], [], seed=0)) == []
 
 
-@pytest.mark.parametrize(
-    ("asset_class", "name"), [("washing_machine", "OpenWashingMachine"), ("stapler_press", "PressStapler")]
-)
-def test_names_follow_the_class(asset_class: str, name: str) -> None:
-    assert task_name(asset_class, "articulated_open") == name
+def test_tasks_are_called_what_people_call_them() -> None:
+    task = spec(affordance("stapler_press"), "articulated_closed")
+    assert (task.name, task.description, task.steps[0].name) == ("PressStapler", "press the stapler", "press")
+
+
+def test_what_nobody_asks_for_is_proposed_last() -> None:
+    classes = [affordance("stapler_press"), affordance("bag_swing"), affordance("oven")]
+    names = [task.name for task in OfflineDesigner().propose(classes, [], seed=0)]
+    assert names[:3] == ["PressStapler", "SwingBagStrap", "CloseOven"], "the most useful goal of each class"
+    assert names[3:] == ["OpenOven", "SwingBagStrapBack", "ReleaseStapler"]
+
+
+def test_no_two_proposals_have_one_name() -> None:
+    names = [task.name for task in OfflineDesigner().propose([affordance("crate"), affordance("crate_rotate")], [], 0)]
+    assert sorted(names) == ["CloseCrate", "OpenCrate"]
 
 
 @pytest.mark.parametrize("joint_type", ["revolute", "prismatic"])

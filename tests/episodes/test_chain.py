@@ -10,7 +10,7 @@ from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
 from gensim2.episodes.chain import MOST_PLANS, ChainController
-from gensim2.objects import open_library, open_rigid_library
+from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
@@ -24,8 +24,8 @@ WIDTH = 0.034
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    drawer = open_library("builtin").load("drawer", "5")
-    ball = open_rigid_library("builtin").load("golf_ball")
+    drawer = open_library("builtin").load_articulated("drawer", "5")
+    ball = open_library("builtin").load_rigid("golf_ball")
     return table_scene({"drawer": placed(drawer, 0.02, 0.02, 0.2), "ball": resting(ball, -0.2, -0.4)})
 
 

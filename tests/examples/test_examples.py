@@ -53,14 +53,15 @@ def _designed(said: str, folder: Path) -> None:
     assert successes >= 14
     assert demos == 2
     verification = json.loads((folder / "tasks" / "PushDrawerClose" / "verification.json").read_text())
-    assert verification["successes"] == successes
+    assert verification["held"] == successes
+    assert verification["objects"] == {"drawer": episodes}
     assert (folder / "report.html").stat().st_size > 1000
 
 
 def _recorded(said: str, folder: Path) -> None:
     """Two demonstrations, each of which closes its box and is in the file."""
     assert "environment: gensim2.sim:GenSim2-CloseBox-v1" in said
-    moved = re.findall(r"seed (\d+), object (\d+): \((\d+), 8\) openness (\S+) to (\S+)", said)
+    moved = re.findall(r"seed (\d+), box (\d+): \((\d+), 8\) openness (\S+) to (\S+)", said)
     assert len(moved) == 2
     threshold = load_task("CloseBox").success[0].threshold
     for _, _, steps, start, end in moved:

@@ -14,7 +14,9 @@ from PIL import Image
 from gensim2.errors import InputError
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
-from gensim2.objects import Instance, Library, RigidLibrary, RigidObject, open_library, open_rigid_library
+from gensim2.objects import Instance, Library, RigidObject, open_library
+from gensim2.objects.library.articulated import GeneratedShelf
+from gensim2.objects.library.rigid import GeneratedRigidShelf
 from gensim2.sim.rendering import can_render
 
 needs_driver = pytest.mark.skipif(not can_render(), reason="no Vulkan driver works on this machine")
@@ -75,46 +77,40 @@ def test_page_is_whole_and_keeps_its_pictures(library: Library, tmp_path: Path, 
     assert len(list((tmp_path / "out").rglob("*.webp"))) == 2, "outdated ones are gone"
 
 
-class Shelf(RigidLibrary):
+class FewShelf(GeneratedRigidShelf):
     """A few of the generated rigid objects."""
 
-    name, license = "shelf", "generated"
-
-    def names(self) -> tuple[str, ...]:
+    def classes(self) -> tuple[str, ...]:
         """Two that there are and one that is broken."""
         return ("apple", "broken", "mug")
 
-    def describe(self, name: str) -> str:
+    def describe(self, asset_class: str) -> str:
         """Nothing more."""
-        return name
+        return asset_class
 
-    def _load(self, name: str) -> RigidObject:
-        if name == "broken":
+    def load_rigid(self, asset_class: str) -> RigidObject:
+        """Refuse the broken one."""
+        if asset_class == "broken":
             raise InputError("no mesh", field="broken", remedy="mend it")
-        return open_rigid_library("builtin").load(name)
+        return super().load_rigid(asset_class)
 
 
 def test_rigid_objects_stand_beside_the_others(library: Library, tmp_path: Path, pretend: None) -> None:
+    few = Library("few", "builtin", [GeneratedShelf(), FewShelf()])
     found = tmp_path / "findings.json"
     wrong = {"check": "turns over when put down, degrees", "value": 40.0, "limit": 5.0}
-    found.write_text(json.dumps({"objects": [{"class": "rigid", "id": "mug", "sound": False, "findings": [wrong]}]}))
-    made = build_gallery(
-        [library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], findings=[found], views=2, size=40
-    )
+    found.write_text(json.dumps({"objects": [{"class": "mug", "id": "0", "sound": False, "findings": [wrong]}]}))
+    classes = ["switch", "apple", "broken", "mug"]
+    made = build_gallery([few], tmp_path / "out", classes=classes, findings=[found], views=2, size=40)
     assert made.made == 4
-    assert [(name, number) for name, number, _ in made.refused] == [("rigid", "broken")]
+    assert [(name, number) for name, number, _ in made.refused] == [("broken", "0")]
     page = made.index.read_text()
-    for wanted in (
-        "rigid/apple",
-        "rigid/mug",
-        "held at",
-        "turns over when put down, degrees: 40.0 (limit 5.0)",
-        "no mesh",
-    ):
+    for wanted in ("apple/0", "mug/0", "held at", "turns over when put down, degrees: 40.0 (limit 5.0)", "no mesh"):
         assert wanted in page, wanted
     rows = {name: Image.open(made.index.parent / name).size for name in re.findall(r'data-picture="([^"]+)"', page)}
-    assert sorted(size for name, size in rows.items() if "/rigid/" in name) == [(80, 40), (80, 40)], "one row, at rest"
-    again = build_gallery([library], tmp_path / "out", classes=["switch"], rigid=[Shelf()], views=2, size=40)
+    one_row = [size for name, size in rows.items() if "/mug/" in name or "/apple/" in name]
+    assert one_row == [(80, 40), (80, 40)], "at rest"
+    again = build_gallery([few], tmp_path / "out", classes=classes, views=2, size=40)
     assert (again.made, again.kept) == (0, 4)
 
 
@@ -167,7 +163,7 @@ def test_pictures_show_the_object_its_motion_and_its_keypoints(library: Library,
     np.testing.assert_allclose(np.asarray(seen)[int(head.y), int(head.x)], red, atol=30)
 
     studio.put(library.load("faucet", "0"), [0.5])
-    sheet = pictures.contact_sheet(studio, [(drawer, 0.5), (library.load("faucet", "0"), 0.5)], 2)
+    sheet = pictures.contact_sheet(studio, [drawer, library.load("faucet", "0")], 2)
     assert sheet.width == 2 * 96 + 6
     first = io.BytesIO()
     pictures.strip(studio, drawer).save(first, "PNG")
@@ -179,7 +175,7 @@ def test_pictures_show_the_object_its_motion_and_its_keypoints(library: Library,
 @needs_driver
 def test_picture_of_a_rigid_object_shows_it_at_rest(library: Library) -> None:
     studio = pictures.Studio(96)
-    mug = open_rigid_library("builtin").load("mug")
+    mug = library.load_rigid("mug")
     sheet = np.asarray(pictures.rigid_turntable(studio, mug, 3)).astype(float)
     assert sheet.shape == (96, 3 * 96, 3)
     views = [sheet[:, 96 * k : 96 * (k + 1)] for k in range(3)]

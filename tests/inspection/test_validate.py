@@ -10,6 +10,7 @@ import pytest
 from gensim2.inspection.validate import physical_findings
 from gensim2.objects import Library
 from gensim2.objects.generators.classes import object_classes
+from gensim2.robots import robot
 
 CLASSES = sorted(object_classes())
 
@@ -26,7 +27,7 @@ def test_the_robot_reaches_it_over_its_range(library: Library, name: str) -> Non
     from gensim2.inspection.reach import reach_findings
 
     for number in ("0", "1", "600"):
-        assert reach_findings(library.load(name, number)) == []
+        assert reach_findings(library.load(name, number), robot()) == []
 
 
 def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
@@ -35,9 +36,9 @@ def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
 
     near = library.load("drawer", "0")
     far = replace(near, placement=replace(near.placement, position=near.placement.position + np.array([0.5, 0.0, 0.0])))
-    shift = in_base(far, "articulated_object_head", 0.3) - in_base(near, "articulated_object_head", 0.3)
+    shift = np.subtract(*(in_base(thing, "articulated_object_head", 0.3, robot()) for thing in (far, near)))
     np.testing.assert_allclose(shift, [0.5, 0, 0], atol=1e-12)
-    found = {finding.check: finding for finding in reach_findings(far)}
+    found = {finding.check: finding for finding in reach_findings(far, robot())}
     finding = found["fingertips from articulated_object_head at openness 0, mm"]
     assert finding.limit == 10.0
     assert isinstance(finding.value, float)
@@ -45,4 +46,4 @@ def test_what_is_out_of_reach_is_said_in_millimetres(library: Library) -> None:
     below = replace(
         near, placement=replace(near.placement, position=near.placement.position - np.array([0.0, 0.0, 0.2]))
     )
-    assert any("table" in str(finding.value) for finding in reach_findings(below))
+    assert any("table" in str(finding.value) for finding in reach_findings(below, robot()))

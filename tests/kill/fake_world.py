@@ -18,7 +18,7 @@ from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, St
 from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
 from gensim2.pipeline import worker
-from gensim2.pipeline.setting import Setting
+from gensim2.pipeline.setting import Circumstances, Setting
 from gensim2.tasks.spec import TaskSpec
 
 EPISODE_SECONDS = 0.2
@@ -27,9 +27,14 @@ EPISODE_SECONDS = 0.2
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
     worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")
+    worker.prepare = prepare
     worker.screen_scene = screen_scene
     worker.episode = episode
     worker.demonstrate = demonstrate
+
+
+def prepare(circumstances: Circumstances) -> None:
+    """There is nothing to read and nothing to build."""
 
 
 def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) -> list[tuple[float, str | None]]:

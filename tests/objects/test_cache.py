@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gensim2.cli import main as cli
-from gensim2.objects import Instance, open_library, open_rigid_library
+from gensim2.objects import Instance, open_library
 
 Change = Callable[[Path], object]
 
@@ -111,10 +111,10 @@ def test_what_others_put_beside_is_left(
 
 def test_a_damaged_rigid_object_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path))
-    folder = open_rigid_library("builtin").load("mug").folder
+    folder = open_library("builtin").load_rigid("mug").folder
     good = contents(folder)
     flip(folder / "hull_0.obj")
-    assert open_rigid_library("builtin").load("mug").folder == folder
+    assert open_library("builtin").load_rigid("mug").folder == folder
     assert contents(folder) == good
 
 

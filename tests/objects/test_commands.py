@@ -16,7 +16,7 @@ import yaml
 
 from gensim2.cli import main as cli
 from gensim2.objects import open_library
-from gensim2.pipeline.inputs import task_and_config
+from gensim2.pipeline.inputs import task_and_strategies
 
 
 @pytest.fixture(autouse=True)
@@ -66,9 +66,14 @@ def test_solve_and_demo_take_the_same_words(capfd: pytest.CaptureFixture[str], t
     pytest.importorskip("mani_skill")
     task = tmp_path / "task"
     task.mkdir()
-    spec, config = task_and_config("OpenBox")
-    (task / "task.yaml").write_text(yaml.safe_dump({**spec.model_dump(mode="json"), "asset_class": "toilet"}))
-    (task / "solver.yaml").write_text(yaml.safe_dump(config))
+    spec, strategies = task_and_strategies("OpenBox")
+    told = spec.model_dump(mode="json", by_alias=True)
+    (role,) = told["objects"]
+    told["objects"][role]["class"] = "toilet"
+    (task / "task.yaml").write_text(yaml.safe_dump(told))
+    (task / "strategies").mkdir()
+    for name, strategy in strategies.items():
+        (task / "strategies" / f"{name}.yaml").write_text(yaml.safe_dump(strategy))
     out = tmp_path / "out"
     for command in (["solve", str(task)], ["demo", str(task), "--out", str(out)]):
         for word, message in (("test", "toilet has 2 instances, all for training"), ("x", "a number from 0 to")):
@@ -130,7 +135,8 @@ def test_export_writes_a_library_that_opens(capfd: pytest.CaptureFixture[str], t
         "faucet",
     ]
     code, result = run_json(capfd, "assets", "list", "--assets", str(out))
-    assert [(entry["class"], len(entry["instances"])) for entry in result["classes"]] == [("drawer", 2), ("faucet", 1)]
+    found = [(entry["class"], len(entry["instances"])) for entry in result["classes"] if entry["source"] == "real"]
+    assert found == [("drawer", 2), ("faucet", 1)]
     assert result["license"] == "Apache-2.0"
     assert cli.run(["assets", "export", "faucet/3", "--out", str(out)]) == 2
     assert "is there already" in capfd.readouterr().err

@@ -44,7 +44,12 @@ def test_listing_counts_instances(library: Library) -> None:
     rows = {row.asset_class: row for row in listing(library)}
     assert set(rows) == set(library.classes())
     row = rows["drawer"]
-    assert (row.joint_type, row.count, row.license) == ("prismatic", 20, "Apache-2.0")
+    assert (row.kind, row.joint_type, row.source, row.license) == (
+        "articulated",
+        "prismatic",
+        "generated",
+        "Apache-2.0",
+    )
     assert row.ids == tuple(str(i) for i in range(20))
 
 
@@ -85,9 +90,10 @@ def test_selection_names_each_object_once(library: Library) -> None:
     assert select(library, ["drawer/3", "drawer/3", "faucet/random"], seed=1)[0] == ("drawer", "3")
     assert len(select(library, ["drawer/3", "drawer"])) == 20
     assert len(select(library, [])) == sum(len(library.instances(c)) for c in library.classes())
+    assert {c for c, _ in select(library, [], kind="rigid")} == set(library.classes("rigid"))
     assert {c for c, _ in select(library, [], drawn=1)} == set(library.classes())
-    assert len(select(library, [], drawn=1)) == 34
-    assert len(select(library, [], every=True, drawn=1)) == 224 + 34
+    assert len(select(library, [], drawn=1, kind="articulated")) == 34
+    assert len(select(library, [], every=True, drawn=1)) == 224 + 34 + 45, "there are no more of a rigid object"
     assert [i for _, i in select(library, ["oven/0"], drawn=2)][1:] == list(library.sample("oven", 2))
 
 
@@ -107,7 +113,7 @@ def test_second_load_is_quick_and_the_same(library: Library) -> None:
 def test_library_pickles_without_what_it_loaded(library: Library) -> None:
     library.load("drawer", "1")
     copy = pickle.loads(pickle.dumps(library))
-    assert "_loaded" not in copy.__dict__
+    assert copy.__dict__["_loaded"] == {}
     assert copy.load("drawer", "1").content_hash == library.load("drawer", "1").content_hash
 
 

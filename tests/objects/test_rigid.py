@@ -12,7 +12,7 @@ import trimesh
 
 from gensim2.errors import InputError
 from gensim2.inspection.rigid import physical_findings
-from gensim2.objects import RigidLibrary, open_rigid_library
+from gensim2.objects import Library, open_library
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.rigid import CLASSES
 from gensim2.objects.library.rigid_prepare import best_grip, read, resting_pose, steadiness
@@ -39,34 +39,27 @@ YCB = {
 }
 
 
-@pytest.fixture(scope="module")
-def rigid(library: object) -> RigidLibrary:
-    """The generated rigid objects, in the cache of the generated library's tests."""
-    return open_rigid_library("builtin")
-
-
-def test_forty_objects_by_the_names_that_people_know(rigid: RigidLibrary) -> None:
-    assert len(rigid.names()) >= 40
-    assert {"apple", "lemon", "mug", "cracker_box", "golf_ball", "softball", "gold_bar", "marker", "bowl"} <= set(
-        rigid.names()
-    )
+def test_forty_objects_by_the_names_that_people_know(library: Library) -> None:
+    names = library.classes("rigid")
+    assert len(names) >= 40
+    assert {"apple", "lemon", "mug", "cracker_box", "golf_ball", "softball", "gold_bar", "marker", "bowl"} <= set(names)
 
 
 @pytest.mark.parametrize("name", YCB)
-def test_masses_and_sizes_are_those_of_the_real_things(rigid: RigidLibrary, name: str) -> None:
+def test_masses_and_sizes_are_those_of_the_real_things(library: Library, name: str) -> None:
     mass, size = YCB[name]
     scale = CLASSES[name].scale
-    loaded = rigid.load(name)
-    assert loaded.inertial.mass == pytest.approx(mass / 1000 * scale**3, rel=0.02)
+    loaded = library.load_rigid(name)
+    assert loaded.mass == pytest.approx(mass / 1000 * scale**3, rel=0.02)
     np.testing.assert_allclose(np.sort(loaded.size), np.array(size) / 1000 * scale, rtol=0.2)
 
 
 def test_generation_gives_the_same_object_again(
-    rigid: RigidLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = rigid.load("mug")
+    first = library.load_rigid("mug")
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path))
-    second = rigid.load("mug")
+    second = open_library("builtin").load_rigid("mug")
     assert first.folder != second.folder
     for file in ("visual.glb", "hull_0.obj", "rigid.json"):
         assert (first.folder / file).read_bytes() == (second.folder / file).read_bytes()
@@ -100,8 +93,8 @@ def test_a_box_is_held_across_its_narrow_side() -> None:
     np.testing.assert_allclose(grip.point, np.zeros(3), atol=1e-9)
 
 
-def test_a_mug_is_held_by_its_wall_or_handle(rigid: RigidLibrary) -> None:
-    assert rigid.load("mug").grip.width < 0.02
+def test_a_mug_is_held_by_its_wall_or_handle(library: Library) -> None:
+    assert library.load_rigid("mug").grip.width < 0.02
 
 
 def write_ycb(folder: Path) -> Path:
@@ -119,13 +112,14 @@ def write_ycb(folder: Path) -> Path:
 def test_maniskill_ycb_download_is_read(library: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path))
     with pytest.raises(InputError, match="download_asset ycb"):
-        open_rigid_library("ycb")
+        open_library("ycb")
     write_ycb(tmp_path / "data" / "assets" / "mani_skill2_ycb")
-    found = open_rigid_library("ycb")
-    assert found.names() == ("004_sugar_box",)
-    loaded = found.load("004_sugar_box")
+    found = open_library("ycb")
+    assert found.classes("articulated") == ()
+    assert [c for c in found.classes() if found.source(c) == "real"] == ["004_sugar_box"]
+    loaded = found.load_rigid("004_sugar_box")
     np.testing.assert_allclose(loaded.size, [0.032, 0.072, 0.136], atol=1e-6)
-    assert loaded.inertial.mass == pytest.approx(0.514 * 0.8**3)
+    assert loaded.mass == pytest.approx(0.514 * 0.8**3)
     np.testing.assert_allclose(loaded.keypoints["rigidbody_object_head"].position, [0, 0, 0.068], atol=1e-9)
     assert physical_findings(loaded) == []
 
@@ -136,7 +130,8 @@ def test_released_layout_is_read(library: object, tmp_path: Path) -> None:
     trimesh.creation.box((0.05, 0.07, 0.05)).export(model / "collision.obj")
     info = {"scale": 0.5, "keypoints": {"rigidbody_object_head": [0, 0, 0.025]}}
     (model / "info.json").write_text(json.dumps(info))
-    loaded = open_rigid_library(tmp_path).load("brick")
+    opened = open_library(tmp_path)
+    loaded = opened.load_rigid("brick")
     assert loaded.source == "real"
     assert loaded.visual is None
     assert "nothing to look at" in loaded.warnings[0]
@@ -144,14 +139,14 @@ def test_released_layout_is_read(library: object, tmp_path: Path) -> None:
     np.testing.assert_allclose(loaded.keypoints["rigidbody_object_head"].position, [0, 0, 0.0125])
     (model / "info.json").write_text(json.dumps({**info, "scale": -1}))
     with pytest.raises(AssetError, match="scale"):
-        open_rigid_library(tmp_path).load("brick")
+        open_library(tmp_path).load_rigid("brick")
 
 
-def test_unknown_names_and_damage_are_told(rigid: RigidLibrary, tmp_path: Path) -> None:
+def test_unknown_names_and_damage_are_told(library: Library, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="mug"):
-        rigid.load("mugg")
+        library.load_rigid("mugg")
     copy = tmp_path / "copy"
-    shutil.copytree(rigid.load("apple").folder, copy)
+    shutil.copytree(library.load_rigid("apple").folder, copy)
     (copy / "rigid.json").write_text("{}")
     with pytest.raises(AssetError, match="damaged"):
         read(copy)

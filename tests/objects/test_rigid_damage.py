@@ -13,8 +13,7 @@ import pytest
 import trimesh
 
 from gensim2.cli import main as cli
-from gensim2.objects import AssetError, open_rigid_library
-from gensim2.objects.rigid import RigidObject
+from gensim2.objects import AssetError, RigidObject, open_library
 
 Change = Callable[[Path], object]
 INFO: dict[str, Any] = {"scale": 1.0, "keypoints": {"rigidbody_object_head": [0, 0, 0.05]}}
@@ -35,7 +34,7 @@ def release(cube: Callable[..., None], tmp_path: Path, monkeypatch: pytest.Monke
 def load(library: Path, change: Change) -> RigidObject:
     folder = library / "rigidbody_objs" / "models" / "block"
     change(folder)
-    return open_rigid_library(library).load("block")
+    return open_library(library).load_rigid("block")
 
 
 def told(**fields: Any) -> Change:
@@ -69,7 +68,7 @@ def test_what_cannot_be_used_is_refused(release: Path, name: str, capfd: pytest.
     change, pattern = REFUSED[name]
     with pytest.raises(AssetError, match=pattern):
         load(release, change)
-    assert cli.run(["assets", "rigid", "list", "--assets", str(release)]) == 2
+    assert cli.run(["assets", "show", "block", "--assets", str(release)]) == 2
     errors = [line for line in capfd.readouterr().err.splitlines() if line.startswith("gensim2: ")]
     assert len(errors) == 1
     assert re.search(pattern, errors[0])
@@ -84,7 +83,7 @@ def test_what_is_missing_is_counted(release: Path) -> None:
 
 
 def test_a_name_that_is_none_is_bad_input(release: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["assets", "rigid", "validate", "x" * 500, "--assets", str(release)]) == 2
+    assert cli.run(["assets", "validate", "x" * 500, "--assets", str(release)]) == 2
     errors = capfd.readouterr().err
     assert "there are block" in errors
     assert len(errors) < 300
@@ -124,7 +123,7 @@ def test_a_damaged_download_is_refused(
     monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path / "cache"))
     ycb(tmp_path / "ycb", entry, collision)
     with pytest.raises(AssetError, match=message):
-        open_rigid_library(tmp_path / "ycb").load("box")
+        open_library(tmp_path / "ycb").load_rigid("box")
 
 
 def test_an_edited_scale_is_another_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,5 +131,5 @@ def test_an_edited_scale_is_another_object(tmp_path: Path, monkeypatch: pytest.M
     sizes = []
     for scale in (0.5, 0.25):
         ycb(tmp_path / "ycb", {**ENTRY, "scales": [scale]})
-        sizes.append(open_rigid_library(tmp_path / "ycb").load("box").size[2])
+        sizes.append(open_library(tmp_path / "ycb").load_rigid("box").size[2])
     assert sizes == [pytest.approx(0.085), pytest.approx(0.0425)]

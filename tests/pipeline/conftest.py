@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "kill")]
+sys.path[:0] = [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("kill", "processes"))]
 
 import fake_world  # noqa: E402
 import kill_runs  # noqa: E402
@@ -28,7 +28,7 @@ def made_up_world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
 
 def _install(patch: pytest.MonkeyPatch) -> None:
-    for name in ("PRELOAD", "screen_scene", "episode", "demonstrate"):
+    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate"):
         patch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     patch.setattr(fake_world, "EPISODE_SECONDS", 0.0)

@@ -10,8 +10,9 @@ from gensim2 import seeding
 from gensim2.designers import Affordance, Candidate, CandidateResult
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Cause, Episode
-from gensim2.pipeline.search import Budget, Search, design_seeds
+from gensim2.pipeline.search import Budget, Search
 from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
@@ -119,8 +120,8 @@ def test_design_and_verification_share_no_seed() -> None:
     world = FakeWorld()
     Search(SETTING, AFFORDANCE, FakeDesigner(), world, seed=0).run()
     assert len(world.seeds) > 10
-    assert not world.seeds & set(design_seeds(0, TASK, "verify", 200))
-    assert not world.seeds & set(design_seeds(0, TASK, "demos", 200))
+    assert not world.seeds & set(scene_seeds(0, TASK.name, "verify", 200))
+    assert not world.seeds & set(scene_seeds(0, TASK.name, "demos", 200))
 
 
 def test_nothing_planned_is_said() -> None:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import fake_world
+import process_jobs
 import pytest
 
 from gensim2.designers.base import Strategies
@@ -16,6 +17,7 @@ from gensim2.errors import InputError, NotRunError
 from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.processes import Job
 from gensim2.tasks.library import load_strategies, load_task
 
 SIMULATOR = True
@@ -59,8 +61,9 @@ def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None
     (name,) = STRATEGIES
     unknown = {name: {**STRATEGIES[name], "nonsense": 1}}
     lost = changed("articulated_object_head", "no_such_keypoint")
-    good, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, unknown, lost, {name: {}}, {}])
+    good, misfit, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, lost, unknown, {name: {}}, {}])
     assert good == (1.0, None)
+    assert misfit == (0.0, "invalid")
     assert all(score == 0.0 and str(cause).startswith("planner error: ") for score, cause in bad)
 
 
@@ -162,20 +165,8 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
             evaluator.screen(SETTING, [{}], [3, 4, 5])
 
 
-def spin(seconds: float) -> float:
-    """Work for so many seconds of CPU."""
-    import time
-
-    begin = time.process_time()
-    while time.process_time() - begin < seconds:
-        pass
-    return seconds
-
-
 @pytest.mark.parametrize("workers", [0, 2])
 def test_cpu_is_that_of_all_processes(workers: int) -> None:
-    from gensim2.processes import Job
-
     with PoolEvaluator(Circumstances("builtin"), workers) as evaluator:
-        list(evaluator.run(spin, [Job(index, (0.25,)) for index in range(4)], "work"))
+        list(evaluator.run(process_jobs.spin, [Job(index, (0.25,)) for index in range(4)], "work"))
         assert 1.0 <= evaluator.cpu_s < 2.0

@@ -20,6 +20,26 @@ def process_id(_: int, delay: float = 0.0) -> int:
     return os.getpid()
 
 
+def spin(seconds: float) -> float:
+    """Work for so many seconds of CPU."""
+    begin = time.process_time()
+    while time.process_time() - begin < seconds:
+        pass
+    return seconds
+
+
+PREPARED: list[int] = []
+
+
+def prepare_at_length(value: int) -> None:
+    spin(0.5)
+    PREPARED.append(value)
+
+
+def prepared(_: int) -> list[int]:
+    return PREPARED
+
+
 def fail(value: int) -> int:
     raise InputError("is odd", file="numbers.txt", field=str(value), remedy="give an even one")
 

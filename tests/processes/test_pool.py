@@ -11,6 +11,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import process_jobs as jobs
@@ -119,6 +120,21 @@ def test_workers_are_renewed() -> None:
     assert pids[0] == pids[1]
     assert pids[2] == pids[3]
     assert len(set(pids)) == 3
+
+
+def test_a_process_is_prepared_once_before_its_jobs_and_not_on_their_account() -> None:
+    with WorkerPool(2, prepare=partial(jobs.prepare_at_length, 7), jobs_per_worker=2) as pool:
+        outcomes = list(pool.map_unordered(jobs.prepared, enumerated((n,) for n in range(6))))
+        assert [outcome.unwrap() for outcome in outcomes] == [[7]] * 6
+        assert sum(outcome.cpu_s for outcome in outcomes) < 0.25
+        (outcome,) = pool.map_unordered(jobs.spin, [Job(0, (0.3,))])
+        assert 0.3 <= outcome.cpu_s < 0.5
+
+
+def test_what_cannot_be_prepared_is_left_to_the_jobs() -> None:
+    with WorkerPool(1, prepare=partial(jobs.fail_by_a_bug, 1)) as pool:
+        (outcome,) = pool.map_unordered(jobs.square, [Job(0, (3,))])
+        assert outcome.unwrap() == 9
 
 
 @pytest.mark.parametrize("workers", [0, 1, 3])

@@ -19,8 +19,8 @@ pytestmark = pytest.mark.real
 
 def test_every_class_is_found(real_assets: Path) -> None:
     library = open_library(real_assets)
-    assert len(library.classes()) == 34
-    assert sum(len(library.instances(c)) for c in library.classes()) == 183
+    assert len(library.classes("articulated")) == 34
+    assert sum(len(library.instances(c)) for c in library.classes("articulated")) == 183
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_every_class_is_found(real_assets: Path) -> None:
     ],
 )
 def test_what_is_odd_is_noted(real_assets: Path, asset_class: str, instance_id: str, note: str) -> None:
-    warnings = open_library(real_assets).load(asset_class, instance_id).warnings
+    warnings = open_library(real_assets).load_articulated(asset_class, instance_id).warnings
     assert any(note in warning for warning in warnings), warnings
 
 
@@ -58,7 +58,7 @@ def test_import_proposes_about_what_people_annotated(real_assets: Path, tmp_path
 @pytest.mark.parametrize("instance_id", ["19179", "20453"])
 def test_open_drawer_is_hollow(real_assets: Path, instance_id: str) -> None:
     """A 2 cm cube at the keypoint inside the open drawer touches nothing."""
-    instance = open_library(real_assets).load("drawer", instance_id)
+    instance = open_library(real_assets).load_articulated("drawer", instance_id)
     T = link_pose(instance, 1.0)
     center = transform(T, instance.keypoints["articulated_object_inside"].position[None])[0]
     probe = center + 0.01 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
@@ -69,7 +69,7 @@ def test_open_drawer_is_hollow(real_assets: Path, instance_id: str) -> None:
 
 @pytest.mark.parametrize(("asset_class", "instance_id"), [("box_rotate", "100664"), ("safe_rotate", "101584")])
 def test_lowest_point_rests_on_the_table(real_assets: Path, asset_class: str, instance_id: str) -> None:
-    instance = open_library(real_assets).load(asset_class, instance_id)
+    instance = open_library(real_assets).load_articulated(asset_class, instance_id)
     assert instance.placement.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     lowest = min(
         float(

@@ -142,6 +142,14 @@ def test_an_option_for_one_object_shifts_nothing_of_the_others() -> None:
     assert model.id == "3"
 
 
+def test_an_option_may_name_a_generated_object_that_is_not_listed() -> None:
+    """A demonstration on one is replayed by its id."""
+    task = _task({"drawer": {"class": "drawer"}})
+    assert _set_up(task, 0, {"instance": {"drawer": "4711"}}).objects["drawer"].model.id == "4711"
+    with pytest.raises(InputError, match="instance"):
+        _set_up(task, 0, {"instance": {"drawer": "train"}})
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

@@ -7,18 +7,53 @@ from pathlib import Path
 import pytest
 
 from gensim2.errors import InputError
-from gensim2.tasks.criteria import succeeded
+from gensim2.tasks.criteria import ArticulatedOpen, DistanceArticulatedRigid, all_hold
 from gensim2.tasks.library import (
-    load_config,
-    load_config_file,
+    load_strategies,
+    load_strategies_beside,
+    load_strategy_file,
     load_task,
     load_task_file,
-    parse_task,
     task_names,
 )
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.parse import parse_task
+from gensim2.tasks.spec import Place, Randomization, TaskSpec
 
 GOOD = """
+schema_version: 2
+name: FillCrate
+description: put the ball into the crate
+objects:
+  crate:
+    class: crate
+    randomization:
+      x: 0.05
+      y: [0.0, 0.1]
+  ball:
+    class: golf_ball
+    place:
+      on: crate
+      at: [0.1, 0.2]
+steps:
+  - name: open
+    object: crate
+    strategies: [lift, pry]
+    done:
+      - type: articulated_open
+        object: crate
+        threshold: 0.8
+  - name: place
+    object: crate
+    tool: ball
+    strategies: [drop]
+goal:
+  - type: distance_articulated_rigidbody
+    articulated: crate
+    rigid: ball
+"""
+#: As every file was before tasks had several objects.
+FORMER = """
 name: OpenCrate
 description: open the crate
 asset_class: crate
@@ -26,6 +61,11 @@ success:
   - type: articulated_open
     threshold: 0.8
 """
+
+
+def _measured(openness: float, **names: str) -> Measurement:
+    (name,) = names.values()
+    return Measurement({name: openness}, {name: 0.0}, {name: {}}, {}, {}, {}, 0.08)
 
 
 def test_library_holds_the_eight_tasks() -> None:
@@ -45,21 +85,34 @@ def test_library_holds_the_eight_tasks() -> None:
 def test_every_task_is_valid_and_not_done_at_the_mean_openness(name: str) -> None:
     task = load_task(name)
     assert task.name == name
-    assert not succeeded(task, 0.5)
-    opening = task.success[0].type == "articulated_open"
-    assert succeeded(task, 0.95 if opening else 0.05)
+    role = task.steps[0].object
+    assert role != "object"  # a word of a person
+    if task.is_single_step:
+        assert not all_hold(task.success, _measured(0.5, role=role))
+        opening = isinstance(task.success[0], ArticulatedOpen)
+        assert all_hold(task.success, _measured(0.95 if opening else 0.05, role=role))
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_every_step_has_its_strategies(name: str) -> None:
+    strategies = load_strategies(name)
+    named = [strategy for step in load_task(name).steps for strategy in step.strategies]
+    assert list(strategies) == list(dict.fromkeys(named))
+    assert all(strategies.values())
 
 
 def test_unknown_task_names_near_matches() -> None:
     with pytest.raises(InputError, match=r"unknown task 'OpenDrawr' \(did you mean OpenDrawer"):
         load_task("OpenDrawr")
     with pytest.raises(InputError, match="known: "):
-        load_config("Zzz")
+        load_strategies("Zzz")
 
 
-def test_json_round_trip_keeps_the_spec() -> None:
-    task = load_task("OpenBox")
-    assert parse_task(task.model_dump(mode="json")) == task
+def test_json_round_trip_keeps_the_spec(tmp_path: Path) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_text(GOOD)
+    for task in (load_task("OpenBox"), load_task_file(path)):
+        assert parse_task(task.model_dump(mode="json")) == task
 
 
 def test_a_task_file_loads(tmp_path: Path) -> None:
@@ -67,24 +120,86 @@ def test_a_task_file_loads(tmp_path: Path) -> None:
     path.write_text(GOOD)
     task = load_task_file(path)
     assert isinstance(task, TaskSpec)
-    assert task.success[0].threshold == 0.8
+    assert list(task.objects) == ["crate", "ball"]
+    assert task.objects["crate"].randomization == Randomization(x=(-0.05, 0.05), y=(0.0, 0.1))
+    assert task.objects["ball"].place == Place(on="crate", at=(0.1, 0.2))
+    assert task.success == (DistanceArticulatedRigid(articulated="crate", rigid="ball"),)
+    assert [step.tool for step in task.steps] == ["hand", "ball"]
+    assert load_task_file(tmp_path) == task  # the folder stands for it
+
+
+def test_a_file_of_version_1_is_a_task_of_one_object_and_one_step(tmp_path: Path) -> None:
+    path = tmp_path / "task.yaml"
+    for text in (FORMER, FORMER + "schema_version: 1\n", FORMER + "randomization: {x: 0.2, openness_mean: 0.4}\n"):
+        path.write_text(text)
+        task = load_task_file(path)
+        assert task.schema_version == 2
+        assert list(task.objects) == ["object"]
+        assert task.objects["object"].asset_class == "crate"
+        assert task.is_single_step
+        assert task.success == (ArticulatedOpen(object="object", threshold=0.8),)
+        assert task.steps[0].strategies == ("solver",)
+    assert task.objects["object"].randomization == Randomization(x=(-0.2, 0.2), openness_mean=0.4)
+    (tmp_path / "solver.yaml").write_text("gripper: open\n")
+    assert load_strategies_beside(path, task) == {"solver": {"gripper": "open"}}
+
+
+def test_strategies_lie_beside_their_task_and_a_missing_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "task.yaml").write_text(GOOD)
+    folder = tmp_path / "strategies"
+    folder.mkdir()
+    for name in ("lift", "pry", "dropp"):
+        (folder / f"{name}.yaml").write_text(f"gripper: {'open' if name == 'pry' else 'closed'}\n")
+    task = load_task_file(tmp_path)
+    with pytest.raises(InputError, match=r"drop\.yaml: a step names a strategy 'drop' .*did you mean 'dropp'"):
+        load_strategies_beside(tmp_path, task)
+    (folder / "dropp.yaml").rename(folder / "drop.yaml")
+    for place in (tmp_path, tmp_path / "task.yaml"):
+        found = load_strategies_beside(place, task)
+        assert list(found) == ["lift", "pry", "drop"]
+        assert found["pry"] == {"gripper": "open"}
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (GOOD + "colour: red\n", "colour: unknown field"),
-        (GOOD + "sucess: []\n", "did you mean 'success'"),
-        (GOOD.replace("0.8", ".nan"), "success.0.threshold: must be a finite number, is nan"),
-        (GOOD.replace("0.8", ".inf"), "success.0.threshold: must be a finite number, is inf"),
-        (GOOD.replace("0.8", "'0.8'"), "success.0.threshold: "),
-        (GOOD.replace("0.8", "1.5"), "success.0.threshold: "),
-        (GOOD.replace("articulated_open", "articulated_ajar"), "success.0.type: "),
-        (GOOD.replace("name: OpenCrate", "name: open crate"), "name: "),
-        (GOOD.replace("asset_class: crate\n", ""), "asset_class: field required"),
-        (GOOD + "name: Twice\n", "given twice"),
-        (GOOD + "schema_version: 2\n", "schema_version: "),
-        (GOOD.replace("open the crate", "2026-11-21"), "type"),
+        (FORMER + "colour: red\n", "colour: unknown field (remove it)"),
+        (FORMER + "sucess: []\n", "did you mean 'success'"),
+        (FORMER.replace("0.8", ".nan"), "success.0.threshold: must be a finite number, is nan"),
+        (FORMER.replace("0.8", ".inf"), "success.0.threshold: must be a finite number, is inf"),
+        (FORMER.replace("0.8", "'0.8'"), "success.0.threshold: "),
+        (FORMER.replace("0.8", "1.5"), "success.0.threshold: "),
+        (FORMER.replace("threshold", "thresold"), "success.0.thresold: unknown field (did you mean 'threshold'?)"),
+        (FORMER.replace("articulated_open", "articulated_ajar"), "success.0.type: "),
+        (FORMER.replace("name: OpenCrate", "name: open crate"), "name: "),
+        (FORMER.replace("asset_class: crate\n", ""), "asset_class: field required"),
+        (FORMER[: FORMER.index("success")], "success: field required"),
+        (FORMER[: FORMER.index("success")] + "success: []\n", "success: must hold at least one criterion"),
+        (FORMER + "randomization: {yaww: 1}\n", "randomization.yaww: unknown field (did you mean 'yaw'?)"),
+        (FORMER + "name: Twice\n", "given twice"),
+        (FORMER + "schema_version: 2\n", "schema_version: must be 1"),
+        (FORMER.replace("open the crate", "2026-11-21"), "type"),
+        (GOOD + "colour: red\n", "colour: unknown field (remove it)"),
+        (GOOD + "gaol: []\n", "gaol: unknown field (did you mean 'goal'?)"),
+        (GOOD.replace("    class: crate", "    clas: crate"), "objects.crate.clas"),
+        (GOOD.replace("randomization", "randomisation"), "crate.randomisation: unknown field (did you mean 'randomiz"),
+        (GOOD.replace("x: 0.05", "xx: 0.05"), "objects.crate.randomization.xx: unknown field (did you mean 'x'?)"),
+        (GOOD.replace("at: [", "att: ["), "objects.ball.place.att: unknown field (did you mean 'at'?)"),
+        (GOOD.replace("tool: ball", "tol: ball"), "steps.1.tol: unknown field (did you mean 'tool'?)"),
+        (GOOD.replace("threshold", "thresold"), "steps.0.done.0.thresold: unknown field (did you mean 'threshold'?)"),
+        (GOOD.replace("rigid: ball", "rigd: ball"), "goal.0.rigid: field required"),
+        (GOOD.replace("articulated_open", "articulated_ajar"), "steps.0.done.0.type: "),
+        (GOOD.replace("threshold: 0.8", "threshold: 1.5"), "steps.0.done.0.threshold: "),
+        (GOOD.replace("[0.0, 0.1]", "[0.1, 0.0]"), "randomization.y: the first number of a range must not be"),
+        (GOOD.replace("x: 0.05", "x: true"), "objects.crate.randomization.x: "),
+        (GOOD.replace("on: crate", "on: bench"), "objects.ball.place.on: 'bench' is not an object before it"),
+        (GOOD.replace("tool: ball", "tool: bat"), "steps.place.tool: there is no object 'bat'"),
+        (GOOD.replace("rigid: ball", "rigid: bat"), "names an object 'bat' that is not there"),
+        (GOOD[: GOOD.index("goal")], "goal: must be given"),
+        (GOOD.replace("  ball:", "  hand:").replace("ball", "hand"), "no object may be called 'hand'"),
+        (GOOD.replace("  ball:", "  Ball:"), "objects.Ball: string should match pattern"),
+        (GOOD.replace("strategies: [drop]", "strategies: []"), "steps.1.strategies: "),
+        (GOOD.replace("schema_version: 2", "schema_version: 3"), "schema_version: "),
         ("success: [\n", "is not valid YAML"),
         ("\tname: x", "is not valid YAML"),
         ("- a\n- b\n", "must hold fields by name"),
@@ -112,12 +227,13 @@ def test_missing_and_binary_files_are_named(tmp_path: Path) -> None:
 
 
 def test_a_config_file_with_nan_names_the_field(tmp_path: Path) -> None:
-    path = tmp_path / "solver.yaml"
+    path = tmp_path / "push.yaml"
     path.write_text("constraint_list:\n  - tolerance: .nan\n")
     with pytest.raises(InputError, match=r"constraint_list\.0\.tolerance: must be a finite number"):
-        load_config_file(path)
+        load_strategy_file(path)
 
 
-def test_nan_openness_is_never_a_success() -> None:
-    for name in task_names():
-        assert not succeeded(load_task(name), float("nan"))
+@pytest.mark.parametrize("name", [name for name in task_names() if load_task(name).is_single_step])
+def test_nan_openness_is_never_a_success(name: str) -> None:
+    task = load_task(name)
+    assert not all_hold(task.success, _measured(float("nan"), role=task.steps[0].object))

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,9 @@ import numpy.typing as npt
 from gensim2.bench.meshes import convex_points, load_parts
 from gensim2.bench.problems import PlanProblem
 from gensim2.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 Role = Literal["table", "object_body", "moving_link", "rigid", "target", "attached"]
@@ -82,20 +85,15 @@ class _Joint:
 
 def pose_from(position: Array | list[float], quaternion: list[float]) -> Array:
     """Return the (4, 4) pose of a position and a quaternion (w, x, y, z)."""
-    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    from scipy.spatial.transform import Rotation  # here and below: refusing a file of problems needs no SciPy
+
+    return _pose(Rotation.from_quat(quaternion, scalar_first=True), position)
+
+
+def _pose(rotation: Rotation, position: Array | list[float]) -> Array:
     pose = np.eye(4)
-    pose[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    pose[:3, 3] = position
+    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), position
     return pose
-
-
-def _rotation_about(axis: Array, angle: float) -> Array:
-    half = 0.5 * angle
-    return pose_from(np.zeros(3), [float(np.cos(half)), *(np.sin(half) * axis)])
 
 
 def _numbers(element: ElementTree.Element, name: str, default: str, file: Path) -> Array:
@@ -113,11 +111,10 @@ def _origin(parent: ElementTree.Element, scale: float, file: Path) -> Array:
     element = parent.find("origin")
     if element is None:
         return np.eye(4)
-    roll, pitch, yaw = _numbers(element, "rpy", "0 0 0", file)
-    x, y, z = np.eye(3)
-    pose = _rotation_about(z, yaw) @ _rotation_about(y, pitch) @ _rotation_about(x, roll)
-    pose[:3, 3] = scale * _numbers(element, "xyz", "0 0 0", file)
-    return pose
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0", file))
+    return _pose(rotation, scale * _numbers(element, "xyz", "0 0 0", file))
 
 
 @lru_cache(maxsize=512)
@@ -185,6 +182,8 @@ def _link_hulls(link: _Link, T_body_link: Array, scale: float, folder: Path, war
 
 def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tuple[list[SceneObstacle], SceneJoint]:
     """The object's body and moving link at the recorded joint value."""
+    from scipy.spatial.transform import Rotation
+
     record = problem.objects.articulated
     path = folder / "articulated_objs" / record.cls / record.id / "mobility.urdf"
     links, joints = _read_urdf(path, record.scale)
@@ -216,7 +215,7 @@ def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tup
                 if kind == "prismatic":
                     motion[:3, 3] = value * joint.axis
                 else:
-                    motion = _rotation_about(joint.axis, value)
+                    motion = _pose(Rotation.from_rotvec(value * joint.axis), np.zeros(3))
                 pose = pose @ motion
             poses[joint.child] = pose
             mobile[joint.child] = mobile[joint.parent] or joint.kind != "fixed"

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.convert import Frames, keypoint_problem
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.scene import check_assets, problem_scene
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_output
-from gensim2.planning.robot import panda
 from gensim2.progress import NULL_PROGRESS, Progress
 
 #: Problems that the solver's threads get at once, a thread.
@@ -161,7 +161,7 @@ def solve_problems(
         )
     recorded = read_problems(problems)
     folder = None if assets is None else check_assets(assets)
-    robot = panda()
+    robot = robots.robot("panda").model
     prepared: list[tuple[kpam.KeypointProblem, tuple[str, ...]]] = []
     progress.start("scenes", len(recorded))
     for problem in recorded:

@@ -9,7 +9,6 @@ import click
 from gensim2.cli import options
 from gensim2.cli.assets_files import export, import_
 from gensim2.cli.assets_pictures import gallery, render
-from gensim2.cli.assets_rigid import rigid
 from gensim2.cli.assets_validate import prepare, validate
 from gensim2.cli.output import line, report, table
 
@@ -25,14 +24,14 @@ assets.add_command(export)
 assets.add_command(import_)
 assets.add_command(render)
 assets.add_command(gallery)
-assets.add_command(rigid)
 
 
 @assets.command("list", cls=options.Command)
 @options.assets
+@click.option("--kind", type=click.Choice(["articulated", "rigid"]), default=None, help="Only these.  [default: both]")
 @options.json_file
-def list_assets(assets: str | None, json_file: str | None) -> None:
-    """List the classes of the library with their instances."""
+def list_assets(assets: str | None, kind: str | None, json_file: str | None) -> None:
+    """List the classes of the library with their instances; a rigid object is the only one of its class."""
     with report(json_file, _show) as (_, give):
         from gensim2.objects import listing, open_library
 
@@ -40,12 +39,15 @@ def list_assets(assets: str | None, json_file: str | None) -> None:
         classes = [
             {
                 "class": row.asset_class,
+                "kind": row.kind,
                 "instances": list(row.ids),
                 "joint": row.joint_type,
+                "source": row.source,
                 "license": row.license,
                 "description": row.description,
             }
             for row in listing(library)
+            if kind in (None, row.kind)
         ]
         give(
             {
@@ -59,9 +61,10 @@ def list_assets(assets: str | None, json_file: str | None) -> None:
 
 def _show(result: dict[str, Any]) -> None:
     rows = [
-        (entry["class"], len(entry["instances"]), entry["joint"], entry["description"]) for entry in result["classes"]
+        (entry["class"], len(entry["instances"]), entry["joint"] or "rigid", entry["source"], entry["description"])
+        for entry in result["classes"]
     ]
-    table(("class", "instances", "joint", "what"), rows)
+    table(("class", "instances", "joint", "source", "what"), rows)
     line(f"library: {result['library']} ({result['license']})")
 
 
@@ -71,7 +74,7 @@ def _show(result: dict[str, Any]) -> None:
 @options.seed
 @options.json_file
 def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> None:
-    """Say what is known of one object: joint, keypoints, mass, where it stands, where its files are.
+    """Say what is known of one object: joint or grip, keypoints, mass, where it stands, where its files are.
 
     WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
     """
@@ -90,29 +93,47 @@ def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> 
 
 
 def _show_object(result: dict[str, Any]) -> None:
-    joint, placement = result["joint"], result["placement"]
-    unit, torque = ("rad", "N m") if joint["type"] == "revolute" else ("m", "N")
     line(f"{result['class']}/{result['id']}: {result['description']}")
-    rows = [
-        ("source", f"{result['source']} ({result['license']})"),
-        ("mass", f"{result['mass']:.3g} kg"),
-        ("size closed", " x ".join(f"{v:.3f}" for v in result["size"]) + " m"),
-        ("joint", f"{joint['name']}, {joint['type']}, {joint['lower']:.3g} to {joint['upper']:.3g} {unit}"),
-        ("holds against", f"{joint['friction']:.3g} {torque}, damping {joint['damping']:.3g} {torque} s/{unit}"),
-        ("axis", f"({_numbers(joint['axis'])}) through ({_numbers(joint['origin'])}), root frame"),
-        ("stands at", f"({_numbers(placement['position'])}), quaternion ({_numbers(placement['quaternion'])})"),
-        ("openness at start", f"{result['default_openness']:g}"),
-        ("convex parts", ", ".join(f"{link} {count}" for link, count in result["hulls"].items())),
-        ("split", result["split"]),
-        ("files", result["urdf"]),
-    ]
-    table(("what", "value"), rows)
+    table(("what", "value"), [*_common_rows(result), *(_joint_rows(result) if result["joint"] else _grip_rows(result))])
     table(
         ("keypoint", "link", "position in the link's frame [m]", "what"),
         [(name, k["link"], _numbers(k["position"]), k["description"]) for name, k in result["keypoints"].items()],
     )
     for warning in result["warnings"]:
         line(f"note: {warning}")
+
+
+def _common_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    placement = result["placement"]
+    return [
+        ("source", f"{result['source']} ({result['license']})"),
+        ("mass", f"{result['mass']:.3g} kg"),
+        ("size closed" if result["joint"] else "size", " x ".join(f"{v:.3f}" for v in result["size"]) + " m"),
+        ("stands at", f"({_numbers(placement['position'])}), quaternion ({_numbers(placement['quaternion'])})"),
+        ("convex parts", ", ".join(f"{link} {count}" for link, count in result["hulls"].items())),
+        ("split", result["split"]),
+    ]
+
+
+def _joint_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    joint = result["joint"]
+    unit, torque = ("rad", "N m") if joint["type"] == "revolute" else ("m", "N")
+    return [
+        ("joint", f"{joint['name']}, {joint['type']}, {joint['lower']:.3g} to {joint['upper']:.3g} {unit}"),
+        ("holds against", f"{joint['friction']:.3g} {torque}, damping {joint['damping']:.3g} {torque} s/{unit}"),
+        ("axis", f"({_numbers(joint['axis'])}) through ({_numbers(joint['origin'])}), root frame"),
+        ("openness at start", f"{result['default_openness']:g}"),
+        ("files", result["urdf"]),
+    ]
+
+
+def _grip_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    grip = result["grip"]
+    return [
+        ("friction", f"{result['friction']:g}"),
+        ("held at", f"({_numbers(grip['point'])}) along ({_numbers(grip['axis'])}), {1e3 * grip['width']:.0f} mm wide"),
+        ("files", result["folder"]),
+    ]
 
 
 def _numbers(values: list[float]) -> str:

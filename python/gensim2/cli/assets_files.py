@@ -26,7 +26,7 @@ _force = click.option("--force", is_flag=True, help="Replace objects that are th
 @click.command("export", cls=options.Command, short_help="Write objects as URDF, meshes and info.json.")
 @click.argument("objects", nargs=-1, metavar="[CLASS[/WHICH]]...")
 @options.assets
-@click.option("--all", "every", is_flag=True, help="All of the library.")
+@click.option("--all", "every", is_flag=True, help="All articulated objects of the library.")
 @_out
 @_force
 @options.seed
@@ -40,7 +40,7 @@ def export(
     seed: int,
     json_file: str | None,
 ) -> None:
-    """Write objects in the layout of the GenSim2 release, which other tools load.
+    """Write articulated objects in the layout of the GenSim2 release, which other tools load.
 
     WHICH is an id, train, test, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with
     mobility.urdf, textured_objs/ and info.json, in metres.
@@ -52,13 +52,13 @@ def export(
         from gensim2.objects.library.selection import select
 
         library = open_library(assets)
-        items = select(library, objects, every=every, seed=seed)
+        items = select(library, objects, every=every, seed=seed, kind="articulated")
         from gensim2.objects.library.export import export as function
 
         progress.start(f"exporting objects of {library.name}", len(items))
         written = []
         for asset_class, instance_id in items:
-            instance = library.load(asset_class, instance_id)
+            instance = library.load_articulated(asset_class, instance_id)
             written.append(
                 {
                     "class": asset_class,

@@ -11,8 +11,8 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report
 
 
-@click.command("render", cls=options.Command, short_help="Picture of one object.")
-@click.argument("object_", metavar="CLASS[/WHICH]")
+@click.command("render", cls=options.Command, short_help="Picture of one object, or of several.")
+@click.argument("objects", nargs=-1, required=True, metavar="CLASS[/WHICH]...")
 @options.assets
 @options.seed
 @click.option(
@@ -22,10 +22,13 @@ from gensim2.cli.output import line, report
     "--size", type=click.IntRange(64, 2048), default=420, show_default=True, help="Edge of each view in pixels."
 )
 @options.json_file
-def render(object_: str, assets: str | None, seed: int, out: Path, size: int, json_file: str | None) -> None:
-    """Draw one object at openness 0, 0.5 and 1, its keypoints named.
+def render(
+    objects: tuple[str, ...], assets: str | None, seed: int, out: Path, size: int, json_file: str | None
+) -> None:
+    """Draw one object at openness 0, 0.5 and 1, or a rigid one from three sides, its keypoints named.
 
-    WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
+    Of several, one picture each on one sheet. WHICH is an id, train, test, all or random, of which the first counts;
+    without it the first of the class.
     """
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io
@@ -35,15 +38,18 @@ def render(object_: str, assets: str | None, seed: int, out: Path, size: int, js
         from gensim2.objects.library.selection import select_one
 
         library = open_library(assets)
-        item = select_one(library, object_, seed=seed)
+        items = [select_one(library, word, seed=seed) for word in objects]
         check_writable(out)
-        from gensim2.inspection.pictures import Studio, strip
+        from gensim2.inspection.pictures import Studio, contact_sheet, strip
 
-        instance = library.load(*item)
+        models = [library.load(*item) for item in items]
+        studio = Studio(size)
+        sheet = strip(studio, models[0]) if len(models) == 1 else contact_sheet(studio, models, columns=9)
         stream = io.BytesIO()
-        strip(Studio(size), instance).save(stream, "PNG")
+        sheet.save(stream, "PNG")
         write_output(out, stream.getvalue())
-        give({"schema_version": 1, "class": instance.asset_class, "id": instance.id, "picture": str(out)})
+        drawn = [{"class": asset_class, "id": instance_id} for asset_class, instance_id in items]
+        give({"schema_version": 2, "objects": drawn, "picture": str(out)})
 
 
 @click.command("gallery", cls=options.Command, short_help="Page with pictures of every object.")
@@ -78,7 +84,7 @@ def gallery(
     size: int,
     json_file: str | None,
 ) -> None:
-    """Make a static page with a turntable picture of every instance at openness 0, 0.5 and 1.
+    """Make a static page with a turntable picture of every object, at openness 0, 0.5 and 1 where it has a joint.
 
     Pictures that an earlier run made of the same objects are kept: after Ctrl-C the same command goes on.
     """
@@ -98,7 +104,6 @@ def gallery(
         built = build_gallery(
             libraries,
             out,
-            rigid=_rigid_libraries(places) if classes is None else (),
             classes=named,
             findings=findings,
             views=views,
@@ -114,13 +119,6 @@ def gallery(
                 "refused": [{"class": c, "id": i, "reason": why} for c, i, why in built.refused],
             }
         )
-
-
-def _rigid_libraries(places: list[str]) -> list[Any]:
-    """Those of the libraries that have rigid objects."""
-    from gensim2.objects import has_rigid_objects, open_rigid_library
-
-    return [open_rigid_library(place) for place in places if place == "builtin" or has_rigid_objects(Path(place))]
 
 
 def _show(result: dict[str, Any]) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gensim2.cli import options
 from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
+
+if TYPE_CHECKING:
+    from gensim2.pipeline.setting import Physics
 
 
 @click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
@@ -36,7 +39,7 @@ def demo(
     seed: int,
     assets: str | None,
     instances: str,
-    physics: str,
+    physics: Physics,
     robot: str,
     open_loop: bool,
     out: Path | None,

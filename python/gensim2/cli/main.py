@@ -29,6 +29,7 @@ COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
+    "benchmark": "gensim2.cli.benchmark:benchmark",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
     "bench": "gensim2.cli.bench:bench",

@@ -52,9 +52,10 @@ seed = click.option(
 
 assets = click.option(
     "--assets",
-    metavar="DIR|builtin",
+    metavar="DIR|builtin|ycb",
     default=None,
-    help="Folder of objects, or 'builtin' for the generated ones.  [default: $GENSIM2_ASSETS, else builtin]",
+    help="Folder of objects, 'builtin' for the generated ones, or 'ycb' for ManiSkill's download; a rigid object that "
+    "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
 workers = click.option(
     "--workers",

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
+
+if TYPE_CHECKING:
+    from gensim2.pipeline.setting import Physics
 
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
@@ -49,7 +52,7 @@ def run_pipeline(
     designer: str,
     seed: int,
     assets: str | None,
-    physics: str,
+    physics: Physics,
     robot: str,
     open_loop: bool,
     out: Path | None,

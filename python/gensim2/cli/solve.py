@@ -12,7 +12,9 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
 
 if TYPE_CHECKING:
+    from gensim2.pipeline.setting import Physics
     from gensim2.planning.scene import Scene
+    from gensim2.robots import RobotProfile
     from gensim2_kpam import Plan
 
 
@@ -34,7 +36,7 @@ def solve(
     seed: int,
     assets: str | None,
     instances: str,
-    physics: str,
+    physics: Physics,
     robot: str,
     open_loop: bool,
     out: Path | None,
@@ -66,10 +68,10 @@ def solve(
         ctx.exit(FOUND_WRONG)
 
 
-def _browse(scene: Scene, plan: Plan) -> None:
+def _browse(scene: Scene, plan: Plan, profile: RobotProfile) -> None:
     from gensim2.planning.show import show, wait
 
-    server = show(scene, plan)
+    server = show(scene, plan, profile)
     click.echo(f"http://{server.get_host()}:{server.get_port()} shows the plan; Ctrl-C ends it", err=True)
     wait(server)
 

@@ -11,20 +11,22 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.episodes.controller import ACTUATION, Event
-from gensim2.episodes.measured_faults import fault_of_criterion, was_left_behind
+from gensim2.episodes.measured_faults import distance_apart, drift, fault_of_criterion, released, was_left_behind
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
+from gensim2.planning.steps import INVALID, NO_GRASP
+from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
 from gensim2.tasks.measurement import Measurement
-from gensim2.tasks.spec import Step, TaskSpec
+from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 Fault = tuple[Cause, dict[str, Any]]
 
 PLAN_CAUSES = {
-    "invalid": Cause.INVALID_PROBLEM,
+    INVALID: Cause.INVALID_PROBLEM,
     "actuation_infeasible": Cause.NO_ACTUATION_POSE,
     "unreachable": Cause.KEYFRAME_OUT_OF_REACH,
     "collision": Cause.COLLISION_ON_THE_WAY,
-    "no_grasp": Cause.NO_GRASP,
+    NO_GRASP: Cause.NO_GRASP,
 }
 """By the status of a plan without a motion; any other is ``NO_MOTION_FOUND``."""
 
@@ -105,8 +107,9 @@ class _Facts:
         is_last = index + 1 == len(self.task.steps)
         own = [turn for turn in self.turns if turn.step.name == step.name]
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
-            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took.
-            return self._missed_grasp(index, step, own)
+            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took. What was
+            # true in passing, while the hand still held the object, is not done.
+            return self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
         if noticed:
             return Cause(noticed[-1].what), dict(noticed[-1].detail)
@@ -130,7 +133,7 @@ class _Facts:
             plan = record.plans[-1]
             found |= {"strategy": plan.strategy, "status": plan.status, "reason": plan.reason}
             found |= {"plan": plan.detail} if plan.detail else {}
-        deviations = [asdict(event) for event in self.events if event.what != ACTUATION]
+        deviations = [{**asdict(e), "what": str(e.what)} for e in self.events if e.what != ACTUATION]
         return found | ({"deviations": deviations} if deviations else {})
 
     def _is_stuck(self, record: StepRecord) -> bool:
@@ -140,11 +143,28 @@ class _Facts:
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
         """Whether a step that was to take up its object left it behind."""
         used = any(later.tool == step.object for later in self.task.steps[index + 1 :])
-        if not used or step.done or not own or own[-1].last == own[-1].first:
+        if not used or not own or own[-1].last == own[-1].first:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]
         distance = was_left_behind(measured, step.object)
-        return None if distance is None else (Cause.GRASP_MISSED, {"distance": distance})
+        if distance is None:
+            return None
+        moved = drift(measured, self._at_actuation(step), step.object)
+        return (
+            (Cause.GRASP_MISSED, {"distance": distance})
+            if moved is None
+            else (Cause.OBJECT_DRIFTED, {"distance": moved})
+        )
+
+    def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
+        """What became of an object that was where it should be only while the hand held it."""
+        if record.done or step.tool == HAND or not step.done or not own:
+            return None
+        measured = self.trace[own[-1].first : own[-1].last + 1]
+        let_go = released(measured)
+        if let_go is not None and all_hold(step.done, let_go):
+            return None
+        return fault_of_criterion(step, measured, None)
 
     def _at_actuation(self, step: Step) -> Measurement | None:
         found = [e.at_step for e in self.events if e.step == step.name and e.what == ACTUATION]
@@ -178,4 +198,12 @@ def _speeds(measured: Measurement) -> dict[str, Any]:
 
 
 def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
-    return {"failing": [c.type for c in task.success if not c.holds(measured)], "openness": dict(measured.openness)}
+    """Which criteria of the goal do not hold, and what they measure."""
+    failing = [criterion for criterion in task.success if not criterion.holds(measured)]
+    distances = {
+        c.rigid: distance_apart(measured, c.articulated, c.rigid)
+        for c in failing
+        if isinstance(c, DistanceArticulatedRigid)
+    }
+    numbers = {"failing": [criterion.type for criterion in failing], "openness": dict(measured.openness)}
+    return numbers | ({"distances": distances} if distances else {})

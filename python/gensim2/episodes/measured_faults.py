@@ -47,11 +47,8 @@ def fault_of_criterion(
         measured: in its turn.
         at_actuation: measured when the hand was at the step's actuation pose, where anybody knows.
     """
-    for name in (step.object, step.tool):
-        if at_actuation is not None and name in measured[0].poses and name != HAND and step.tool == HAND:
-            moved = change(measured[0], at_actuation, name).distance
-            if moved > DRIFTED:
-                return Cause.OBJECT_DRIFTED, {"distance": moved}
+    if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
+        return Cause.OBJECT_DRIFTED, {"distance": moved}
     if step.tool != HAND and (distance := was_lost(measured, step.tool)) is not None:
         return Cause.GRASP_LOST, {"distance": distance}
     for criterion in step.done:
@@ -61,11 +58,21 @@ def fault_of_criterion(
             sign = 1.0 if isinstance(criterion, ArticulatedOpen) else -1.0
             return _of_joint(criterion.object, sign, measured)
         if isinstance(criterion, DistanceArticulatedRigid):
-            return Cause.PLACED_BESIDE, {"distance": _apart(measured[-1], criterion.articulated, criterion.rigid)}
+            return Cause.PLACED_BESIDE, {
+                "distance": distance_apart(measured[-1], criterion.articulated, criterion.rigid)
+            }
         name = criterion.rigid if isinstance(criterion, DistanceGripperRigid) else criterion.articulated
         if name in measured[0].poses and (moved := change(measured[0], measured[-1], name).distance) > LEFT_BEHIND:
             return Cause.OBJECT_DRIFTED, {"distance": moved}
     return None
+
+
+def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
+    """Metres that a rigid object went before the hand was at its actuation pose; None: it stayed, or nobody knows."""
+    if at_actuation is None or name not in at_actuation.poses:
+        return None
+    moved = change(measured[0], at_actuation, name).distance
+    return moved if moved > DRIFTED else None
 
 
 def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
@@ -80,13 +87,24 @@ def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
     """Metres that a held object was away from where the hand had it, or None where it was not, or was released."""
     distances = _distances(measured, name)
-    opening = measured[0].finger_opening + LEAST_OPENING
+    let_go = released(measured)
     for distance, instant in zip(distances, measured, strict=True):
-        if instant.finger_opening > opening:
+        if instant is let_go:
             return None
         if distance > distances[0] + LEFT_BEHIND:
             return distance - distances[0]
     return None
+
+
+def released(measured: Sequence[Measurement]) -> Measurement | None:
+    """The instant at which the fingers opened, that held something at the first; None: they did not."""
+    opening = measured[0].finger_opening + LEAST_OPENING
+    return next((instant for instant in measured if instant.finger_opening > opening), None)
+
+
+def distance_apart(measured: Measurement, first: str, second: str) -> float:
+    """Metres between the measured points of two objects, horizontally."""
+    return float(np.linalg.norm((measured.point(first) - measured.point(second))[:2]))
 
 
 def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
@@ -125,7 +143,3 @@ def _distances(measured: Sequence[Measurement], name: str) -> list[float]:
 def _hand(measured: Measurement) -> Array:
     """(3,) between the fingertips: the first keypoint of the gripper."""
     return next(iter(measured.gripper.values()))
-
-
-def _apart(measured: Measurement, first: str, second: str) -> float:
-    return float(np.linalg.norm((measured.point(first) - measured.point(second))[:2]))

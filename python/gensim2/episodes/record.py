@@ -58,6 +58,7 @@ class ObjectRecord:
         yaw: rad that the randomization turned it by.
         openness_start, openness_end: of its joint; None of a rigid object, or where it is no number any more.
         pose_end: (7,) of a rigid object at the end; None of an articulated one or where it is no number any more.
+        default_pose: whose default pose the draw started from, ``"ours"`` or ``"original"``; None: its pose was given.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -71,6 +72,7 @@ class ObjectRecord:
     openness_start: FiniteFloat | None
     openness_end: FiniteFloat | None
     pose_end: list[FiniteFloat] | None = None
+    default_pose: str | None = None
 
 
 @dataclass(frozen=True)

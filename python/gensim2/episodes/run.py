@@ -203,6 +203,7 @@ def _object_records(setup: Setup, start: Measurement, end: Measurement) -> dict[
             openness_start=_number(start.openness.get(name)),
             openness_end=_number(end.openness.get(name)),
             pose_end=_numbers(end.poses.get(name)),
+            default_pose=placed.default_pose,
         )
     return records
 

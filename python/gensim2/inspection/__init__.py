@@ -1,1 +1,38 @@
 """Whether objects are sound, and what they look like; with the simulator where it is installed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.inspection.checks import Finding
+    from gensim2.inspection.gallery import build_gallery
+    from gensim2.inspection.pictures import Studio, contact_sheet, strip, turntable
+    from gensim2.inspection.validate import ObjectReport, check_object
+
+__all__ = [
+    "Finding",
+    "ObjectReport",
+    "Studio",
+    "build_gallery",
+    "check_object",
+    "contact_sheet",
+    "strip",
+    "turntable",
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Finding": "gensim2.inspection.checks",
+        "ObjectReport": "gensim2.inspection.validate",
+        "Studio": "gensim2.inspection.pictures",
+        "build_gallery": "gensim2.inspection.gallery",
+        "check_object": "gensim2.inspection.validate",
+        "contact_sheet": "gensim2.inspection.pictures",
+        "strip": "gensim2.inspection.pictures",
+        "turntable": "gensim2.inspection.pictures",
+    },
+)

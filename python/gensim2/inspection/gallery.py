@@ -15,11 +15,11 @@ import jinja2
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.inspection import pictures
-from gensim2.objects import RigidLibrary, RigidObject
 from gensim2.objects.errors import AssetError
-from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.catalogue import KINDS, Library
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.selection import wanted_classes
+from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.types import Instance
 from gensim2.progress import NULL_PROGRESS, Progress
 
@@ -76,22 +76,20 @@ def build_gallery(
     out: Path,
     *,
     classes: Sequence[str] | None = None,
-    rigid: Sequence[RigidLibrary] = (),
     findings: Sequence[Path] = (),
     views: int = VIEWS,
     size: int = SIZE,
     progress: Progress = NULL_PROGRESS,
 ) -> Gallery:
-    """Make a static page with a turntable picture of every instance at openness 0, 0.5 and 1.
+    """Make a static page with a turntable picture of every object, at openness 0, 0.5 and 1 or at rest.
 
     A picture that an earlier run made of the same object is kept, so an interrupted run is gone on with by the same
     call.
 
     Args:
-        libraries: whose instances to show.
+        libraries: whose objects to show, of each the articulated ones first.
         out: folder for ``index.html`` and ``pictures/``.
         classes: only these; None: all.
-        rigid: libraries of rigid objects, shown after the others.
         findings: JSON files of ``gensim2 assets validate --json``.
         views: pictures around an object.
         size: edge of each in pixels.
@@ -106,29 +104,25 @@ def build_gallery(
     maker = _Maker(out, views, size)
     sections = []
     for library, names in wanted:
-        cards: list[_Card] = []
-        progress.start(f"pictures of {library.name}", sum(len(library.instances(name)) for name in names))
-        for name in names:
-            for instance_id in library.instances(name):
-                cards.append(maker.card(library, name, instance_id))
+        for kind in KINDS:
+            chosen = [name for name in names if library.kind(name) == kind]
+            items = [(name, instance_id) for name in chosen for instance_id in library.instances(name)]
+            if not items:
+                continue
+            cards: list[_Card] = []
+            progress.start(f"pictures of {library.name}, {kind} objects", len(items))
+            for item in items:
+                cards.append(maker.card(library, *item))
+                cards[-1].findings = _findings_of(verdicts, library.name, *item)
                 progress.advance()
-        for card in cards:
-            card.findings = _findings_of(verdicts, library.name, card.asset_class, card.id)
-        sections.append({"library": library.name, "license": library.license, "cards": cards, "rigid": False})
-    for shelf in rigid:
-        cards = []
-        progress.start(f"pictures of {shelf.name}, rigid objects", len(shelf.names()))
-        for name in shelf.names():
-            cards.append(maker.rigid_card(shelf, name))
-            progress.advance()
-        for card in cards:
-            card.findings = _findings_of(verdicts, shelf.name, card.asset_class, card.id)
-        sections.append({"library": f"{shelf.name}, rigid", "license": shelf.license, "cards": cards, "rigid": True})
+            terms = "; ".join(dict.fromkeys(library.license_of(name) for name in chosen))
+            shown = f"{library.name}, rigid" if kind == "rigid" else library.name
+            sections.append({"library": shown, "license": terms, "cards": cards, "rigid": kind == "rigid"})
     describe = {name: library.describe(name) for library, names in wanted for name in names}
     page = _TEMPLATES.get_template("gallery.html.j2").render(
         sections=sections,
-        classes=[*sorted({name for _, names in wanted for name in names}), *(["rigid"] if rigid else [])],
-        describe={**describe, "rigid": "objects without a joint"},
+        classes=sorted(describe),
+        describe=describe,
         views=views,
         size=size,
         validated=bool(verdicts),
@@ -148,26 +142,19 @@ class _Maker:
 
     def card(self, library: Library, name: str, instance_id: str) -> _Card:
         try:
-            instance = library.load(name, instance_id)
+            model = library.load(name, instance_id)
         except InputError as error:
             return self._refuse(name, instance_id, error)
         place = f"pictures/{library.name}/{name}/{instance_id}"
+        if isinstance(model, RigidObject):
+            picture = self._picture(
+                place, model.folder.name, lambda studio: pictures.rigid_turntable(studio, model, self._views)
+            )
+            return _rigid_card(model, picture)
         picture = self._picture(
-            place, instance.urdf.parent.name, lambda studio: pictures.turntable(studio, instance, self._views)
+            place, model.urdf.parent.name, lambda studio: pictures.turntable(studio, model, self._views)
         )
-        return _card(instance, picture)
-
-    def rigid_card(self, library: RigidLibrary, name: str) -> _Card:
-        try:
-            rigid = library.load(name)
-        except InputError as error:
-            return self._refuse("rigid", name, error)
-        picture = self._picture(
-            f"pictures/{library.name}/rigid/{name}",
-            rigid.folder.name,
-            lambda studio: pictures.rigid_turntable(studio, rigid, self._views),
-        )
-        return _rigid_card(rigid, picture)
+        return _card(model, picture)
 
     def _refuse(self, asset_class: str, name: str, error: InputError) -> _Card:
         self.refused.append((asset_class, name, str(error)))
@@ -222,10 +209,10 @@ def _rigid_card(rigid: RigidObject, picture: str) -> _Card:
     size = " x ".join(f"{1000 * s:.0f}" for s in rigid.size)
     held = f"held at {1000 * rigid.grip.width:.0f} mm"
     return _Card(
-        "rigid",
-        rigid.name,
+        rigid.asset_class,
+        rigid.id,
         picture,
-        f"{size} mm, {1000 * rigid.inertial.mass:.0f} g, {_count(len(rigid.hulls))}, {held}",
+        f"{rigid.source}, {size} mm, {1000 * rigid.mass:.0f} g, {_count(len(rigid.hulls[BODY]))}, {held}",
         ("at rest",),
         [
             (pictures.short_name(name), pictures.mark_colour(rigid, name), keypoint.description)

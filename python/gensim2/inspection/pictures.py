@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gensim2.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
 from gensim2.objects.meshwork.overlap import link_pose
-from gensim2.objects.rigid import RigidObject
+from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 
@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 Pixels = npt.NDArray[np.uint8]
 
 OPENNESS = (0.0, 0.5, 1.0)
+HALF_OPEN = 0.5
 FIELD_OF_VIEW = np.radians(30)
 ELEVATION = 26.0  # degrees above the table
 THREE_QUARTER = 32.0  # degrees to the right of the robot's side
@@ -125,13 +126,13 @@ class Studio:
         if rigid.visual is not None:
             builder.add_visual_from_file(str(rigid.visual))
         else:
-            for index in range(len(rigid.hulls)):
+            for index in range(len(rigid.hulls[BODY])):
                 builder.add_visual_from_file(str(rigid.hull_file(index)))
-        self._object = builder.build_kinematic(rigid.name)
-        place = rigid.resting
+        self._object = builder.build_kinematic(rigid.asset_class)
+        place = rigid.placement
         self._object.set_pose(self._sapien.Pose(place.position, place.quaternion))
         self._subject = rigid
-        points = [*np.concatenate(rigid.hulls), *(k.position for k in rigid.keypoints.values())]
+        points = [*np.concatenate(rigid.hulls[BODY]), *(k.position for k in rigid.keypoints.values())]
         self._frame(np.array(points) @ place.rotation.T + place.position, azimuths)
 
     def _clear(self) -> None:
@@ -214,7 +215,7 @@ def _world_points(instance: Instance, openness: float) -> Array:
 def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, Array]:
     """(3,) keypoints in the world frame by name."""
     if isinstance(instance, RigidObject):
-        place = instance.resting
+        place = instance.placement
         return {
             name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
         }
@@ -291,53 +292,42 @@ def rigid_turntable(studio: Studio, rigid: RigidObject, views: int) -> Image.Ima
     return sheet
 
 
-def strip(studio: Studio, instance: Instance) -> Image.Image:
-    """An object at openness 0, 0.5 and 1 beside each other, its keypoints named, under a title."""
+def strip(studio: Studio, model: Instance | RigidObject) -> Image.Image:
+    """An object at openness 0, 0.5 and 1 beside each other, or a rigid one from three sides; its keypoints named."""
     from PIL import Image, ImageDraw, ImageFont
 
-    studio.put(instance)
-    title = 26
-    sheet = Image.new("RGB", (len(OPENNESS) * (studio.size + 4) - 4, studio.size + title), PAPER)
+    if isinstance(model, RigidObject):
+        azimuths = [360.0 * column / 3 + THREE_QUARTER for column in range(3)]
+        studio.put_rigid(model, azimuths)
+        shots = [(studio.shoot(azimuth=azimuth), "") for azimuth in azimuths]
+        title = model.asset_class
+    else:
+        studio.put(model)
+        shots = [(studio.shoot(openness), f"{openness:g}") for openness in OPENNESS]
+        title = f"{model.asset_class}/{model.id}, openness {shots[0][1]}"
+    header = 26
+    sheet = Image.new("RGB", (len(shots) * (studio.size + 4) - 4, studio.size + header), PAPER)
     draw = ImageDraw.Draw(sheet)
-    for column, openness in enumerate(OPENNESS):
+    for column, (shot, caption) in enumerate(shots):
         left = column * (studio.size + 4)
-        sheet.paste(annotated(studio.shoot(openness), instance, names=True), (left, title))
-        text = f"{instance.asset_class}/{instance.id}, openness {openness:g}" if column == 0 else f"{openness:g}"
-        draw.text((left + 6, 4), text, fill=INK, font=ImageFont.load_default(size=15))
+        sheet.paste(annotated(shot, model, names=True), (left, header))
+        draw.text((left + 6, 4), caption if column else title, fill=INK, font=ImageFont.load_default(size=15))
     return sheet
 
 
-def rigid_strip(studio: Studio, rigid: RigidObject, views: int = 3) -> Image.Image:
-    """A rigid object from several sides, its keypoints named, under a title."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    azimuths = [360.0 * column / views + THREE_QUARTER for column in range(views)]
-    studio.put_rigid(rigid, azimuths)
-    title = 26
-    sheet = Image.new("RGB", (views * (studio.size + 4) - 4, studio.size + title), PAPER)
-    for column, azimuth in enumerate(azimuths):
-        picture = annotated(studio.shoot(azimuth=azimuth), rigid, names=column == 0)
-        sheet.paste(picture, (column * (studio.size + 4), title))
-    ImageDraw.Draw(sheet).text((6, 4), rigid.name, fill=INK, font=ImageFont.load_default(size=15))
-    return sheet
-
-
-def contact_sheet(
-    studio: Studio, subjects: Iterable[tuple[Instance, float] | RigidObject], columns: int
-) -> Image.Image:
-    """One picture of each (object, openness) or rigid object in a grid, the class's name under it."""
+def contact_sheet(studio: Studio, models: Iterable[Instance | RigidObject], columns: int) -> Image.Image:
+    """One picture of each object in a grid, half open where it has a joint, the class's name under it."""
     from PIL import Image, ImageDraw, ImageFont
 
     caption, gap = 22, 6
     tiles: list[tuple[str, Pixels]] = []
-    for subject in subjects:
-        if isinstance(subject, RigidObject):
-            studio.put_rigid(subject)
-            tiles.append((subject.name, studio.shoot().pixels))
+    for model in models:
+        if isinstance(model, RigidObject):
+            studio.put_rigid(model)
+            tiles.append((model.asset_class, studio.shoot().pixels))
         else:
-            instance, openness = subject
-            studio.put(instance, [openness])
-            tiles.append((instance.asset_class, studio.shoot(openness).pixels))
+            studio.put(model, [HALF_OPEN])
+            tiles.append((model.asset_class, studio.shoot(HALF_OPEN).pixels))
     columns = min(columns, len(tiles))
     rows = -(-len(tiles) // columns)
     step_x, step_y = studio.size + gap, studio.size + caption + gap

@@ -9,10 +9,9 @@ import numpy as np
 import gensim2_kpam as kpam
 from gensim2.inspection.checks import Finding, world_rotation
 from gensim2.objects.meshwork.overlap import link_pose
-from gensim2.objects.placement import ROBOT_BASE
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, Instance
-from gensim2.robots import robot
+from gensim2.robots import RobotProfile
 from gensim2.sim.table import HALF_SIZE
 
 SHARES = (0.0, 0.5, 1.0)  # openness
@@ -25,19 +24,19 @@ BUDGET: kpam.Options = {
 }  # none is used up: every motion is short or hopeless
 
 
-def reach_findings(instance: Instance) -> list[Finding]:
+def reach_findings(instance: Instance, robot: RobotProfile) -> list[Finding]:
     """Openness at which no motion that is clear of the table brings the fingertips to the head keypoint.
 
     The head is ``articulated_object_head``, or the first keypoint where there is none. What is said is by how many
     millimetres they miss it, or that the table is in the way.
 
     Raises:
-        MissingExtraError: ManiSkill, whose Panda this is, is not installed.
+        MissingExtraError: the robot's files come with a package that is not installed.
     """
     name = HEAD if HEAD in instance.keypoints else next(iter(instance.keypoints))
     found = []
     for share in SHARES:
-        plan = kpam.plan(_problem(in_base(instance, name, share)))
+        plan = kpam.plan(_problem(in_base(instance, name, share, robot), robot))
         if plan.status == "solved":
             continue
         check, missed = f"fingertips from {name} at openness {share:g}, mm", plan.residuals[0]
@@ -48,13 +47,13 @@ def reach_findings(instance: Instance) -> list[Finding]:
     return found
 
 
-def in_base(instance: Instance, name: str, openness: float) -> Array:
+def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile) -> Array:
     """(3,) keypoint of an instance at its default placement in the robot's base frame, metres."""
     keypoint = instance.keypoints[name]
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
         point = transform(link_pose(instance, openness), point[None])[0]
-    return np.asarray(world_rotation(instance) @ point + instance.placement.position - ROBOT_BASE)
+    return np.asarray(world_rotation(instance) @ point + instance.placement.position - robot.base_position)
 
 
 @cache
@@ -70,21 +69,20 @@ def _config() -> kpam.SolverConfig:
     )
 
 
-@cache
-def _table() -> kpam.Body:
+def _table(robot: RobotProfile) -> kpam.Body:
     T_base_table = np.eye(4)
-    T_base_table[:3, 3] = -ROBOT_BASE - [0.0, 0.0, HALF_SIZE[2]]
+    T_base_table[:3, 3] = np.array([0.0, 0.0, -HALF_SIZE[2]]) - robot.base_position
     return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], T_base_table)
 
 
-def _problem(head: Array) -> kpam.KeypointProblem:
+def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
     return kpam.KeypointProblem(
-        robot("panda").model,
+        robot.model,
         _config(),
-        np.array(robot("panda").reset_qpos),
-        tool_keypoints=robot("panda").tool_keypoints,
+        np.array(robot.reset_qpos),
+        tool_keypoints=robot.tool_keypoints,
         object_keypoints={HEAD: head},
         T_base_object=np.eye(4),
-        bodies=[_table()],
+        bodies=[_table(robot)],
         options=BUDGET,
     )

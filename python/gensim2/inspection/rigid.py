@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.errors import MissingExtraError
 from gensim2.inspection.checks import Finding
-from gensim2.inspection.validate import ObjectReport
-from gensim2.objects.library.rigid import RigidLibrary
-from gensim2.objects.library.rigid_prepare import WIDEST_GRIP
-from gensim2.objects.rigid import RigidObject
+from gensim2.objects.rigid import BODY, RigidObject
+from gensim2.robots import robot
 
 MOST_HULLS = 64
 MASSES = (0.002, 2.0)  # kg
@@ -21,27 +16,7 @@ REST_DRIFT, REST_TURN = 0.005, np.radians(5)  # m, rad
 BASE_HEIGHT = 0.001  # m
 KEYPOINT_DISTANCE = 0.02  # m outside the bounds
 TIME_STEP = 0.01
-
-
-def validate_rigid(library: RigidLibrary, names: Sequence[str] | None = None) -> Iterator[ObjectReport]:
-    """Check rigid objects, all where ``names`` is None; one that cannot be used is a finding, not an error.
-
-    Raises:
-        InputError: there is no object of such a name.
-    """
-    names = library.names() if names is None else names
-    for name in names:
-        library.check(name)
-    for name in names:
-        began = time.perf_counter()
-        try:
-            rigid = library.load(name)
-            findings = [*geometric_findings(rigid), *physical_findings(rigid)]
-        except MissingExtraError:
-            raise
-        except InputError as error:
-            findings = [Finding(f"loads: {error}", 1.0, 0.0)]
-        yield ObjectReport("rigid", name, tuple(findings), time.perf_counter() - began)
+SPARE = 0.004  # m that open fingers need to get about an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:
@@ -52,13 +27,13 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
         if value > limit:
             findings.append(Finding(check, float(value), limit))
 
-    at_most("hull_count", len(rigid.hulls), MOST_HULLS)
-    at_most("mass", rigid.inertial.mass, MASSES[1])
-    at_most("mass_least", MASSES[0], rigid.inertial.mass)
-    at_most("grip_width", rigid.grip.width, WIDEST_GRIP)
-    points = np.concatenate(rigid.hulls)
-    R = rigid.resting.rotation
-    at_most("base_height", abs(float((points @ R[2]).min() + rigid.resting.position[2])), BASE_HEIGHT)
+    at_most("hull_count", len(rigid.hulls[BODY]), MOST_HULLS)
+    at_most("mass", rigid.mass, MASSES[1])
+    at_most("mass_least", MASSES[0], rigid.mass)
+    at_most("grip_width", rigid.grip.width, 2 * robot().gripper.open - SPARE)
+    points = np.concatenate(rigid.hulls[BODY])
+    R = rigid.placement.rotation
+    at_most("base_height", abs(float((points @ R[2]).min() + rigid.placement.position[2])), BASE_HEIGHT)
     low, high = points.min(axis=0), points.max(axis=0)
     for name, keypoint in rigid.keypoints.items():
         beyond = np.maximum(np.maximum(low - keypoint.position, keypoint.position - high), 0)
@@ -87,7 +62,7 @@ def physical_findings(rigid: RigidObject) -> list[Finding]:
     builder = scene.create_actor_builder()
     fill(builder, rigid, visual=False)
     builder.initial_pose = start = resting_pose(rigid)
-    body = builder.build(rigid.name).find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+    body = builder.build(rigid.asset_class).find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
     check_shapes(body.get_collision_shapes(), rigid)
     for _ in range(round(REST_SECONDS / TIME_STEP)):
         scene.step()

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from gensim2.errors import InputError, MissingExtraError
+from gensim2.inspection import rigid
 from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
-from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.catalogue import Library
 from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
+from gensim2.objects.rigid import RigidObject
 from gensim2.objects.types import Instance
 from gensim2.processes import WorkerPool, enumerated, in_order
 
@@ -59,13 +61,16 @@ def check_object(library: Library, asset_class: str, instance_id: str, physics: 
     """Check one object; one that cannot be used is a finding, not an error."""
     started = time.perf_counter()
     try:
-        instance = library.load(asset_class, instance_id)
-        findings = geometric_findings(instance)
-        if physics:
-            findings += physical_findings(instance) + reaching(instance)
+        findings = _findings(library.load(asset_class, instance_id), physics)
     except InputError as error:
         findings = [Finding("loads", str(error), "no error")]
     return ObjectReport(asset_class, instance_id, tuple(findings), time.perf_counter() - started)
+
+
+def _findings(model: Instance | RigidObject, physics: bool) -> list[Finding]:
+    if isinstance(model, RigidObject):
+        return rigid.geometric_findings(model) + (rigid.physical_findings(model) if physics else [])
+    return geometric_findings(model) + (physical_findings(model) + reaching(model) if physics else [])
 
 
 def validate(
@@ -95,8 +100,9 @@ def validate(
 def reaching(instance: Instance) -> list[Finding]:
     """Where the robot does not get to the head keypoint; needs the robot's model, which comes with the simulator."""
     from gensim2.inspection.reach import reach_findings
+    from gensim2.robots import robot
 
-    return reach_findings(instance)
+    return reach_findings(instance, robot())
 
 
 def summary(library: Library, reports: Sequence[ObjectReport]) -> dict[str, Any]:

@@ -5,16 +5,15 @@ Libraries are imported when asked for: whoever only holds an object needs none o
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from gensim2.lazy import lazy_names
 from gensim2.objects.errors import AssetError
-from gensim2.objects.rigid import Grip, RigidKeypoint, RigidObject
-from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
+from gensim2.objects.rigid import Grip, RigidObject
+from gensim2.objects.types import Instance, Keypoint, Kind, MovingJoint, ObjectModel, Placement, Source
 
 if TYPE_CHECKING:
-    from gensim2.objects.library.articulated import ClassListing, Library, listing, open_library
-    from gensim2.objects.library.rigid import RigidLibrary, has_rigid_objects, open_rigid_library
+    from gensim2.objects.library.catalogue import ClassListing, Library, listing, open_library
 
 __all__ = [
     "AssetError",
@@ -22,30 +21,18 @@ __all__ = [
     "Grip",
     "Instance",
     "Keypoint",
+    "Kind",
     "Library",
     "MovingJoint",
+    "ObjectModel",
     "Placement",
-    "RigidKeypoint",
-    "RigidLibrary",
     "RigidObject",
-    "has_rigid_objects",
+    "Source",
     "listing",
     "open_library",
-    "open_rigid_library",
 ]
 
-_MODULES = {
-    "ClassListing": "articulated",
-    "Library": "articulated",
-    "RigidLibrary": "rigid",
-    "has_rigid_objects": "rigid",
-    "listing": "articulated",
-    "open_library": "articulated",
-    "open_rigid_library": "rigid",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.library.{_MODULES[name]}"), name)
+__getattr__ = lazy_names(
+    __name__,
+    dict.fromkeys(("ClassListing", "Library", "listing", "open_library"), "gensim2.objects.library.catalogue"),
+)

@@ -4,51 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
 from gensim2.objects.shapes import rotation, transform
 from gensim2.objects.types import Placement
+from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
-ROBOT_BASE = np.array([-0.615, 0.0, 0.0])
-COMFORTABLE_REACH = 0.55  # m, horizontal, base to the head keypoint, mean over the range
-FARTHEST_REACH = 0.74  # m, base to the head keypoint anywhere in its range; being clear of the hand gives way to it
-NEAREST_X = -0.27  # m, world: nothing of a low object comes closer to the robot's base
-HAND_AT_REST = np.array([-0.21, 0.0])  # x, y of the hand at the start of an episode
-HAND_LOW_POINT = 0.22  # m: what is lower passes under the hand at rest
-HAND_CLEARANCE = 0.13  # m ahead of the hand at rest that anything tall keeps: its thickness and the randomization
-HAND_HALF_WIDTH = 0.2  # m to each side of the hand at rest where that holds: its width and the randomization
-MOST_SIDEWAYS = 0.2  # m off the robot's middle line
 SAMPLES = 13
 LYING = np.array(
     [[0.0, 0, -1], [0, -1, 0], [-1, 0, 0]]
 )  # on its back: the model's front looks up, its top at the robot
-
-
-def quaternion_from_matrix(R: Array) -> Array:
-    """(w, x, y, z) with w >= 0 of a (3, 3) rotation."""
-    m = np.array(
-        [
-            1 + R[0, 0] + R[1, 1] + R[2, 2],
-            1 + R[0, 0] - R[1, 1] - R[2, 2],
-            1 - R[0, 0] + R[1, 1] - R[2, 2],
-            1 - R[0, 0] - R[1, 1] + R[2, 2],
-        ]
-    )
-    i = int(np.argmax(m))
-    s = 2 * np.sqrt(m[i])
-    if i == 0:
-        q = np.array([s / 4, (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s])
-    elif i == 1:
-        q = np.array([(R[2, 1] - R[1, 2]) / s, s / 4, (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s])
-    elif i == 2:
-        q = np.array([(R[0, 2] - R[2, 0]) / s, (R[0, 1] + R[1, 0]) / s, s / 4, (R[1, 2] + R[2, 1]) / s])
-    else:
-        q = np.array([(R[1, 0] - R[0, 1]) / s, (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s, s / 4])
-    q = q / np.linalg.norm(q)
-    return np.asarray(q if q[0] >= 0 else -q) + 0.0
 
 
 def work_keypoint(model: Model) -> str:
@@ -79,13 +48,14 @@ def stance(model: Model, rule: ClassRule) -> Array:
     return np.round(rotation((0, 0, 1), yaw)) @ tilt
 
 
-def place(model: Model, rule: ClassRule) -> Placement:
-    """Default placement of a model.
+def place(model: Model, rule: ClassRule, robot: RobotProfile) -> Placement:
+    """Default placement of a model in front of a robot.
 
     Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
     comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
     of the robot.
     """
+    space, base_x = robot.workspace, robot.base_position[0]
     R = stance(model, rule)
     name = work_keypoint(model)
     body = [transform(np.eye(4), h) @ R.T for h in model.body.hulls]
@@ -104,18 +74,18 @@ def place(model: Model, rule: ClassRule) -> Placement:
     shares = np.linspace(0, 1, SAMPLES)
     first, last = max(rule.default_openness - 0.15, 0), min(rule.default_openness + 0.15, 1)
     usual = path[(shares >= first - 0.2) & (shares <= last + 0.2)]
-    y = -float(np.clip(usual[:, 1].mean(), -MOST_SIDEWAYS, MOST_SIDEWAYS))
+    y = -float(np.clip(usual[:, 1].mean(), -space.sideways, space.sideways))
     sideways = float(usual[:, 1].mean()) + y
-    comfortable = (
-        ROBOT_BASE[0] + np.sqrt(COMFORTABLE_REACH**2 - min(abs(sideways), 0.3) ** 2) - float(usual[:, 0].mean())
-    )
+    ahead = np.sqrt(space.comfortable**2 - min(abs(sideways), 0.3) ** 2)
+    comfortable = base_x + ahead - float(usual[:, 0].mean())
 
     start = np.concatenate([*body, *swept[int(first * (SAMPLES - 1)) : int(np.ceil(last * (SAMPLES - 1))) + 1]])
-    clear = NEAREST_X - float(start[:, 0].min())
-    tall = start[(start[:, 2] + z > HAND_LOW_POINT) & (np.abs(start[:, 1] + y) < HAND_HALF_WIDTH)]
+    clear = space.nearest_x - float(start[:, 0].min())
+    tall = start[(start[:, 2] + z > space.hand_low_point) & (np.abs(start[:, 1] + y) < space.hand_half_width)]
     if len(tall):
-        clear = max(clear, HAND_AT_REST[0] + HAND_CLEARANCE - float(tall[:, 0].min()))
+        clear = max(clear, space.hand_at_rest[0] + space.hand_clearance - float(tall[:, 0].min()))
     across = np.abs(path[:, 1] + y)
-    farthest = float((ROBOT_BASE[0] + np.sqrt(np.maximum(FARTHEST_REACH**2 - across**2, 0)) - path[:, 0]).min())
+    farthest = float((base_x + np.sqrt(np.maximum(space.farthest**2 - across**2, 0)) - path[:, 0]).min())
     x = max(comfortable, min(clear, farthest))
-    return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion_from_matrix(R))
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True) + 0.0
+    return Placement(position=np.array([x, y, z]).round(6) + 0.0, quaternion=quaternion)

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from gensim2.objects.physics import Inertial
-from gensim2.objects.types import Array, Placement
+from gensim2.objects.types import Array, Keypoint, Placement, Source
 
-
-@dataclass(frozen=True)
-class RigidKeypoint:
-    """A named point: ``position`` (3,) metres in the object frame, ``description`` one phrase."""
-
-    position: Array
-    description: str
+BODY = "body"
+"""Name of the only link."""
+ONLY_ID = "0"
+"""Id of the only instance of a class of rigid objects."""
 
 
 @dataclass(frozen=True)
@@ -37,40 +32,55 @@ class Grip:
 
 @dataclass(frozen=True)
 class RigidObject:
-    """A rigid object ready to be simulated and planned for.
+    """A rigid object ready to be simulated and planned for; the object frame is that of its only link.
 
     Attributes:
-        name: for example ``"mug"``.
+        asset_class: its name, for example ``"mug"``; it is the only one of its class.
         source: ``"generated"`` or ``"real"``.
         folder: prepared files: ``visual.glb`` and ``hull_<i>.obj``, object frame, metres.
-        hulls: convex collision parts, each (N, 3) metres in the object frame.
-        inertial: mass, centre and inertia in the object frame.
+        hulls: ``"body"`` to convex collision parts, each (N, 3) metres in the object frame.
+        mass: kg.
+        center_of_mass: (3,) metres in the object frame.
+        inertia: (3, 3) kg m² about the centre of mass, along the axes of the object frame.
         friction: of its surface, static and dynamic.
-        keypoints: by name; ``rigidbody_object_head`` always, ``rigidbody_object_tail`` where it has two ends.
-        resting: pose, object to world, in which it stays on a table at z = 0, its origin above the world's.
+        keypoints: by name, on ``"body"``; ``rigidbody_object_head`` always, ``rigidbody_object_tail`` where it has two
+            ends.
+        placement: pose, object to world, in which it stays on a table at z = 0, its origin above the world's.
         grip: the narrowest hold in that pose.
         license: terms that the data carries.
         content_hash: hex digest of everything that the object was made from.
         warnings: what was odd and by which rule it was repaired.
     """
 
-    name: str
-    source: Literal["generated", "real"]
+    asset_class: str
+    source: Source
     folder: Path
-    hulls: tuple[Array, ...]
-    inertial: Inertial
+    hulls: dict[str, tuple[Array, ...]]
+    mass: float
+    center_of_mass: Array
+    inertia: Array
     friction: float
-    keypoints: dict[str, RigidKeypoint]
-    resting: Placement
+    keypoints: dict[str, Keypoint]
+    placement: Placement
     grip: Grip
     license: str
     content_hash: str
     warnings: tuple[str, ...] = field(default=())
 
     @property
+    def id(self) -> str:
+        """``"0"``."""
+        return ONLY_ID
+
+    @property
+    def joint(self) -> None:
+        """It has none."""
+        return None
+
+    @property
     def size(self) -> Array:
         """(3,) extents in metres along the axes of the object frame."""
-        return np.asarray(np.ptp(np.concatenate(self.hulls), axis=0))
+        return np.asarray(np.ptp(np.concatenate(self.hulls[BODY]), axis=0))
 
     @property
     def visual(self) -> Path | None:

@@ -69,10 +69,11 @@ def transform(T: Array, points: Array) -> Array:
 
 
 def rotation(axis: Vec3, angle: float) -> Array:
-    """(3, 3) rotation by ``angle`` rad about ``axis`` (Rodrigues' formula)."""
+    """(3, 3) rotation by ``angle`` rad about ``axis``, of any length."""
+    from scipy.spatial.transform import Rotation  # here: whoever only asks which classes there are needs no SciPy
+
     k = np.asarray(axis, float) / np.linalg.norm(axis)
-    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K))
+    return np.asarray(Rotation.from_rotvec(angle * k).as_matrix())
 
 
 def pose(position: Vec3 = (0, 0, 0), axis: Vec3 = (0, 0, 1), angle: float = 0.0) -> Array:

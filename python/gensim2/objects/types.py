@@ -1,15 +1,18 @@
-"""What the rest of the project knows of an object: one frozen value, however it was made."""
+"""What the rest of the project knows of an object: one frozen value a kind, however it was made."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Kind = Literal["articulated", "rigid"]
+Source = Literal["generated", "real"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +20,7 @@ class Keypoint:
     """A named point fixed to one link.
 
     Attributes:
-        link: name of the link in the URDF.
+        link: name of the link in the URDF; ``"body"``, the only one, of a rigid object.
         position: (3,) metres in that link's frame, scale applied.
         description: one phrase for a person or a language model.
     """
@@ -57,11 +60,13 @@ class MovingJoint:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where an instance stands before randomization.
+    """Where an object stands before randomization.
 
     Attributes:
-        position: (3,) root position in the world frame; its lowest point rests on the table at z = 0.
-        quaternion: (4,) (w, x, y, z), root to world; the side that the robot works on faces the robot.
+        position: (3,) root position in the world frame; its lowest point rests on the table at z = 0. A rigid object
+            stands above the world's origin.
+        quaternion: (4,) (w, x, y, z), root to world; the side of an articulated object that the robot works on faces
+            the robot, a rigid one rests.
     """
 
     position: Array
@@ -70,19 +75,62 @@ class Placement:
     @property
     def rotation(self) -> Array:
         """(3, 3) of the quaternion, root to world."""
-        w, x, y, z = self.quaternion / np.linalg.norm(self.quaternion)
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+
+        return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
+
+
+class ObjectModel(Protocol):
+    """What articulated and rigid objects have in common: what scenes, placement, records and checks need of one."""
+
+    @property
+    def asset_class(self) -> str:
+        """For example ``"box_rotate"`` or ``"mug"``."""
+
+    @property
+    def id(self) -> str:
+        """Which of its class; ``"0"`` of a rigid object."""
+
+    @property
+    def source(self) -> Source:
+        """Who made it."""
+
+    @property
+    def license(self) -> str:
+        """Terms that the data carries."""
+
+    @property
+    def content_hash(self) -> str:
+        """Hex digest of everything that it was made from."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd and by which rule it was repaired."""
+
+    @property
+    def mass(self) -> float:
+        """Kg, all of it."""
+
+    @property
+    def keypoints(self) -> Mapping[str, Keypoint]:
+        """By name."""
+
+    @property
+    def hulls(self) -> Mapping[str, tuple[Array, ...]]:
+        """Link name (``"body"`` of a rigid object) to convex vertex sets, each (N, 3) metres in the link frame."""
+
+    @property
+    def placement(self) -> Placement:
+        """Where it stands before randomization."""
+
+    @property
+    def joint(self) -> MovingJoint | None:
+        """The joint that moves; None: it is rigid."""
 
 
 @dataclass(frozen=True)
 class Instance:
-    """An object ready to be simulated and planned for.
+    """An articulated object ready to be simulated and planned for.
 
     ``urdf`` is scaled, has inertials, limits and joint dynamics, and one convex mesh a collision element: SAPIEN and
     urdf-rs load it as it is. ``hulls`` holds the same convex collision parts for planning.
@@ -107,7 +155,7 @@ class Instance:
 
     asset_class: str
     id: str
-    source: Literal["generated", "real"]
+    source: Source
     urdf: Path
     joint: MovingJoint
     keypoints: dict[str, Keypoint]

@@ -1,24 +1,28 @@
 """Propose, solve, verify, keep: the loop, its run folder and its report.
 
-The three functions are imported when asked for: what refuses bad input needs none of what runs good input.
+The functions are imported when asked for: what refuses bad input needs none of what runs good input.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from gensim2.pipeline.benchmarking import benchmark
     from gensim2.pipeline.run import run_pipeline
     from gensim2.pipeline.single import demo
     from gensim2.pipeline.solving import solve
 
-__all__ = ["demo", "run_pipeline", "solve"]
+__all__ = ["benchmark", "demo", "run_pipeline", "solve"]
 
-_MODULES = {"demo": "single", "run_pipeline": "run", "solve": "solving"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "benchmark": "gensim2.pipeline.benchmarking",
+        "demo": "gensim2.pipeline.single",
+        "run_pipeline": "gensim2.pipeline.run",
+        "solve": "gensim2.pipeline.solving",
+    },
+)

@@ -16,10 +16,10 @@ from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder, versions
-from gensim2.pipeline.search import design_seeds
 from gensim2.pipeline.tally import Tally
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.seeding import scene_seeds
 from gensim2.tasks.spec import TaskSpec
 
 #: Episodes tried for each demonstration that was asked for, before the collection gives up.
@@ -81,7 +81,7 @@ def collect(
         InputError: what an earlier run left cannot be used.
     """
     store = TrajectoryStore(files.path)
-    seeds = design_seeds(seed, task, "demos", TRIES_PER_DEMO * episodes)
+    seeds = scene_seeds(seed, task.name, "demos", TRIES_PER_DEMO * episodes)
     log = AttemptLog(files.path / ATTEMPTS, seeds)
     run.add_episodes(library, log.done.values(), log.path)
     damaged = [i for i, entry in log.done.items() if entry.held and store.digest(i) != entry.episode_digest]

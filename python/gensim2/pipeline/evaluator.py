@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -59,6 +60,7 @@ class PoolEvaluator:
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             preload=worker.PRELOAD,
+            prepare=partial(worker.prepare, circumstances),
             on_failure=self._failed,
         )
         self._begin, self._elsewhere = time.process_time(), 0.0

@@ -84,7 +84,7 @@ class Execution:
 
     def _proposals(self, known: list[TaskSpec]) -> Iterator[TaskSpec]:
         """The designer's proposals over the library's classes in a seeded order."""
-        classes = list(self.library.classes())
+        classes = list(self.library.classes("articulated"))
         order = seeding.rng(self.seed, "classes").permutation(len(classes))
         affordances = (self._affordance(classes[index]) for index in order)
         return iter(self.designer.propose((a for a in affordances if a is not None), known, self.seed))
@@ -98,7 +98,7 @@ class Execution:
             self.progress.start(f"{asset_class}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
             for index in order:
                 try:
-                    instances.append(self.library.load(asset_class, ids[index]))
+                    instances.append(self.library.load_articulated(asset_class, ids[index]))
                     self.progress.advance()
                 except InputError as error:
                     self.notes.append(f"{asset_class}/{ids[index]} left out: {error}")

@@ -11,8 +11,10 @@ from pathlib import Path
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
-from gensim2.pipeline.setting import DEFAULT_ROBOT, PHYSICS, Circumstances
-from gensim2.planning.check import check_strategies
+from gensim2.pipeline.setting import PHYSICS, Circumstances, Physics
+from gensim2.planning.config import ObjectNames, check_strategies
+from gensim2.planning.strategies import parse_strategy
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
@@ -47,7 +49,7 @@ def read_task_input(
     instances: str,
     seed: int,
     *,
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
 ) -> TaskInput:
@@ -78,8 +80,14 @@ def read_task_input(
     first = next(iter(spec.objects.values()))
     chosen = library.choose(first.asset_class, instances, seed)
     word = chosen[0] if instances == "random" else instances
-    models = _models(spec, library, word)
-    check_strategies(spec, strategies, models, profile(robot), folder if folder else Path(spec.name))
+    files = {name: _strategy_file(folder or Path(spec.name), name) for name in strategies}
+    check_strategies(
+        spec,
+        {name: parse_strategy(data, files[name]) for name, data in strategies.items()},
+        _object_names(spec, library, word),
+        profile(robot),
+        files,
+    )
     return TaskInput(spec, strategies, library, word, Circumstances(library.location, physics, robot, open_loop))
 
 
@@ -96,12 +104,20 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
     return spec, load_strategies_beside(folder, spec)
 
 
-def _models(spec: TaskSpec, library: Library, word: str) -> dict[str, Instance]:
-    """One object for each name; the first name's is one that ``word`` stands for."""
-    found = {}
+def _strategy_file(folder: Path, name: str) -> Path:
+    """Where a strategy was read from, for messages; a folder of version 1 has it beside ``task.yaml``."""
+    former = folder / f"{name}.yaml"
+    return former if former.is_file() else folder / "strategies" / f"{name}.yaml"
+
+
+def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
+    """What strategies may name of one object for each of the task; the first is one that ``word`` stands for."""
+    found: dict[str, ObjectNames] = {}
     for index, (name, thing) in enumerate(spec.objects.items()):
         words = thing.instances or (("all",) if index else (word,))
-        found[name] = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
+        model = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
+        joint = model.joint.type if isinstance(model, Instance) else None
+        found[name] = ObjectNames(tuple(model.keypoints), joint)
     return found
 
 

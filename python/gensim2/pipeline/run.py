@@ -18,9 +18,10 @@ from gensim2.pipeline.records import PipelineResult
 from gensim2.pipeline.report import reported
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
 from gensim2.pipeline.search import Budget
-from gensim2.pipeline.setting import DEFAULT_ROBOT, Circumstances
+from gensim2.pipeline.setting import Circumstances, Physics
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.tasks.library import load_task, task_names
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
@@ -36,7 +37,7 @@ def run_pipeline(
     workers: int = 2,
     target_task: str | None = None,
     stored_tasks: Sequence[str] = (),
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
     resume: bool = False,

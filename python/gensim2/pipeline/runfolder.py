@@ -25,8 +25,7 @@ from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries, write_atomic, write_json
-from gensim2.objects import Library
-from gensim2.objects.types import Instance
+from gensim2.objects import Library, ObjectModel
 from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
@@ -133,7 +132,7 @@ class RunFolder:
         self.record.licenses = dict(sorted(self.record.licenses.items()))
         write_json(self.path / RUN_JSON, self.record.model_dump())
 
-    def add_object(self, model: Instance) -> None:
+    def add_object(self, model: ObjectModel) -> None:
         """Note an object that the run uses.
 
         Raises:

@@ -19,7 +19,6 @@ from gensim2.episodes.record import Episode
 from gensim2.pipeline.records import Design, merge_causes
 from gensim2.pipeline.setting import Setting
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.tasks.spec import TaskSpec
 
 
 class Evaluator(Protocol):
@@ -55,13 +54,6 @@ class Budget:
     comparison: tuple[int, int] = (4, 10)
     enough: float = 0.9
     enough_episodes: int = 14
-
-
-def design_seeds(seed: int, task: TaskSpec, purpose: str, count: int, start: int = 0) -> list[int]:
-    """Return environment seeds for one purpose; different purposes share no stream."""
-    return [
-        int(seeding.rng(seed, f"{task.name}/{purpose}", index).integers(2**31)) for index in range(start, start + count)
-    ]
 
 
 class Search:
@@ -127,7 +119,7 @@ class Search:
         return Design(tuple(ranked), best.candidate.strategies if best else None, tuple(notes))
 
     def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
-        seeds = design_seeds(self.seed, self.task, "screen", self.budget.screen_scenes)
+        seeds = seeding.scene_seeds(self.seed, self.task.name, "screen", self.budget.screen_scenes)
         self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
         outcomes = self.evaluator.screen(self.setting, [c.strategies for c in candidates], seeds)
         results = [
@@ -155,7 +147,7 @@ class Search:
         jobs, owners = [], []
         for index, result in enumerate(results):
             done = self._episodes_run[self._key(result)]
-            for seed in design_seeds(self.seed, self.task, "design", episodes, done):
+            for seed in seeding.scene_seeds(self.seed, self.task.name, "design", episodes, done):
                 jobs.append((result.candidate.strategies, seed))
                 owners.append(index)
             self._episodes_run[self._key(result)] += episodes

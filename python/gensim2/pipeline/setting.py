@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
+from gensim2.episodes.disturbance import Kind
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.tasks.spec import TaskSpec
 
-DEFAULT_ROBOT = "panda"
-
-PHYSICS = ("ours", "original")
+Physics = Literal["ours", "original"]
 """Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
+
+PHYSICS: tuple[Physics, ...] = get_args(Physics)
 
 
 @dataclass(frozen=True)
@@ -21,18 +24,20 @@ class Circumstances:
         physics: ``"ours"`` or ``"original"``.
         robot: name of its profile.
         open_loop: everything is planned at the start, with the first strategy of each step.
+        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
     """
 
     assets: str
-    physics: str = PHYSICS[0]
+    physics: Physics = "ours"
     robot: str = DEFAULT_ROBOT
     open_loop: bool = False
+    disturbance: Kind | None = None
 
     @property
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
-        given = {"physics": self.physics, "robot_uids": self.robot}
-        defaults = {"physics": PHYSICS[0], "robot_uids": DEFAULT_ROBOT}
+        given = {"physics": self.physics, "robot": self.robot}
+        defaults = {"physics": "ours", "robot": DEFAULT_ROBOT}
         return {name: value for name, value in given.items() if value != defaults[name]}
 
 

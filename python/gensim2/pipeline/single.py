@@ -9,10 +9,11 @@ from typing import Any
 from gensim2.files import check_writable
 from gensim2.pipeline.inputs import check_counts, check_workers, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import DEFAULT_ROBOT
+from gensim2.pipeline.setting import Physics
 from gensim2.pipeline.tally import Tally
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def demo(
     seed: int = 0,
     assets: str | Path | None = None,
     instances: str = "all",
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
     out: Path | None = None,

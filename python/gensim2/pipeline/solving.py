@@ -11,8 +11,9 @@ import gensim2_kpam as kpam
 from gensim2.files import check_writable, write_json
 from gensim2.pipeline.inputs import TaskInput, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import DEFAULT_ROBOT
+from gensim2.pipeline.setting import Physics
 from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT_ROBOT, RobotProfile
 
 if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlan
@@ -84,11 +85,11 @@ def solve(
     seed: int = 0,
     assets: str | Path | None = None,
     instances: str = "all",
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
     out: Path | None = None,
-    view: Callable[[Scene, kpam.Plan], None] | None = None,
+    view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
 ) -> SolveResult:
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
@@ -104,7 +105,7 @@ def solve(
         physics, robot: as for ``demo``.
         open_loop: the first strategy of each step only, as open-loop episodes do.
         out: folder in which to leave ``plan.json``.
-        view: called with the scene and the plan of the first step at the end, for example to show them.
+        view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
 
     Raises:
         InputError: an argument cannot be used.
@@ -126,7 +127,7 @@ def solve(
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None and steps[0].found.plan is not None:
-        view(steps[0].scene, steps[0].found.plan)
+        view(steps[0].scene, steps[0].found.plan, lane.profile)
     return result
 
 

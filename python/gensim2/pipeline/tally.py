@@ -49,7 +49,7 @@ class Tally:
             replanned=sum(episode.replans > 0 for episode in episodes),
             still=sum(bool(episode.still) for episode in episodes),
             causes=_counted(str(episode.cause) for episode in episodes if episode.cause is not None),
-            strict_misses=_counted(miss for episode in episodes for miss in episode.strict_misses),
+            strict_misses=_counted(str(miss) for episode in episodes for miss in episode.strict_misses),
             objects=dict(sorted(Counter(asset_class for asset_class, _ in seen).items())),
         )
 

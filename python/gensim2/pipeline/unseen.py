@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gensim2.objects import Library
-from gensim2.objects.library.articulated import SMALLEST_TO_SPLIT, GeneratedLibrary
+from gensim2.objects.library.catalogue import SMALLEST_TO_SPLIT
 from gensim2.pipeline.records import Instances
 
 
@@ -38,7 +38,7 @@ def kept_apart(library: Library, asset_class: str) -> Apart:
     Raises:
         InputError: there is no such class.
     """
-    if isinstance(library, GeneratedLibrary):
+    if library.kind(asset_class) == "articulated" and library.source(asset_class) == "generated":
         return Apart(library, asset_class, "new", "train")
     if len(library.instances(asset_class)) >= SMALLEST_TO_SPLIT:
         return Apart(library, asset_class, "test", "train")

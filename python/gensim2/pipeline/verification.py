@@ -10,10 +10,10 @@ from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Verification
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
-from gensim2.pipeline.search import design_seeds
 from gensim2.pipeline.unseen import Apart
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.seeding import scene_seeds
 from gensim2.tasks.spec import TaskSpec
 
 #: Share of fresh episodes that must hold for a task to be kept.
@@ -49,7 +49,7 @@ def verify(
         NotRunError: episodes could not be run; all others are finished.
         InputError: what an earlier run left cannot be used.
     """
-    seeds = design_seeds(seed, task, "verify", max(VERIFY_EPISODES, episodes))
+    seeds = scene_seeds(seed, task.name, "verify", max(VERIFY_EPISODES, episodes))
     log_path = files.path / UNDER_WAY
     verification = files.verification()
     if verification is not None:

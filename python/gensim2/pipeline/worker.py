@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import gensim2_kpam as kpam
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
-from gensim2.pipeline.setting import Setting
+from gensim2.objects import open_library
+from gensim2.pipeline.setting import Circumstances, Setting
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
+    from gensim2.episodes.controller import Controller
     from gensim2.episodes.recording import Recording
     from gensim2.episodes.still import StillResult
     from gensim2.planning.scene import Scene
@@ -39,6 +41,19 @@ SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates
 
 #: What planning says of a candidate on one scene: a score from 0 to 1, and what stood in the way of 1.
 Screened = tuple[float, str | None]
+
+
+def prepare(circumstances: Circumstances) -> None:
+    """Read and build what every episode of a run needs and only the first of a process would pay for."""
+    import sapien
+
+    from gensim2.sim.arm import Arm
+    from gensim2.sim.physics import named_physics
+
+    open_library(circumstances.assets).classes()
+    profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
+    assert profile.model
+    Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
 
 
 @lru_cache(maxsize=2)
@@ -118,13 +133,17 @@ def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Ep
 
 def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> tuple[Episode, Recording | None]:
     from gensim2.episodes.chain import ChainController
+    from gensim2.episodes.disturbance import Disturbed
     from gensim2.episodes.run import run
 
     given = setting.circumstances
-    controller = ChainController(
+    lane = simulator(setting)
+    controller: Controller = ChainController(
         setting.task, parsed(strategies), profile=robot(given.robot), open_loop=given.open_loop
     )
-    result = run(simulator(setting), controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+    if given.disturbance is not None:
+        controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
+    result = run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
     return result.episode, result.recording
 
 

@@ -9,20 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.robots import RobotProfile
+from gensim2.robots import CLOSED, OPEN, RobotProfile
 
 Array = npt.NDArray[np.float64]
-
-#: Seconds that the fingers are given to open, or to close on what is fixed to something.
-FINGER_SECONDS = 0.6
 
 #: Speed of each finger as it closes on a thing that can be pushed away, m/s.
 CLOSING_SPEED = 0.06
 
 #: Seconds for which the last target is held, so that the arm arrives.
 HOLD_SECONDS = 0.2
-
-OPEN, CLOSED = 1.0, -1.0
 
 
 @dataclass(frozen=True)
@@ -97,19 +92,19 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     let_go = step_of(_before_letting_go(plan)) if acts.lets_go else None
     rows = _Rows(arm, profile.lag_steps, rate, acts.command)
     if acts.before:
-        rows.dwell(0, acts.command, ceil(FINGER_SECONDS * rate))
+        rows.dwell(0, acts.command, profile.gripper_steps)
     at, gripped, released = 0, None, None
     if acts.fingers in ("grasp", "release") and actuation is not None:
         rows.move(at, actuation)
         rows.dwell(actuation, rows.command, profile.lag_steps)
         if acts.fingers == "release":
             released = len(rows)
-            rows.dwell(actuation, OPEN, ceil(FINGER_SECONDS * rate))
+            rows.dwell(actuation, OPEN, profile.gripper_steps)
         elif acts.gently:
             rows.close(actuation, profile)
             gripped = len(rows)
         else:
-            rows.dwell(actuation, CLOSED, ceil(FINGER_SECONDS * rate))
+            rows.dwell(actuation, CLOSED, profile.gripper_steps)
             gripped = len(rows)
         at = actuation
     if let_go is not None:
@@ -117,7 +112,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
         if acts.fingers in ("grasp", "hold"):
             rows.dwell(let_go, rows.command, profile.lag_steps)
             released = len(rows)
-            rows.dwell(let_go, OPEN, ceil(FINGER_SECONDS * rate))
+            rows.dwell(let_go, OPEN, profile.gripper_steps)
         at = let_go
     rows.move(at, last)
     rows.dwell(last, rows.command, ceil(HOLD_SECONDS * rate))

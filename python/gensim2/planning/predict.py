@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from gensim2.planning.scene import JointState, Scene, SceneObject
 from gensim2.planning.world import carried_by
@@ -62,6 +61,8 @@ def joint_motion(joint: JointState, by: float) -> Array:
     if joint.type == "prismatic":
         motion[:3, 3] = by * joint.axis
     else:
+        from scipy.spatial.transform import Rotation  # here: refusing a strategy needs none of SciPy
+
         turn = Rotation.from_rotvec(by * joint.axis).as_matrix()
         motion[:3, :3] = turn
         motion[:3, 3] = joint.origin - turn @ joint.origin

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import CLOSED, OPEN, Acts, Schedule, schedule
+from gensim2.planning.actions import Acts, Schedule, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
-from gensim2.robots import RobotProfile
+from gensim2.robots import CLOSED, OPEN, RobotProfile
 from gensim2.tasks.spec import HAND, Step
 
 Array = npt.NDArray[np.float64]
@@ -30,8 +30,14 @@ SAME_COMMAND = 0.1
 #: Joint speed (rad/s) below which the arm is at rest.
 AT_REST = 0.01
 
+INVALID = "invalid"
+"""Status of a step whose strategy names what these objects have not."""
+
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
+
+INVALID = "invalid"
+"""Status of a step whose strategy does not fit the objects of the scene."""
 
 
 @dataclass(frozen=True)
@@ -119,12 +125,15 @@ class StepPlanner:
             former: an earlier plan of the same step; its pose and its way are tried first.
             explain: whether the plan says what became of every pose that was tried.
 
-        Raises:
-            InputError: the strategy does not fit the objects (:class:`kpam.ProblemError`).
+        Returns:
+            One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
         """
         if isinstance(strategy, GraspStrategy):
             return self._grasp(scene, step, strategy, following)
-        problem = self.problem(scene, step, strategy)
+        try:
+            problem = self.problem(scene, step, strategy)
+        except kpam.ProblemError as error:
+            return StepPlan(INVALID, str(error), None, None, None)
         plan = kpam.plan(problem, former=former.plan if former is not None else None, explain=explain)
         return self._planned(scene, step, strategy, problem, plan)
 
@@ -209,8 +218,7 @@ class StepPlanner:
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
-        gripper = self.profile.gripper
-        return float(np.clip((2 * finger - gripper.open - gripper.closed) / (gripper.open - gripper.closed), -1, 1))
+        return float(np.clip(self.profile.gripper.command(finger), CLOSED, OPEN))
 
     def _planned(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, problem: kpam.KeypointProblem, plan: kpam.Plan

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull, QhullError
 
 import gensim2_kpam as kpam
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
@@ -98,6 +97,8 @@ def carried_by(scene: Scene, name: str) -> str | None:
 def _encloses(thing: SceneObject, point: Array) -> bool:
     if thing.joint is None:
         return False
+    from scipy.spatial import ConvexHull, QhullError  # here: refusing a strategy needs none of SciPy
+
     parts = [
         hull @ body.T_base_body[:3, :3].T + body.T_base_body[:3, 3]
         for body in thing.bodies

@@ -40,6 +40,7 @@ class WorkerPool:
         jobs_per_worker: jobs after which a process is renewed.
         preload: modules that jobs need and that take long to import; they are imported once for all workers. What
             the first pool of this process says holds for those after it.
+        prepare: is called in each process before its first job, and belongs to the process's start; must pickle.
         on_failure: is told of each try that came to nothing, also where a later one succeeds.
     """
 
@@ -50,12 +51,13 @@ class WorkerPool:
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
         preload: Sequence[str] = (),
+        prepare: Callable[[], object] | None = None,
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
         if workers < 0:
             raise ValueError(f"workers must not be negative, is {workers}")
         preload_modules(preload)
-        self._workers = [Worker(time_limit, jobs_per_worker) for _ in range(workers)]
+        self._workers = [Worker(time_limit, jobs_per_worker, prepare) for _ in range(workers)]
         self._on_failure = on_failure
         self._ran = False
 

@@ -40,8 +40,8 @@ START_LIMIT = 300.0
 class Worker:
     """A place for one process at a time, and the job that it is busy with; the process starts with its first job."""
 
-    def __init__(self, time_limit: float, jobs: int) -> None:
-        self._time_limit, self._jobs = time_limit, jobs
+    def __init__(self, time_limit: float, jobs: int, prepare: Callable[[], object] | None = None) -> None:
+        self._time_limit, self._jobs, self._prepare = time_limit, jobs, prepare
         self._process: BaseProcess | None = None
         self._connection: Connection | None = None
         self._job: Job | None = None
@@ -139,7 +139,8 @@ class Worker:
     def _start(self) -> None:
         for number in range(TRIES):
             ours, theirs = _CONTEXT.Pipe()
-            process = _CONTEXT.Process(target=_serve, args=(theirs, {**os.environ, **_SINGLE_THREADED}), daemon=True)
+            environment = {**os.environ, **_SINGLE_THREADED}
+            process = _CONTEXT.Process(target=_serve, args=(theirs, environment, self._prepare), daemon=True)
             try:
                 with _single_threaded():
                     process.start()
@@ -191,12 +192,15 @@ def _fate(exitcode: int | None) -> str:
         return f"signal {-exitcode}"
 
 
-def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
+def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
     """Body of a worker process: jobs in, outcomes out, until the parent closes the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     os.environ.clear()
     os.environ.update(environment)  # the server may have been started before something was set
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    if prepare is not None:
+        with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
+            prepare()
     with contextlib.suppress(OSError):  # a parent that is gone already shows below
         connection.send_bytes(b"ready")
     while True:

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+OPEN, CLOSED = 1.0, -1.0
+"""Gripper commands: the last number of an action."""
+
+DEFAULT_ROBOT = "panda"
+"""Name of the robot where nobody says otherwise."""
+
 
 @dataclass(frozen=True)
 class Gripper:
@@ -25,16 +31,71 @@ class Gripper:
 
     Attributes:
         joints: names of the finger joints, in the robot's active joint order.
+        links: the fingers themselves.
         open, closed: targets (m) of a finger joint for the commands 1 and -1; the closed one presses.
-        stiffness, damping, force_limit: of the finger drives.
+        travel_seconds: time that the fingers are given to open or to close.
+        stiffness, damping, force_limit: of the finger drives: N/m, N s/m, N.
+        friction: coefficient of the fingers' surface, static and dynamic.
     """
 
     joints: tuple[str, ...]
+    links: tuple[str, ...]
     open: float
     closed: float
+    travel_seconds: float
     stiffness: float
     damping: float
     force_limit: float
+    friction: float
+
+    def target(self, command: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Targets (m) of a finger joint for commands of any shape, in ManiSkill's arithmetic, bit for bit."""
+        low, high, half = np.float32(self.closed), np.float32(self.open), np.float32(0.5)
+        clipped = np.clip(command, np.float32(CLOSED), np.float32(OPEN))
+        return half * (high + low) + half * (high - low) * clipped
+
+    def command(self, target: float) -> float:
+        """The command that sends a finger joint to ``target`` (m)."""
+        return (2.0 * target - self.open - self.closed) / (self.open - self.closed)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where a robot likes its objects; metres, horizontal.
+
+    Attributes:
+        comfortable: distance from the base of what the hand works on, mean over its range.
+        farthest: the same anywhere in its range; being clear of the hand gives way to it.
+        sideways: how far off the robot's middle line that may lie.
+        nearest_x: in the world: nothing of a low object comes closer to the base.
+        hand_at_rest: x and y in the world of the hand at the start of an episode.
+        hand_low_point: height above the table: what is lower passes under the hand at rest.
+        hand_clearance: ahead of the hand at rest, what anything tall keeps: the hand's thickness and the randomization.
+        hand_half_width: to each side of the hand at rest where that holds: its width and the randomization.
+        base_half, hand_half: half sides of what its base covers on the table, and its hand at rest.
+        hand_drop: below the tool at rest that what passes under it keeps.
+    """
+
+    comfortable: float
+    farthest: float
+    sideways: float
+    nearest_x: float
+    hand_at_rest: tuple[float, float]
+    hand_low_point: float
+    hand_clearance: float
+    hand_half_width: float
+    base_half: float
+    hand_half: float
+    hand_drop: float
+
+
+@dataclass(frozen=True)
+class RobotFiles:
+    """A robot's description: ``urdf``, and ``srdf`` with its pairs of links that never touch, which lies beside it
+    under the same name (where simulators look for it)."""
+
+    urdf: Path
+    srdf: Path
 
 
 @dataclass(frozen=True)
@@ -43,25 +104,32 @@ class RobotProfile:
 
     An action is (m + 1,): targets of the m arm joints in rad or m, and the gripper from -1 (closed) to 1 (open).
 
+    The hand frame is the same for every robot: z the way the fingers point, y the axis along which they open, so that a
+    solver config means the same motion whoever executes it.
+
     Attributes:
-        name: as in ``--robot`` and as ManiSkill's agent.
-        urdf: what planning reads; ``srdf``: its pairs that never touch, or None.
+        name: as in ``--robot``.
+        agent: of ManiSkill: ``robot_uids``.
+        files: gives its description; a function, since that comes with a package that need not be installed.
         hand_link: whose frame tool keypoints and hand poses are in.
-        arm_joints: names of the m joints that an action commands.
+        tool_link: whose pose state observations give.
+        arm_joints: names of the m joints that an action commands, in active joint order; fingers come after them.
         gripper: the fingers.
         reset_qpos: (n,) all active joints at the start of an episode.
         base_position: (3,) of its base in the world, m; no rotation.
         tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``.
         tool_keypoint_descriptions: what a person or a language model is told of them.
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
-        stiffness, damping, force_limit: of the arm's drives.
+        stiffness, damping, force_limit: of the arm's drives: N m/rad, N m s/rad, N m.
+        workspace: where it likes its objects.
         physics_hz, control_hz: rates.
     """
 
     name: str
-    urdf: Path
-    srdf: Path | None
+    agent: str
+    files: Callable[[], RobotFiles]
     hand_link: str
+    tool_link: str
     arm_joints: tuple[str, ...]
     gripper: Gripper
     reset_qpos: tuple[float, ...]
@@ -72,15 +140,52 @@ class RobotProfile:
     stiffness: float
     damping: float
     force_limit: float
+    workspace: Workspace
     physics_hz: int = 100
     control_hz: int = 20
 
     @cached_property
+    def _files(self) -> RobotFiles:
+        return self.files()
+
+    @property
+    def urdf(self) -> Path:
+        """What planning and simulation read.
+
+        Raises:
+            MissingExtraError: it comes with a package that is not installed.
+        """
+        return self._files.urdf
+
+    @property
+    def srdf(self) -> Path:
+        """Its pairs of links that never touch.
+
+        Raises:
+            MissingExtraError: it comes with a package that is not installed.
+        """
+        return self._files.srdf
+
+    @cached_property
     def model(self) -> kpam.Robot:
-        """The planner's robot, read once a process."""
+        """The planner's robot, read once a process.
+
+        Raises:
+            MissingExtraError: its files come with a package that is not installed.
+        """
         import gensim2_kpam as kpam
 
         return kpam.Robot.from_urdf(self.urdf, hand_link=self.hand_link, srdf=self.srdf)
+
+    @property
+    def arm_size(self) -> int:
+        """m, the number of arm joints: the first m of all active joints."""
+        return len(self.arm_joints)
+
+    @property
+    def action_size(self) -> int:
+        """m + 1."""
+        return self.arm_size + 1
 
     @property
     def T_world_base(self) -> Array:
@@ -91,8 +196,13 @@ class RobotProfile:
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
         """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""
-        turn, place = T_world_hand[:3, :3], T_world_hand[:3, 3]
-        return {name: np.asarray(turn @ point + place) for name, point in self.tool_keypoints.items()}
+        points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
+        return dict(zip(self.tool_keypoints, points, strict=True))
+
+    @cached_property
+    def _tool_points(self) -> Array:
+        """(N, 3) tool keypoints in the hand."""
+        return np.array(list(self.tool_keypoints.values()), dtype=np.float64)
 
     @cached_property
     def gripper_at_rest(self) -> Mapping[str, Array]:
@@ -109,6 +219,16 @@ class RobotProfile:
         """The lag in control steps, by which targets are sent ahead."""
         return round(self.lag * self.control_hz)
 
+    @property
+    def gripper_steps(self) -> int:
+        """Control steps that the fingers are given to open or to close."""
+        return round(self.gripper.travel_seconds * self.control_hz)
+
+    @property
+    def rest_action(self) -> npt.NDArray[np.float32]:
+        """(m + 1,): the arm stays where an episode begins, fingers open."""
+        return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
+
 
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that there are."""
@@ -116,12 +236,11 @@ def robot_names() -> tuple[str, ...]:
 
 
 @cache
-def robot(name: str) -> RobotProfile:
+def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     """The profile of a robot.
 
     Raises:
         InputError: there is no such robot.
-        MissingExtraError: its model comes with a package that is not installed.
     """
     makers = _makers()
     if name not in makers:
@@ -130,6 +249,7 @@ def robot(name: str) -> RobotProfile:
 
 
 def _makers() -> Mapping[str, Callable[[], RobotProfile]]:
-    from gensim2.robots.panda import panda  # here: it needs the class above
+    from gensim2.robots.fetch import fetch  # here: they need the class above
+    from gensim2.robots.panda import panda
 
-    return {"panda": panda}
+    return {"panda": panda, "fetch": fetch}

@@ -1,5 +1,6 @@
 """ManiSkill environments, one a task.
 
+They are for everybody's tools; ``Lane`` gives the same states, bit for bit, for episodes that nobody watches.
 Importing this module registers them with gymnasium, without importing ManiSkill:
 
     import gymnasium as gym
@@ -11,8 +12,19 @@ A program that does not import gensim2 by itself names the module in the id,
 replay them.
 """
 
-from gensim2.sim.registration import TASK_ENV_ID, env_id, register_all
+from __future__ import annotations
 
-__all__ = ["TASK_ENV_ID", "env_id", "register_all"]
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, register_all
+
+if TYPE_CHECKING:
+    from gensim2.sim.env import GenSim2Env
+    from gensim2.sim.lane import Lane
+
+__all__ = ["TASK_ENV_ID", "GenSim2Env", "Lane", "env_id", "make_env", "register_all"]
+
+__getattr__ = lazy_names(__name__, {"GenSim2Env": "gensim2.sim.env", "Lane": "gensim2.sim.lane"})
 
 register_all()

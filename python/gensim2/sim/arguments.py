@@ -10,11 +10,9 @@ import numpy as np
 import torch
 
 from gensim2.errors import InputError
-from gensim2.objects import Library, RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects import Instance, RigidObject, open_library
 from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
-from gensim2.sim.rooms import with_rigid_objects
 from gensim2.tasks.library import load_task
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -41,14 +39,14 @@ def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
 
 def check_names(task: TaskSpec, robot: RobotProfile) -> None:
     """Refuse a task whose object is called as the robot is: states of a scene are kept by name."""
-    if robot.name in task.objects:
-        raise InputError(f"no object may be called {robot.name!r}, as the robot is", field="objects")
+    if robot.agent in task.objects:
+        raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
 
 
 def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
     """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
-    if assets is None or isinstance(assets, str | Path | Library):
-        return with_rigid_objects(assets)
+    if assets is None or isinstance(assets, str | Path):
+        return open_library(assets)
     if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
         raise InputError(f"must be None, 'builtin', a folder or an opened library, is {assets!r}", field="assets")
     return assets

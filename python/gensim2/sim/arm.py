@@ -1,4 +1,4 @@
-"""The robot of a lane: built from ManiSkill's own model, driven as its controller ``pd_joint_pos`` drives it."""
+"""The robot of a lane: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
 
 from __future__ import annotations
 
@@ -6,25 +6,21 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-import mani_skill.agents.robots  # noqa: F401 - registers ManiSkill's robots
 import numpy as np
 import numpy.typing as npt
 import sapien
-from mani_skill.agents.base_agent import BaseAgent
-from mani_skill.agents.registration import REGISTERED_AGENTS
 from mani_skill.utils import sapien_utils
 from sapien import physx
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.errors import InputError
-from gensim2.robots import RobotProfile
+from gensim2.robots import RobotProfile, robot
+from gensim2.sim.agents import urdf_config
 from gensim2.sim.objects import link_name
 from gensim2.sim.parts import Row, articulation_state, pose_row
 from gensim2.sim.physics import Physics, PhysicsName
 from gensim2.sim.scene_state import RobotReader
-
-_HALF = np.float32(0.5)
 
 
 class Arm:
@@ -38,7 +34,6 @@ class Arm:
 
     def __init__(self, scene: sapien.Scene, profile: RobotProfile, physics: Physics) -> None:
         self._profile = profile
-        agent = _agent(profile.name)
         self.articulation = built(
             _builder(profile.name, physics.name), scene, sapien.Pose(p=list(profile.base_position))
         )
@@ -52,7 +47,7 @@ class Arm:
                 joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
                 joint.set_friction(0.0)
         physics.prepare_robot(self.articulation)
-        self._tool = next(link for link in self.articulation.links if link_name(link) == agent.ee_link_name)
+        self._tool = next(link for link in self.articulation.links if link_name(link) == profile.tool_link)
         self.reader = RobotReader(profile, self.articulation)
 
     @property
@@ -76,10 +71,7 @@ class Arm:
             raise InputError(f"must be {size + 1} finite numbers", field="action")
         for index, joint in enumerate(self._arm):
             joint.drive_target = command[index : index + 1]
-        gripper = self._profile.gripper
-        low, high = np.float32(gripper.closed), np.float32(gripper.open)
-        grip = np.clip(command[size:], np.float32(-1.0), np.float32(1.0))
-        target = _HALF * (high + low) + _HALF * (high - low) * grip
+        target = self._profile.gripper.target(command[size:])
         for joint in self._fingers:
             joint.drive_target = target
 
@@ -133,13 +125,8 @@ def _without_visuals(build_link: Callable[[Any, Any], None]) -> Callable[[Any, A
     return build
 
 
-def _agent(name: str) -> type[BaseAgent]:
-    agent: type[BaseAgent] = REGISTERED_AGENTS[name].agent_cls
-    return agent
-
-
 @cache
 def _builder(name: str, physics: PhysicsName) -> ArticulationBuilder:
     """One for each physics: builders keep the default material that there was when they were parsed."""
-    agent = _agent(name)
-    return parsed(agent.urdf_path, agent.urdf_config)
+    profile = robot(name)
+    return parsed(str(profile.urdf), urdf_config(profile))

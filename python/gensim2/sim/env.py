@@ -21,8 +21,9 @@ from mani_skill.utils.structs.types import SimConfig
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
-from gensim2.robots import robot, robot_names
-from gensim2.sim import rendering
+from gensim2.robots import DEFAULT_ROBOT, robot_names
+from gensim2.robots import robot as robot_profile
+from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import (
     ObjectSource,
     Words,
@@ -38,7 +39,7 @@ from gensim2.sim.arguments import (
 from gensim2.sim.objects import load_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
-from gensim2.sim.physics import PhysicsName, named_physics
+from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE
 from gensim2.sim.rigid import load_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
@@ -67,6 +68,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
             that the library lists: any number up to 10^6 is a generated object. Said of the task's first object, or
             of several as a mapping from an object's name.
+        robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
         physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
@@ -80,7 +82,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_ROBOTS = list(robot_names())  # noqa: RUF012 - as the base class has it
+    SUPPORTED_ROBOTS = [robot_profile(name).agent for name in robot_names()]  # noqa: RUF012 - as the base class has it
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
@@ -89,8 +91,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: str | TaskSpec | Mapping[str, Any],
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
-        robot_uids: str = "panda",
-        physics: PhysicsName = "ours",
+        robot: str = DEFAULT_ROBOT,
+        robot_uids: str | None = None,
+        physics: str = "ours",
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -106,13 +109,16 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
         check_words(
-            robot=robot_uids,
+            robot=robot,
             physics=physics,
             obs_mode=obs_mode,
             control_mode=control_mode,
             render_backend=render_backend,
         )
-        self.profile = robot(robot_uids)
+        self.profile = robot_profile(robot)
+        if robot_uids not in (None, self.profile.agent):
+            raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
+        agents.register(self.profile)
         self.physics = named_physics(physics)
         self.task = as_task(task)
         check_names(self.task, self.profile)
@@ -128,7 +134,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             super().__init__(
                 *args,
                 num_envs=1,
-                robot_uids=robot_uids,
+                robot_uids=self.profile.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
                 render_backend=_render_backend(render_backend, obs_mode, render_mode),
@@ -172,7 +178,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return self.physics.sim_config
+        return self.physics.sim_config(self.profile)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -277,7 +283,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Any]:
         """Hand pose in the world; with state observations also where the objects and their links stand."""
-        extra: dict[str, Any] = {"tcp_pose": self.agent.tcp_pose.raw_pose}
+        extra: dict[str, Any] = {"tcp_pose": self.agent.robot.links_map[self.profile.tool_link].pose.raw_pose}
         if self.obs_mode_struct.use_state:
             extra["objects"] = {
                 name: {what: torch.from_numpy(row[None]) for what, row in part.observed().items()}
@@ -376,6 +382,8 @@ def make_env(
     *,
     assets: str | Path | ObjectSource | None = None,
     instances: Words | Mapping[str, Words] = "all",
+    robot: str = DEFAULT_ROBOT,
+    physics: str = "ours",
     obs_mode: str = "state",
     render_mode: str | None = None,
 ) -> GenSim2Env:
@@ -383,4 +391,12 @@ def make_env(
 
     It behaves as ``gym.make(env_id(task), ...)`` does.
     """
-    return GenSim2Env(task=task, assets=assets, instances=instances, obs_mode=obs_mode, render_mode=render_mode)
+    return GenSim2Env(
+        task=task,
+        assets=assets,
+        instances=instances,
+        robot=robot,
+        physics=physics,
+        obs_mode=obs_mode,
+        render_mode=render_mode,
+    )

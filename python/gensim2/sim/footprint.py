@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
@@ -18,7 +19,7 @@ JOINT_SAMPLES = 13
 def hulls_in_root(model: Instance | RigidObject, value: float) -> list[Array]:
     """Convex parts, each (N, 3) m in the root frame, where the joint stands at ``value`` (a rigid object has none)."""
     if isinstance(model, RigidObject):
-        return list(model.hulls)
+        return list(model.hulls[BODY])
     joint, T = model.joint, model.joint.T_root_child
     still = [hull for link, hulls in model.hulls.items() if link != joint.child_link for hull in hulls]
     moving = model.hulls.get(joint.child_link, ())

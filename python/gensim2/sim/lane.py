@@ -2,22 +2,27 @@
 
 Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
 environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
-observations that nobody asked for, and the parsing of the robot's URDF at every reset.
+observations that nobody asked for, and reading the same URDF at every reset: a file that changes under a process is
+not read again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sapien
+from sapien.wrapper.articulation_builder import ArticulationBuilder
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as robot_profile
 from gensim2.seeding import check_seed
 from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
@@ -26,7 +31,7 @@ from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import Physics, PhysicsName, named_physics
+from gensim2.sim.physics import Physics, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
@@ -44,8 +49,8 @@ class Lane:
         assets: as in :func:`gensim2.objects.open_library`, or an opened library.
         instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
             object, or of several as a mapping from an object's name.
-        robot: name of the robot.
-        physics: ours, or as the original has it.
+        robot: name of its profile.
+        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
 
     Raises:
         InputError: an argument is wrong.
@@ -59,8 +64,8 @@ class Lane:
         *,
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
-        robot: str = "panda",
-        physics: PhysicsName = "ours",
+        robot: str = DEFAULT_ROBOT,
+        physics: str = "ours",
     ) -> None:
         self.physics = named_physics(physics)
         self.task = as_task(task)
@@ -97,7 +102,7 @@ class Lane:
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         setup = set_up(self.task, self._library, self.instance_ids, self.seed, given, self.profile, self.physics)
-        self._system = self.physics.new_system()
+        self._system = self.physics.new_system(self.profile)
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
         self._arm = Arm(scene, self.profile, self.physics) if robot else None
@@ -217,7 +222,7 @@ class Lane:
         """ManiSkill's ``env_states`` of this instant: root pose (7,) and velocities (6,) of each; of what has joints
         also qpos and qvel (n,)."""
         arm = self._require_arm()
-        found: dict[str, dict[str, Row]] = {"actors": {}, "articulations": {self.profile.name: arm.state()}}
+        found: dict[str, dict[str, Row]] = {"actors": {}, "articulations": {self.profile.agent: arm.state()}}
         for name, part in self._parts.items():
             found["actors" if isinstance(part, RigidPart) else "articulations"][name] = part.state()
         return found
@@ -236,7 +241,22 @@ def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> P
     if isinstance(thing.model, RigidObject):
         return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
     model = thing.model
-    builder = parsed(str(model.urdf), prepare=lambda loader: physics.prepare_loader(loader, model.asset_class))
-    articulation = built(builder, scene, pose)
-    warnings = check_object(articulation, model)
-    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), warnings)
+    known = _known(model.urdf, model.content_hash, model.asset_class, physics.name)
+    articulation = built(known.builder, scene, pose)
+    if known.warnings is None:
+        known.warnings = check_object(articulation, model)
+    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), known.warnings)
+
+
+@dataclass
+class _Known:
+    """What one process has to find out once of an articulated object: its parsed URDF, and how it was cooked."""
+
+    builder: ArticulationBuilder
+    warnings: tuple[str, ...] | None = None
+
+
+@lru_cache(maxsize=256)
+def _known(urdf: Path, content_hash: str, asset_class: str, physics: str) -> _Known:
+    how = named_physics(physics)
+    return _Known(parsed(str(urdf), prepare=lambda loader: how.prepare_loader(loader, asset_class)))

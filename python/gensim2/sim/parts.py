@@ -11,6 +11,7 @@ import sapien
 from sapien import physx
 
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
 from gensim2.sim.objects import link_name
@@ -78,8 +79,20 @@ class ArticulatedPart:
 
     def keypoints(self) -> dict[str, Array]:
         """(3,) each, in the world, m."""
-        poses = {name: matrix(self._links[name].entity) for name in {p.link for p in self.model.keypoints.values()}}
-        return {name: _moved(poses[point.link], point.position) for name, point in self.model.keypoints.items()}
+        found: dict[str, Array] = {}
+        for link, (names, points) in self._keypoints_by_link.items():
+            pose = matrix(self._links[link].entity)
+            found.update(zip(names, points @ pose[:3, :3].T + pose[:3, 3], strict=True))
+        return {name: found[name] for name in self.model.keypoints}
+
+    @cached_property
+    def _keypoints_by_link(self) -> dict[str, tuple[list[str], Array]]:
+        """Names and (N, 3) positions of the keypoints of each link."""
+        names: dict[str, list[str]] = {}
+        for name, point in self.model.keypoints.items():
+            names.setdefault(point.link, []).append(name)
+        points = self.model.keypoints
+        return {link: (own, np.array([points[name].position for name in own])) for link, own in names.items()}
 
     def state(self) -> Row:
         """(15,) ManiSkill's: root pose, root velocities, qpos, qvel."""
@@ -200,11 +213,11 @@ class RigidPart:
         pose = T_base_world @ matrix(self.entity)
         return SceneObject(
             name=self.name,
-            bodies=(SceneBody(self.name, self.model.hulls, pose),),
+            bodies=(SceneBody(self.name, self.model.hulls[BODY], pose),),
             T_base_object=pose,
             keypoints={name: _moved(pose, point.position) for name, point in self.model.keypoints.items()},
             yaw=self.thing.yaw,
-            center_of_mass=np.asarray(self.model.inertial.center, dtype=np.float64),
+            center_of_mass=self.model.center_of_mass,
         )
 
 

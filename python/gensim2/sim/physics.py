@@ -20,11 +20,10 @@ from sapien.wrapper.urdf_loader import URDFLoader
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
+from gensim2.robots import RobotProfile
 from gensim2.sim import original
 
 Array = npt.NDArray[np.float64]
-
-PHYSICS_HZ, CONTROL_HZ = 100, 20
 
 PhysicsName = Literal["ours", "original"]
 PHYSICS_NAMES: tuple[PhysicsName, ...] = get_args(PhysicsName)
@@ -66,15 +65,26 @@ class Physics(ABC):
 
     Attributes:
         name: ``"ours"`` or ``"original"``.
-        sim_config: rates, PhysX's settings and its default material, as ManiSkill takes them.
+        scene_config: PhysX's settings, as ManiSkill takes them.
+        material: of what says nothing of its own.
     """
 
     name: PhysicsName
-    sim_config: SimConfig
+    scene_config: SceneConfig
+    material: DefaultMaterialsConfig
 
-    def new_system(self) -> physx.PhysxCpuSystem:
-        """A PhysX system with these settings, as ManiSkill makes one."""
-        scene = self.sim_config.scene_config
+    def sim_config(self, robot: RobotProfile) -> SimConfig:
+        """What ManiSkill is told: these settings, and the robot's rates."""
+        return SimConfig(
+            sim_freq=robot.physics_hz,
+            control_freq=robot.control_hz,
+            scene_config=self.scene_config,
+            default_materials_config=self.material,
+        )
+
+    def new_system(self, robot: RobotProfile) -> physx.PhysxCpuSystem:
+        """A PhysX system with these settings at the robot's rate, as ManiSkill makes one."""
+        scene = self.scene_config
         physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
         physx.set_body_config(
             solver_position_iterations=scene.solver_position_iterations,
@@ -91,9 +101,9 @@ class Physics(ABC):
             enable_friction_every_iteration=scene.enable_friction_every_iteration,
             cpu_workers=scene.cpu_workers,
         )
-        physx.set_default_material(**self.sim_config.default_materials_config.dict())
+        physx.set_default_material(**self.material.dict())
         system = physx.PhysxCpuSystem()
-        system.timestep = 1.0 / PHYSICS_HZ
+        system.timestep = 1.0 / robot.physics_hz
         return system
 
     @abstractmethod
@@ -130,13 +140,10 @@ class OurPhysics(Physics):
     friction, which stay where they are let go; objects that weigh what they say."""
 
     name = "ours"
-    sim_config = SimConfig(
-        sim_freq=PHYSICS_HZ,
-        control_freq=CONTROL_HZ,
-        scene_config=SceneConfig(
-            enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
-        ),
+    scene_config = SceneConfig(
+        enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
     )
+    material = DefaultMaterialsConfig()
 
     def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
         for body in (
@@ -164,7 +171,7 @@ class OurPhysics(Physics):
 
     def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
         if isinstance(model, RigidObject):
-            return DefaultPlace(model.resting.position, model.resting.quaternion, 0.0, "ours")
+            return DefaultPlace(model.placement.position, model.placement.quaternion, 0.0, "ours")
         return DefaultPlace(model.placement.position, model.placement.quaternion, model.default_openness, "ours")
 
 
@@ -188,13 +195,17 @@ class CoulombFriction:
         self._articulation = articulation
         self._joints = articulation.active_joints
         self._friction, self._damping = joint.friction, joint.damping
+        self._speed = 0.0
         for active in self._joints:
             active.set_friction(0.0)
         self._brake(0.0)
 
     def update(self) -> None:
         if self._damping > 0:
-            self._brake(abs(float(self._articulation.qvel[0])))
+            speed = abs(float(self._articulation.qvel[0]))
+            if speed != self._speed:
+                self._speed = speed
+                self._brake(speed)
 
     def _brake(self, speed: float) -> None:
         limit = self._friction + self._damping * speed
@@ -210,12 +221,8 @@ class OriginalPhysics(Physics):
 
     def __init__(self) -> None:
         self._constants = original.constants()
-        self.sim_config = SimConfig(
-            sim_freq=PHYSICS_HZ,
-            control_freq=CONTROL_HZ,
-            scene_config=SceneConfig(**self._constants.scene),
-            default_materials_config=DefaultMaterialsConfig(**self._constants.material),
-        )
+        self.scene_config = SceneConfig(**self._constants.scene)
+        self.material = DefaultMaterialsConfig(**self._constants.material)
 
     def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
         """Nothing: contact offsets are the original's."""
@@ -248,8 +255,9 @@ class OriginalPhysics(Physics):
     def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
         # Rigid objects rest on the table: the original's height puts some of them into it. An id says something of the
         # released models only: generated ones have numbers of their own.
-        known = isinstance(model, Instance) and model.source == "real"
-        pose = original.default_pose(model.asset_class, model.id) if known else None
+        pose = None
+        if isinstance(model, Instance) and model.source == "real":
+            pose = original.default_pose(model.asset_class, model.id)
         if pose is None:
             return OURS.default_place(model)
         return DefaultPlace(pose.position, pose.quaternion, pose.openness, "original")

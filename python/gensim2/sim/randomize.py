@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.tasks.spec import Randomization
 
@@ -60,8 +61,5 @@ def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float
 
 def placed(position: Array, quaternion: Array, x: float, y: float, yaw: float) -> tuple[Array, Array]:
     """Shift a placement by (x, y) and turn it by ``yaw`` about the vertical through its own position."""
-    half = 0.5 * yaw
-    w, i, j, k = quaternion
-    c, s = np.cos(half), np.sin(half)
-    turned = np.array([c * w - s * k, c * i - s * j, c * j + s * i, c * k + s * w])
-    return np.asarray(position, dtype=np.float64) + np.array([x, y, 0.0]), turned
+    turned = Rotation.from_euler("z", yaw) * Rotation.from_quat(quaternion, scalar_first=True)
+    return np.asarray(position, dtype=np.float64) + np.array([x, y, 0.0]), turned.as_quat(scalar_first=True)

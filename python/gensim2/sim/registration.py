@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec, registry
 
 from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
 MODULE = "gensim2.sim"
@@ -25,6 +29,26 @@ def env_id(task: TaskSpec) -> str:
     """
     in_library = task.name in task_names() and load_task(task.name) == task
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
+
+
+def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env[Any, Any]:
+    """``gymnasium.make`` for a task.
+
+    Args:
+        task: name of one of the library, a spec, or its fields.
+        kwargs: of ``gymnasium.make`` and of :class:`~gensim2.sim.env.GenSim2Env`: ``assets``, ``obs_mode``, ....
+
+    Raises:
+        InputError: there is no such task, or an argument is none of the environment's.
+        ImportError: the simulator is not installed.
+    """
+    if isinstance(task, str):
+        task = load_task(task)
+    elif not isinstance(task, TaskSpec):
+        task = parse_task(dict(task))
+    id = env_id(task)
+    given: dict[str, Any] = {"task": task} if id.endswith(TASK_ENV_ID) else {}
+    return gym.make(id, **given, **kwargs)
 
 
 def register_all() -> None:

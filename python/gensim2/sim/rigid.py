@@ -6,15 +6,17 @@ from typing import Any
 
 import numpy as np
 import sapien
-import trimesh
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor
 from sapien import physx
+from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
 from gensim2.sim.physics import OURS, Physics
+from gensim2.sim.randomize import placed
 
 
 def load_rigid(
@@ -27,7 +29,7 @@ def load_rigid(
     """Build ``rigid`` at ``pose`` (object to world; default: resting at the world's origin).
 
     Args:
-        name: unique in the scene; default: the object's.
+        name: unique in the scene; default: the object's class.
 
     Raises:
         InputError: the physics engine dropped or replaced a collision hull.
@@ -35,7 +37,7 @@ def load_rigid(
     builder = scene.create_actor_builder()
     fill(builder, rigid, visual=scene.can_render(), physics=physics)
     builder.initial_pose = resting_pose(rigid) if pose is None else pose
-    actor = builder.build(name=name or rigid.name)
+    actor = builder.build(name=name or rigid.asset_class)
     check_shapes(actor._bodies[0].get_collision_shapes(), rigid)
     return actor
 
@@ -60,24 +62,20 @@ def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics
     """Give a builder the object's shapes and inertia, and its visual where ``visual``."""
     material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
     weight = {} if density is None else {"density": density}
-    for index in range(len(rigid.hulls)):
+    for index in range(len(rigid.hulls[BODY])):
         builder.add_convex_collision_from_file(str(rigid.hull_file(index)), material=material, **weight)
     if visual and rigid.visual is not None:
         builder.add_visual_from_file(str(rigid.visual))
     if density is not None:
         return  # PhysX makes mass and inertia of the hulls
-    mass = rigid.inertial
-    values, axes = np.linalg.eigh(mass.inertia)
-    frame = np.eye(4)
-    frame[:3, :3] = axes * np.linalg.det(axes)  # right-handed
-    turn = trimesh.transformations.quaternion_from_matrix(frame)
-    builder.set_mass_and_inertia(mass.mass, sapien.Pose(mass.center, turn), values)
+    values, axes = np.linalg.eigh(rigid.inertia)
+    turn = Rotation.from_matrix(axes * np.linalg.det(axes)).as_quat(scalar_first=True)  # right-handed
+    builder.set_mass_and_inertia(rigid.mass, sapien.Pose(rigid.center_of_mass, turn), values)
 
 
 def resting_pose(rigid: RigidObject, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> sapien.Pose:
     """Object to world, at rest on the table, its origin above (x, y) m, turned by ``yaw`` rad about the vertical."""
-    turn = sapien.Pose([x, y, 0.0], [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return turn * sapien.Pose(rigid.resting.position, rigid.resting.quaternion)
+    return sapien.Pose(*placed(rigid.placement.position, rigid.placement.quaternion, x, y, yaw))
 
 
 def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
@@ -86,14 +84,14 @@ def check_shapes(shapes: list[Any], rigid: RigidObject) -> None:
     Raises:
         InputError: it did not.
     """
-    if len(shapes) != len(rigid.hulls):
-        lost = len(rigid.hulls) - len(shapes)
+    if len(shapes) != len(rigid.hulls[BODY]):
+        lost = len(rigid.hulls[BODY]) - len(shapes)
         raise InputError(
-            f"{lost} of {len(rigid.hulls)} collision hulls were dropped by the physics engine",
+            f"{lost} of {len(rigid.hulls[BODY])} collision hulls were dropped by the physics engine",
             file=rigid.folder,
             remedy="a hull may be flat or tiny: leave it out or thicken it",
         )
-    for index, (hull, shape) in enumerate(zip(rigid.hulls, shapes, strict=True)):
+    for index, (hull, shape) in enumerate(zip(rigid.hulls[BODY], shapes, strict=True)):
         lost_m, grown = cooking_misfit(hull, shape)
         if not cooking_is_fair(hull, lost_m, grown):
             raise InputError(

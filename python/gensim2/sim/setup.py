@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
+from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
@@ -28,10 +29,6 @@ MOST_DRAWS = 100
 """Of the placements of one scene."""
 GAP = 0.02
 """Metres that footprints keep apart."""
-BASE_HALF, HAND_HALF = 0.12, 0.12
-"""Half sides (m) of what the robot's base and its hand at rest cover."""
-HAND_DROP = 0.02
-"""Metres below the tool at rest that an object keeps."""
 
 
 class PlacementError(InputError):
@@ -131,7 +128,7 @@ def set_up(
     for name, spec in task.objects.items():
         draws[name] = draw_object(generator, spec.randomization, instances[name])
         chosen = options[name].get("instance")
-        if chosen is not None and chosen not in library.instances(spec.asset_class):
+        if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a word is no id
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
     room = _Room(task, models, options, robot) if len(models) > 1 else None
@@ -151,7 +148,7 @@ def set_up(
 
 def model_id(model: Instance | RigidObject) -> str:
     """Class and id of an object, for people."""
-    return f"{model.asset_class}/{model.id}" if isinstance(model, Instance) else model.name
+    return model.asset_class if isinstance(model, RigidObject) else f"{model.asset_class}/{model.id}"
 
 
 def _stand_all(
@@ -187,7 +184,7 @@ def _stand(
         mean = openness_at_reset(spec.randomization, draw, default.openness)
         openness = mean if given is None else float(given)
     elif "openness" in options:
-        raise InputError(f"{model.name} has no joint", field="openness")
+        raise InputError(f"{model.asset_class} has no joint", field="openness")
     if "pose" in options:
         pose = np.asarray(options["pose"], dtype=np.float64)
         return Placed(model, pose[:3], pose[3:], 0.0, openness)
@@ -217,8 +214,9 @@ class _Room:
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
-        tool = robot.gripper_at_rest["tool_head"]
-        self._hand, self._hand_bottom = square(tool, HAND_HALF), float(tool[2]) - HAND_DROP
+        tool, space = robot.gripper_at_rest["tool_head"], robot.workspace
+        self._base_half = space.base_half
+        self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
     def holds(self, objects: Mapping[str, Placed]) -> bool:
         """Whether all that was drawn keeps apart, clear of the robot at rest and within its reach."""
@@ -247,14 +245,14 @@ class _Room:
         if isinstance(thing.model, Instance):
             head = keypoint_in_root(thing.model, work_keypoint(thing.model), thing.joint_value)
         else:
-            head = np.concatenate(thing.model.hulls).mean(axis=0)
+            head = np.concatenate(thing.model.hulls[BODY]).mean(axis=0)
         return bool(np.linalg.norm((thing.in_world(head) - self._base)[:2]) <= self._reach)
 
     def _is_clear(self, name: str, objects: Mapping[str, Placed], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
         if isinstance(thing.model, Instance):  # its own placement sees to that
             return True
-        if not keep_apart(outlines[name], square(self._base, BASE_HALF), GAP):
+        if not keep_apart(outlines[name], square(self._base, self._base_half), GAP):
             return False
         low = thing.in_world(self._points[name])[:, 2].max() < self._hand_bottom
         return bool(low or keep_apart(outlines[name], self._hand, GAP))

@@ -1,1 +1,19 @@
-"""tasks."""
+"""Tasks: which objects, which steps, what must hold at the end; and a library of them, with strategies, as data."""
+
+from gensim2.tasks.criteria import Criterion
+from gensim2.tasks.library import load_strategies, load_task, task_names
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import ObjectSpec, Place, Randomization, Step, TaskSpec
+
+__all__ = [
+    "Criterion",
+    "Measurement",
+    "ObjectSpec",
+    "Place",
+    "Randomization",
+    "Step",
+    "TaskSpec",
+    "load_strategies",
+    "load_task",
+    "task_names",
+]

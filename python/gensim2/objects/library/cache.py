@@ -20,11 +20,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from platformdirs import user_cache_dir
 
 import gensim2
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
+from gensim2.files import cache_dir, write_atomic
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import MOST_BYTES, ObjectFolder
 from gensim2.objects.types import Instance, Keypoint, MovingJoint, Placement
@@ -48,11 +47,6 @@ DAMAGE = (
 )
 
 
-def cache_dir() -> Path:
-    """Folder of everything that can be made again: ``$GENSIM2_CACHE``, else the user's cache folder."""
-    return Path(os.environ.get("GENSIM2_CACHE") or user_cache_dir("gensim2"))
-
-
 # What every prepared object passes through; a source adds its own modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
@@ -63,6 +57,7 @@ SHARED_MODULES = (
     "gensim2.objects.placement",
     "gensim2.objects.shapes",
     "gensim2.objects.types",
+    "gensim2.robots.panda",  # in front of which objects stand
 )
 
 

@@ -6,18 +6,57 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.catalogue import Library
 from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
-from gensim2.objects.types import Instance
+from gensim2.objects.types import Instance, ObjectModel
 
 
-def describe(library: Library, instance: Instance) -> dict[str, Any]:
-    """Everything about an instance that a person asks for; metres, kg, rad, and the units of ``MovingJoint``.
+def describe(library: Library, model: Instance | RigidObject) -> dict[str, Any]:
+    """Everything about an object that a person asks for; metres, kg, rad, and the units of ``MovingJoint``.
 
-    ``size`` is (3,) of the closed object's bounding box in the root frame; ``split`` says whether the paper's
-    protocol trains or tests on it (``"none"``: not one of the library's listed instances).
+    ``size`` is (3,) of the bounding box in the root frame, closed where there is a joint; ``split`` says whether the
+    paper's protocol trains or tests on it (``"none"``: not one of the library's listed instances). ``joint`` is None
+    for a rigid object, and only an articulated one has ``object_axis``, ``default_openness`` and ``urdf``, only a rigid
+    one ``grip``, ``friction`` and ``folder``.
     """
+    common = {
+        "class": model.asset_class,
+        "id": model.id,
+        "kind": library.kind(model.asset_class),
+        "description": library.describe(model.asset_class),
+        "source": model.source,
+        "license": model.license,
+        "split": split_of(library, model),
+        "mass": model.mass,
+        "keypoints": {
+            name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
+            for name, k in model.keypoints.items()
+        },
+        "placement": {
+            "position": model.placement.position.tolist(),
+            "quaternion": model.placement.quaternion.tolist(),
+        },
+        "hulls": {link: len(hulls) for link, hulls in model.hulls.items()},
+        "content_hash": model.content_hash,
+        "warnings": list(model.warnings),
+    }
+    return {**common, **(_of_rigid(model) if isinstance(model, RigidObject) else _of_articulated(model))}
+
+
+def _of_rigid(rigid: RigidObject) -> dict[str, Any]:
+    grip = rigid.grip
+    return {
+        "size": rigid.size.round(6).tolist(),
+        "joint": None,
+        "friction": rigid.friction,
+        "grip": {"point": grip.point.tolist(), "axis": grip.axis.tolist(), "width": grip.width},
+        "folder": str(rigid.folder),
+    }
+
+
+def _of_articulated(instance: Instance) -> dict[str, Any]:
     joint = instance.joint
     T = link_pose(instance, 0.0)
     points = np.concatenate(
@@ -28,13 +67,6 @@ def describe(library: Library, instance: Instance) -> dict[str, Any]:
         ]
     )
     return {
-        "class": instance.asset_class,
-        "id": instance.id,
-        "description": library.describe(instance.asset_class),
-        "source": instance.source,
-        "license": instance.license,
-        "split": split_of(library, instance),
-        "mass": instance.mass,
         "size": np.ptp(points, axis=0).round(6).tolist(),
         "joint": {
             "name": joint.name,
@@ -47,25 +79,14 @@ def describe(library: Library, instance: Instance) -> dict[str, Any]:
             "friction": joint.friction,
             "damping": joint.damping,
         },
-        "keypoints": {
-            name: {"link": k.link, "position": k.position.tolist(), "description": k.description}
-            for name, k in instance.keypoints.items()
-        },
         "object_axis": instance.object_axis,
         "default_openness": instance.default_openness,
-        "placement": {
-            "position": instance.placement.position.tolist(),
-            "quaternion": instance.placement.quaternion.tolist(),
-        },
-        "hulls": {link: len(hulls) for link, hulls in instance.hulls.items()},
         "urdf": str(instance.urdf),
-        "content_hash": instance.content_hash,
-        "warnings": list(instance.warnings),
     }
 
 
-def split_of(library: Library, instance: Instance) -> str:
+def split_of(library: Library, model: ObjectModel) -> str:
     """``"train"``, ``"test"`` or ``"none"``."""
-    if instance.id in library.split(instance.asset_class, "train"):
+    if model.id in library.split(model.asset_class, "train"):
         return "train"
-    return "test" if instance.id in library.instances(instance.asset_class) else "none"
+    return "test" if model.id in library.instances(model.asset_class) else "none"

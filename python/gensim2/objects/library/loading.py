@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from gensim2.errors import InputError
-from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.catalogue import Library
 from gensim2.processes import WorkerPool, enumerated, in_order
 
 

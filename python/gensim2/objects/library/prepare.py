@@ -10,6 +10,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -18,6 +19,7 @@ from gensim2.objects.physics import GRAVITY, Inertial, class_rule, inertial, joi
 from gensim2.objects.placement import place
 from gensim2.objects.shapes import Look, Mesh, hull_mesh
 from gensim2.objects.types import Instance, MovingJoint
+from gensim2.robots import robot
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -27,11 +29,8 @@ EFFORT_LIMIT, VELOCITY_LIMIT = 100.0, 10.0  # the release has none; urdf-rs need
 
 
 def rpy_from_matrix(R: Array) -> Array:
-    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z)."""
-    pitch = np.arcsin(np.clip(-R[2, 0], -1, 1))
-    if abs(R[2, 0]) < 1 - 1e-9:
-        return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
-    return np.array([0.0, pitch, np.arctan2(-R[0, 1], R[1, 1])])
+    """(3,) roll, pitch, yaw of URDF (fixed axes x, y, z); where only roll and yaw together are known, yaw is 0."""
+    return np.asarray(Rotation.from_matrix(R).as_euler("xyz", suppress_warnings=True))
 
 
 def numbers(values: Array) -> str:
@@ -175,7 +174,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
 def prepare(model: Model, folder: Path) -> Instance:
     """Write ``mobility.urdf`` with its meshes into ``folder`` and return the instance that stands for it."""
     rule = class_rule(model.asset_class)
-    placement = place(model, rule)
+    placement = place(model, rule, robot())
     body, moving = (inertial(part.hulls, rule.density) for part in (model.body, model.moving))
     R_world_root = placement.rotation
     gravity = (R_world_root @ model.T_root_link[:3, :3]).T @ GRAVITY

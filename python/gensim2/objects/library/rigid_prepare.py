@@ -4,30 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.cache import DAMAGE, folder_once, join_hulls, split_hulls
 from gensim2.objects.library.prepare import write_hull, write_visual
 from gensim2.objects.physics import Inertial, inertial
-from gensim2.objects.rigid import Grip, RigidKeypoint, RigidObject
+from gensim2.objects.rigid import BODY, Grip, RigidObject
 from gensim2.objects.shapes import Mesh, rotation
-from gensim2.objects.types import Array, Placement
+from gensim2.objects.types import Array, Keypoint, Placement, Source
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 #: Tilt (rad) after which an object that stands on its foot would fall over; with less it is laid down.
 STEADY = np.radians(10)
 #: Tilt (rad) with which an object still counts as upright: scanned feet are not level.
 LEAN = np.radians(5)
 #: Vertices this far (m) above the lowest still carry: scanned feet are uneven.
 FOOT = 2e-3
-#: Opening of a Panda hand, less a little to get in (m).
-WIDEST_GRIP = 0.076
 #: Thinner matter (m) is an edge, not a hold.
 THINNEST_GRIP = 1.5e-3
 #: Directions and heights at which holds are looked for.
@@ -64,8 +64,8 @@ def resting_pose(hulls: Sequence[Array], mass: Inertial) -> Placement:
     if R[2, 2] < np.cos(LEAN) or steadiness(points @ R.T, R @ mass.center) < STEADY:
         R = poses[int(np.argmax(np.round(chances, 6)))] if len(chances) else R
     low = float((points @ R[2]).min())
-    quaternion = trimesh.transformations.quaternion_from_matrix(R)
-    return Placement(np.array([0.0, 0.0, -low]), np.asarray(quaternion, float))
+    quaternion = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    return Placement(np.array([0.0, 0.0, -low]), quaternion + 0.0)
 
 
 def _least_turn(R: Array) -> Array:
@@ -138,56 +138,62 @@ def _spans(slices: Sequence[Array], u: Array, v: Array, middle: float) -> list[t
     return joined
 
 
-def prepare(
-    key: str,
-    name: str,
-    source: Literal["generated", "real"],
-    hulls: Sequence[Array],
-    meshes: Sequence[Mesh],
-    keypoints: dict[str, RigidKeypoint],
-    mass: float | None,
-    density: float,
-    friction: float,
-    license: str,
-    content_hash: str,
-    warnings: Sequence[str] = (),
-) -> RigidObject:
-    """Prepare an object under ``key`` in the cache, unless it is there.
+@dataclass(frozen=True)
+class RigidModel:
+    """A rigid object before it is prepared, at its final size.
 
-    Args:
+    Attributes:
         hulls: convex parts, each (N, 3) metres in the object frame.
         meshes: what is seen, same frame.
+        keypoints: name to (position (3,) in metres, same frame; a phrase).
         mass: kg; None: by ``density`` (kg/m³) of the hulls, which also gives the shape of the inertia.
     """
 
+    asset_class: str
+    source: Source
+    hulls: Sequence[Array]
+    meshes: Sequence[Mesh]
+    keypoints: dict[str, tuple[Array, str]]
+    mass: float | None
+    density: float
+    friction: float
+    license: str
+    content_hash: str
+    warnings: Sequence[str] = ()
+
+
+def prepare(key: str, model: RigidModel) -> RigidObject:
+    """Prepare an object under ``key`` in the cache, unless it is there."""
+
     def make(folder: Path) -> None:
-        body = inertial(list(hulls), density)
-        if mass is not None:
-            body = Inertial(mass, body.center, body.inertia * mass / body.mass)
+        hulls = list(model.hulls)
+        body = inertial(hulls, model.density)
+        if model.mass is not None:
+            body = Inertial(model.mass, body.center, body.inertia * model.mass / body.mass)
         resting = resting_pose(hulls, body)
         grip = best_grip(hulls, body.center, resting)
         for i, hull in enumerate(hulls):
             write_hull(folder / f"hull_{i}.obj", hull)
-        if meshes:
-            write_visual(folder / "visual.glb", list(meshes))
-        np.savez(folder / "hulls.npz", **join_hulls(list(hulls)))
+        if model.meshes:
+            write_visual(folder / "visual.glb", list(model.meshes))
+        np.savez(folder / "hulls.npz", **join_hulls(hulls))
         value = {
             "schema_version": SCHEMA_VERSION,
-            "name": name,
-            "source": source,
+            "asset_class": model.asset_class,
+            "source": model.source,
             "mass": body.mass,
-            "center": body.center.tolist(),
+            "center_of_mass": body.center.tolist(),
             "inertia": body.inertia.tolist(),
-            "friction": friction,
+            "friction": model.friction,
             "keypoints": {
-                k: {"position": np.asarray(p.position).tolist(), "description": p.description}
-                for k, p in keypoints.items()
+                name: {"position": np.asarray(position).tolist(), "description": description}
+                for name, (position, description) in model.keypoints.items()
             },
-            "resting": {"position": resting.position.tolist(), "quaternion": resting.quaternion.tolist()},
+            "placement": {"position": resting.position.tolist(), "quaternion": resting.quaternion.tolist()},
             "grip": {"point": grip.point.tolist(), "axis": grip.axis.tolist(), "width": grip.width},
-            "license": license,
-            "content_hash": content_hash,
-            "warnings": list(warnings),
+            "license": model.license,
+            "content_hash": model.content_hash,
+            "warnings": list(model.warnings),
         }
         (folder / "rigid.json").write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
 
@@ -204,18 +210,21 @@ def read(folder: Path) -> RigidObject:
         value: dict[str, Any] = json.loads((folder / "rigid.json").read_text())
         with np.load(folder / "hulls.npz") as data:
             hulls = tuple(split_hulls(data["points"], data["sizes"]))
-        grip = value["grip"]
+        grip, placement = value["grip"], value["placement"]
         return RigidObject(
-            name=value["name"],
+            asset_class=value["asset_class"],
             source=value["source"],
             folder=folder,
-            hulls=hulls,
-            inertial=Inertial(value["mass"], np.array(value["center"]), np.array(value["inertia"])),
+            hulls={BODY: hulls},
+            mass=value["mass"],
+            center_of_mass=np.array(value["center_of_mass"]),
+            inertia=np.array(value["inertia"]),
             friction=value["friction"],
             keypoints={
-                k: RigidKeypoint(np.array(p["position"]), p["description"]) for k, p in value["keypoints"].items()
+                name: Keypoint(BODY, np.array(point["position"]), point["description"])
+                for name, point in value["keypoints"].items()
             },
-            resting=Placement(np.array(value["resting"]["position"]), np.array(value["resting"]["quaternion"])),
+            placement=Placement(np.array(placement["position"]), np.array(placement["quaternion"])),
             grip=Grip(np.array(grip["point"]), np.array(grip["axis"]), grip["width"]),
             license=value["license"],
             content_hash=value["content_hash"],

@@ -6,27 +6,38 @@ import reprlib
 from collections.abc import Sequence
 
 from gensim2.errors import InputError
-from gensim2.objects.library.articulated import Library
+from gensim2.objects.library.catalogue import Library
+from gensim2.objects.types import Kind
 
 Item = tuple[str, str]
 
 
-def select(library: Library, words: Sequence[str], *, every: bool = False, drawn: int = 0, seed: int = 0) -> list[Item]:
+def select(
+    library: Library,
+    words: Sequence[str],
+    *,
+    every: bool = False,
+    drawn: int = 0,
+    seed: int = 0,
+    kind: Kind | None = None,
+) -> list[Item]:
     """(class, id) pairs, each once, in the order in which they were named.
 
     Args:
         words: ``CLASS`` (all its instances) or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``all`` or ``random``.
-        every: all of the library. It is also what no word at all means, unless ``drawn`` asks for something.
+        every: all that the library itself has, or of one ``kind``. It is also what no word at all means, unless
+            ``drawn`` asks for something.
         drawn: this many more of each class, or of each class that is named: new numbers where objects are generated,
             else any of the folder's.
         seed: of ``random`` and ``drawn``.
+        kind: of what is not named.
 
     Raises:
         InputError: no such class or instance, or a class too small for a test split.
     """
     items: dict[Item, None] = {}
     if every or not (words or drawn):
-        words = [*words, *library.classes()]
+        words = [*words, *library.own_classes(kind)]
     for word in words:
         asset_class, slash, which = word.partition("/")
         if slash and not which:
@@ -35,7 +46,7 @@ def select(library: Library, words: Sequence[str], *, every: bool = False, drawn
             items[asset_class, instance_id] = None
     if drawn:
         named = dict.fromkeys(word.partition("/")[0] for word in words)
-        for asset_class in named or library.classes():
+        for asset_class in named or library.own_classes(kind):
             for instance_id in library.sample(asset_class, drawn, seed):
                 items[asset_class, instance_id] = None
     return list(items)
@@ -53,13 +64,13 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
-    """Each library with those of its classes that are named, all where ``classes`` is None; none without any.
+    """Each library with those of its classes that are named, its own where ``classes`` is None; none without any.
 
     Raises:
         InputError: no library has a class of such a name.
     """
     if classes is None:
-        return [(library, library.classes()) for library in libraries]
+        return [(library, library.own_classes()) for library in libraries]
     known = sorted({name for library in libraries for name in library.classes()})
     for name in classes:
         if name not in known:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.folder import ObjectFolder
-from gensim2.objects.shapes import rotation
 
 Array = npt.NDArray[np.float64]
 
@@ -218,8 +217,10 @@ def _numbers(text: str | None, file: Path, field: str, count: int, default: str 
 def _origin(element: ET.Element | None, file: Path, field: str) -> Array:
     T = np.eye(4)
     if element is not None:
-        roll, pitch, yaw = _numbers(element.get("rpy"), file, f"{field}.rpy", 3, "0 0 0")
-        T[:3, :3] = rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch) @ rotation((1, 0, 0), roll)
+        from scipy.spatial.transform import Rotation  # here: whoever only names objects needs no SciPy
+
+        roll_pitch_yaw = _numbers(element.get("rpy"), file, f"{field}.rpy", 3, "0 0 0")
+        T[:3, :3] = Rotation.from_euler("xyz", roll_pitch_yaw).as_matrix()
         T[:3, 3] = _numbers(element.get("xyz"), file, f"{field}.xyz", 3, "0 0 0")
     return T
 

@@ -1,0 +1,273 @@
+"""One library of all objects: articulated classes with their instances, and rigid objects."""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, cast
+
+from gensim2.errors import InputError
+from gensim2.objects.errors import AssetError
+from gensim2.objects.library.articulated import FolderShelf, GeneratedShelf
+from gensim2.objects.library.folder import existing_folder
+from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
+from gensim2.objects.library.shelf import Shelf, near
+from gensim2.objects.rigid import ONLY_ID, RigidObject
+from gensim2.objects.types import Instance, Kind, Source
+from gensim2.seeding import rng
+
+Split = Literal["train", "test", "all"]
+SPLITS: Final = ("train", "test", "all")
+KINDS: Final[tuple[Kind, ...]] = ("articulated", "rigid")
+TEST_SHARE = 0.1
+SMALLEST_TO_SPLIT = 10
+BUILTIN = "builtin"
+YCB = "ycb"
+
+
+class Library:
+    """A set of classes of objects with their instances. Pickles: workers open the same one.
+
+    A rigid object's name is its class, and its only instance is ``"0"``.
+
+    Attributes:
+        name: what to show; ``builtin`` or the folder's name.
+        location: what ``open_library`` takes to open it again.
+    """
+
+    def __init__(self, name: str, location: str, shelves: Sequence[Shelf], stand_in: Shelf | None = None) -> None:
+        """``shelves``: no two with the same class. ``stand_in``: gives classes that they lack."""
+        self.name, self.location = name, location
+        self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
+        lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
+        self._shelves: dict[str, Shelf] = {**lent, **self._own}
+        self._loaded: dict[tuple[str, str], Instance | RigidObject] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_loaded": {}}
+
+    @property
+    def license(self) -> str:
+        """Terms of its own data."""
+        return "; ".join(dict.fromkeys(shelf.license for shelf in self._own.values()))
+
+    def _shelf(self, asset_class: str) -> Shelf:
+        if asset_class not in self._shelves:
+            raise InputError(
+                f"no class {reprlib.repr(asset_class)} in library {self.name}",
+                field="class",
+                remedy=near(asset_class, tuple({**self._own, **self._shelves})),
+            )
+        return self._shelves[asset_class]
+
+    def classes(self, kind: Kind | None = None) -> tuple[str, ...]:
+        """Class names, sorted; of one kind or of both."""
+        return tuple(sorted(name for name, shelf in self._shelves.items() if kind in (None, shelf.kind)))
+
+    def own_classes(self, kind: Kind | None = None) -> tuple[str, ...]:
+        """As :meth:`classes`, without those that stand in for what a folder lacks."""
+        return tuple(name for name in self.classes(kind) if name in self._own)
+
+    def kind(self, asset_class: str) -> Kind:
+        """``"articulated"`` or ``"rigid"``. Raises InputError: no such class."""
+        return self._shelf(asset_class).kind
+
+    def source(self, asset_class: str) -> Source:
+        """``"generated"`` or ``"real"``. Raises InputError: no such class."""
+        return self._shelf(asset_class).source
+
+    def license_of(self, asset_class: str) -> str:
+        """Terms of the source that a class is from. Raises InputError: no such class."""
+        return self._shelf(asset_class).license
+
+    def joint_type(self, asset_class: str) -> str | None:
+        """``"revolute"`` or ``"prismatic"``: what the class is known for; None: it is rigid.
+
+        Raises:
+            InputError: no such class.
+        """
+        return self._shelf(asset_class).joint_type(asset_class)
+
+    def describe(self, asset_class: str) -> str:
+        """One phrase about a class. Raises InputError: no such class."""
+        return self._shelf(asset_class).describe(asset_class)
+
+    def instances(self, asset_class: str) -> tuple[str, ...]:
+        """Instance ids of a class, sorted (numbers by value).
+
+        Raises:
+            InputError: no such class.
+        """
+        return self._shelf(asset_class).instances(asset_class)
+
+    def load(self, asset_class: str, instance_id: str) -> Instance | RigidObject:
+        """A prepared object; the first time it is made and kept in the cache, later it is read from there.
+
+        Raises:
+            InputError: no such class or instance.
+            AssetError: the object cannot be used; says why.
+        """
+        self._check(asset_class, instance_id)
+        key = (asset_class, instance_id)
+        if key not in self._loaded:
+            self._loaded[key] = self._shelf(asset_class).load(asset_class, instance_id)
+        return self._loaded[key]
+
+    def load_articulated(self, asset_class: str, instance_id: str) -> Instance:
+        """As :meth:`load`; a rigid object is an InputError too."""
+        self._check_kind(asset_class, "articulated")
+        return cast(Instance, self.load(asset_class, instance_id))
+
+    def load_rigid(self, asset_class: str) -> RigidObject:
+        """As :meth:`load`; an articulated object is an InputError too."""
+        self._check_kind(asset_class, "rigid")
+        return cast(RigidObject, self.load(asset_class, ONLY_ID))
+
+    def _check_kind(self, asset_class: str, kind: Kind) -> None:
+        if self.kind(asset_class) != kind:
+            wrong = "is rigid: it has no joint" if kind == "articulated" else "has a joint: it is not rigid"
+            names = self.classes(kind)
+            raise InputError(
+                f"{asset_class} {wrong}", field="class", remedy=f"there are {', '.join(names[:8])}" if names else None
+            )
+
+    def _check(self, asset_class: str, instance_id: str) -> None:
+        shelf = self._shelf(asset_class)
+        if not shelf.holds(asset_class, instance_id):
+            raise InputError(
+                f"no instance {reprlib.repr(instance_id)} of {asset_class} in library {self.name}",
+                field="instance",
+                remedy=shelf.remedy(asset_class, instance_id),
+            )
+
+    def split(self, asset_class: str, which: Split) -> tuple[str, ...]:
+        """Ids for training (90 %) or testing (10 %), by a seeded rule; a class with under 10 instances is all train.
+
+        Raises:
+            InputError: ``which`` is ``"test"`` and the class is too small to have one; or an unknown split.
+        """
+        ids = self.instances(asset_class)
+        if which == "all":
+            return ids
+        if which not in ("train", "test"):
+            raise InputError(f"no split {reprlib.repr(which)}", field="split", remedy="train, test or all")
+        if len(ids) < SMALLEST_TO_SPLIT:
+            if which == "test":
+                raise InputError(
+                    f"{asset_class} has {len(ids)} instances, all for training; a test split takes {SMALLEST_TO_SPLIT}",
+                    field="split",
+                    remedy="use train or all",
+                )
+            return ids
+        order = rng(0, f"split/{asset_class}").permutation(len(ids))
+        held_out = {ids[i] for i in order[: math.ceil(TEST_SHARE * len(ids))]}
+        return tuple(i for i in ids if (i in held_out) == (which == "test"))
+
+    def choose(self, asset_class: str, which: str, seed: int = 0) -> tuple[str, ...]:
+        """Ids that one word stands for: ``train``, ``test``, ``all``, ``random`` (one, by the seed) or an id.
+
+        Raises:
+            InputError: no such class, instance or test split.
+        """
+        if which in SPLITS:
+            return self.split(asset_class, cast(Split, which))
+        if which == "random":
+            ids = self.instances(asset_class)
+            return (ids[int(rng(seed, f"choose/{asset_class}").integers(len(ids)))],)
+        self._check(asset_class, which)
+        return (which,)
+
+    def sample(self, asset_class: str, count: int, seed: int = 0) -> tuple[str, ...]:
+        """``count`` ids drawn by the seed, no two the same; all of a class that has no more.
+
+        Of generated articulated objects: numbers up to 10^6 that ``instances`` does not list.
+
+        Raises:
+            InputError: no such class.
+        """
+        return self._shelf(asset_class).sample(asset_class, count, seed)
+
+
+@dataclass(frozen=True)
+class ClassListing:
+    """One row of ``gensim2 assets list``; ``joint_type`` is None where the class is a rigid object."""
+
+    asset_class: str
+    kind: Kind
+    joint_type: str | None
+    source: Source
+    license: str
+    description: str
+    ids: tuple[str, ...]
+
+
+def listing(library: Library) -> tuple[ClassListing, ...]:
+    """What a library holds, one row a class, articulated ones first; nothing is loaded."""
+    return tuple(
+        ClassListing(
+            name,
+            library.kind(name),
+            library.joint_type(name),
+            library.source(name),
+            library.license_of(name),
+            library.describe(name),
+            library.instances(name),
+        )
+        for kind in KINDS
+        for name in library.classes(kind)
+    )
+
+
+def open_library(where: Path | str | None = None) -> Library:
+    """Open a library.
+
+    Args:
+        where: None: ``$GENSIM2_ASSETS`` where set, else the generated one; ``"builtin"``: the generated one; ``"ycb"``:
+            ManiSkill's download of the YCB objects; otherwise a folder in the layout of the GenSim2 release, or its
+            ``articulated_objs``, or its ``rigidbody_objs/models``, or one as ManiSkill's download makes it. A rigid
+            object that a folder lacks is the generated one of that name.
+
+    Raises:
+        InputError: the folder is missing, cannot be read, holds no objects, or two of one name.
+    """
+    field = None
+    if where is None:
+        where = os.environ.get("GENSIM2_ASSETS") or BUILTIN
+        field = "GENSIM2_ASSETS"
+    if str(where) == BUILTIN:
+        return Library(BUILTIN, BUILTIN, [GeneratedShelf(), GeneratedRigidShelf()])
+    remedy = f'give an existing one, "{BUILTIN}", or "{YCB}" after `python -m mani_skill.utils.download_asset ycb`'
+    folder = existing_folder(maniskill_ycb() if str(where) == YCB else where, field, remedy)
+    try:
+        shelves = _shelves(folder)
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}", file=where, field=field) from error
+    if not any(shelf.classes() for shelf in shelves):
+        raise InputError(
+            "no objects in it",
+            file=folder,
+            remedy="give a folder with <class>/<id>/mobility.urdf or <name>/collision.obj, or its parent",
+        )
+    known: set[str] = set()
+    for shelf in shelves:
+        for name in known.intersection(shelf.classes()):
+            raise AssetError("an articulated class and a rigid object have this name", file=folder, field=name)
+        known.update(shelf.classes())
+    return Library(folder.resolve().name, str(folder.resolve()), shelves, GeneratedRigidShelf())
+
+
+def _shelves(folder: Path) -> list[Shelf]:
+    """What lies in a folder."""
+    if (folder / YCB_INFO).is_file():
+        return [YcbShelf(folder)]
+    articulated, rigid = folder / "articulated_objs", folder / "rigidbody_objs" / "models"
+    shelves: list[Shelf] = []
+    if articulated.is_dir() or not rigid.is_dir():
+        shelves.append(FolderShelf(articulated if articulated.is_dir() else folder))
+    if rigid.is_dir() or not articulated.is_dir():
+        shelves.append(FolderRigidShelf((rigid if rigid.is_dir() else folder).resolve()))
+    return shelves

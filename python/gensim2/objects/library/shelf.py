@@ -1,0 +1,89 @@
+"""Where a library's objects of one kind come from."""
+
+from __future__ import annotations
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from gensim2.objects.library.urdf import LONGEST_NAME
+from gensim2.objects.rigid import ONLY_ID, RigidObject
+from gensim2.objects.types import Instance, Kind, Source
+from gensim2.seeding import rng
+
+
+def near(word: str, words: Sequence[str]) -> str:
+    """What to try in place of a word that is none of ``words``."""
+    matches = difflib.get_close_matches(word[:LONGEST_NAME], words, n=3, cutoff=0.4)
+    return f"did you mean {', '.join(matches)}?" if matches else f"there are {', '.join(words[:8])}"
+
+
+class Shelf(ABC):
+    """Objects of one kind from one source. Pickles.
+
+    Attributes:
+        kind: of its objects.
+        source: who made them.
+        license: terms of their data.
+    """
+
+    kind: Kind
+    source: Source
+    license: str
+
+    @abstractmethod
+    def classes(self) -> tuple[str, ...]:
+        """Class names, sorted."""
+
+    @abstractmethod
+    def instances(self, asset_class: str) -> tuple[str, ...]:
+        """Ids of a class, sorted (numbers by value)."""
+
+    @abstractmethod
+    def load(self, asset_class: str, instance_id: str) -> Instance | RigidObject:
+        """A prepared object; the first time it is made and kept in the cache.
+
+        Raises:
+            AssetError: it cannot be used; says why.
+        """
+
+    @abstractmethod
+    def describe(self, asset_class: str) -> str:
+        """One phrase about a class."""
+
+    @abstractmethod
+    def joint_type(self, asset_class: str) -> str | None:
+        """What the class is known for: ``"revolute"`` or ``"prismatic"``; None: it is rigid."""
+
+    def holds(self, asset_class: str, instance_id: str) -> bool:
+        """Whether an instance can be asked for."""
+        return instance_id in self.instances(asset_class)
+
+    def remedy(self, asset_class: str, instance_id: str) -> str:
+        """What to ask for in place of an instance that it does not hold."""
+        return near(instance_id, self.instances(asset_class))
+
+    def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
+        """``count`` ids drawn by the seed, no two the same; all of a class that has no more."""
+        ids = self.instances(asset_class)
+        order = rng(seed, f"sample/{asset_class}").permutation(len(ids))[:count]
+        return tuple(ids[i] for i in sorted(order))
+
+
+class RigidShelf(Shelf):
+    """Rigid objects: each is the only one of its class."""
+
+    kind: Kind = "rigid"
+
+    def instances(self, asset_class: str) -> tuple[str, ...]:
+        return (ONLY_ID,)
+
+    def load(self, asset_class: str, instance_id: str) -> RigidObject:
+        return self.load_rigid(asset_class)
+
+    @abstractmethod
+    def load_rigid(self, asset_class: str) -> RigidObject:
+        """As :meth:`load`."""
+
+    def joint_type(self, asset_class: str) -> None:
+        return None

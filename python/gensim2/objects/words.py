@@ -1,0 +1,88 @@
+"""How people talk about objects and about what can be done with them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, Literal
+
+End = Literal["articulated_open", "articulated_closed"]
+"""The ends of a joint: openness 1 and 0."""
+
+UNKNOWN = 0.6
+"""Usefulness of what no table knows: below what people are known to ask for, above what they are known not to."""
+
+#: Endings of class names that say how the object moves, with what to say and what to call it for both ends.
+MOTIONS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
+    "cap": (("Unscrew{}Cap", "unscrew the cap of the {}"), ("Tighten{}Cap", "tighten the cap of the {}")),
+    "lift": (("Lift{}", "lift the {}"), ("Lower{}", "set the {} down")),
+    "move": (("Push{}", "push the {} away"), ("Pull{}", "pull the {} closer")),
+    "press": (("Press{}", "press the {}"), ("Release{}", "release the {}")),
+    "push": (("Slide{}Open", "slide the {} open"), ("Slide{}Shut", "slide the {} shut")),
+    "rotate": (("Open{}", "open the {}"), ("Close{}", "close the {}")),
+    "swing": (("Swing{}", "swing the handle of the {} over"), ("Swing{}Back", "swing the handle of the {} back")),
+}
+BY_JOINT = {"revolute": MOTIONS["rotate"], "prismatic": MOTIONS["push"]}
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """A task on one joint, as a person would put it.
+
+    Attributes:
+        name: CamelCase, for example ``"PressStapler"``.
+        sentence: what a person would ask for, in lower case: ``"press the stapler"``.
+        noun: what the object is called: ``"stapler"``.
+        usefulness: how likely anybody is to ask for it. 1: as such, any day (open, close, switch, press, lift). 0.5:
+            now and then, or as part of a chore. 0.1: hardly ever, because the object does it by itself or because it
+            only undoes what was wanted.
+    """
+
+    name: str
+    sentence: str
+    noun: str
+    usefulness: float
+
+
+def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
+    """How to ask for a class's joint to be brought to one end.
+
+    Args:
+        asset_class: articulated; one that the table does not know gets a plain phrase from its name.
+        goal: which end.
+        joint_type: ``"revolute"`` or ``"prismatic"``, for a class whose name does not say how it moves.
+    """
+    entry = _table()["articulated"].get(asset_class)
+    if entry is not None:
+        name, sentence, usefulness = entry["open" if goal == "articulated_open" else "closed"]
+        return Phrase(name, sentence, entry["noun"], float(usefulness))
+    spoken, motion = _taken_apart(asset_class)
+    name, sentence = (MOTIONS[motion] if motion else BY_JOINT[joint_type])[goal == "articulated_closed"]
+    return Phrase(name.format(_camel_case(spoken)), sentence.format(spoken), spoken, UNKNOWN)
+
+
+def noun(asset_class: str) -> str:
+    """What a person calls an object of a class, articulated or rigid; the name itself where no table knows it."""
+    table = _table()
+    if asset_class in table["articulated"]:
+        return str(table["articulated"][asset_class]["noun"])
+    return str(table["rigid"].get(asset_class) or _taken_apart(asset_class)[0])
+
+
+def _taken_apart(asset_class: str) -> tuple[str, str | None]:
+    """The noun in a class's name, and the ending that says how it moves."""
+    parts = [part for part in re.split(r"[^0-9A-Za-z]+", asset_class) if part]
+    motion = parts.pop() if len(parts) > 1 and parts[-1] in MOTIONS else None
+    return " ".join(parts).lower() or "object", motion
+
+
+def _camel_case(phrase: str) -> str:
+    return "".join(word.capitalize() for word in phrase.split())
+
+
+@cache
+def _table() -> dict[str, dict[str, Any]]:
+    return tomllib.loads((resources.files("gensim2.objects") / "words.toml").read_text(encoding="utf-8"))

@@ -1,0 +1,113 @@
+"""ManiSkill's Fetch with everything below and beside its arm standing still."""
+
+from __future__ import annotations
+
+import hashlib
+from math import pi
+
+import numpy as np
+
+from gensim2.files import cache_dir, write_atomic
+from gensim2.robots.fixed_base import fixed_base
+from gensim2.robots.maniskill import robot_folder
+from gensim2.robots.profile import Gripper, RobotFiles, RobotProfile, Workspace
+
+TORSO_HEIGHT = 0.38
+"""Metres of the torso's 0.386: the shoulder stands 0.57 m above the table, the torso's overhang clear of it."""
+
+FINGERTIP = 0.024
+"""Metres from ManiSkill's ``gripper_link`` along the fingers: 7 mm behind their tips, as the Panda's head keypoint."""
+
+
+def fetch_files() -> RobotFiles:
+    """ManiSkill's description with a fixed base, in the user's cache folder.
+
+    Head and torso stand still, the three joints that turn for ever turn half a turn either way (every orientation of
+    the hand stays within reach, and no simulator counts turns differently), and the hand has a frame of its own.
+
+    Raises:
+        MissingExtraError: ManiSkill is not installed.
+        InputError: the cache folder cannot be written to.
+    """
+    source = robot_folder("fetch")
+    urdf = fixed_base(
+        source / "fetch.urdf",
+        base="base_link",
+        standing={"torso_lift_joint": TORSO_HEIGHT, "head_pan_joint": 0.0, "head_tilt_joint": 0.0},
+        turns=pi,
+        palm="gripper_link",
+        hand="fetch_hand",
+        pitch=pi / 2,  # the palm looks along its x, hands look along z
+        tool="fetch_hand_tcp",
+        tool_at=FINGERTIP,
+    )
+    srdf = (source / "fetch.srdf").read_text()
+    folder = cache_dir() / "robots" / hashlib.sha256((urdf + srdf).encode()).hexdigest()[:16]
+    files = RobotFiles(folder / "fetch.urdf", folder / "fetch.srdf")
+    for path, text in ((files.urdf, urdf), (files.srdf, srdf)):
+        if not path.is_file() or path.read_text() != text:
+            write_atomic(path, text)
+    return files
+
+
+def fetch() -> RobotProfile:
+    """The profile; drives and friction are those of ManiSkill's agent.
+
+    It stands on the floor, 0.6 m below the table's top, its wheels under the table and its torso at the table's edge.
+    """
+    return RobotProfile(
+        name="fetch",
+        agent="fetch_fixed_base",
+        files=fetch_files,
+        hand_link="fetch_hand",
+        tool_link="fetch_hand_tcp",
+        arm_joints=(
+            "shoulder_pan_joint",
+            "shoulder_lift_joint",
+            "upperarm_roll_joint",
+            "elbow_flex_joint",
+            "forearm_roll_joint",
+            "wrist_flex_joint",
+            "wrist_roll_joint",
+        ),
+        gripper=Gripper(
+            joints=("r_gripper_finger_joint", "l_gripper_finger_joint"),
+            links=("r_gripper_finger_link", "l_gripper_finger_link"),
+            open=0.05,
+            closed=-0.01,
+            travel_seconds=0.7,
+            stiffness=1e3,
+            damping=1e2,
+            force_limit=100.0,
+            friction=2.0,
+        ),
+        reset_qpos=(0.0, -1.04, 0.0, 2.04, 0.0, 0.570796, 0.0, 0.05, 0.05),
+        base_position=(-0.7, 0.0, -0.6),
+        tool_keypoints={
+            "tool_head": np.array([0.0, 0.0, FINGERTIP]),
+            "tool_tail": np.array([0.0, 0.0, FINGERTIP - 0.03]),
+            "tool_side": np.array([0.0, 0.064, FINGERTIP]),
+        },
+        tool_keypoint_descriptions={
+            "tool_head": "the middle point between the two finger tips",
+            "tool_tail": "the middle point between the two finger bases",
+            "tool_side": "the tip of the right finger",
+        },
+        reach=0.77,
+        stiffness=1e3,
+        damping=1e2,
+        force_limit=100.0,
+        workspace=Workspace(
+            comfortable=0.635,
+            farthest=0.825,
+            sideways=0.2,
+            nearest_x=-0.27,
+            hand_at_rest=(-0.2, 0.0),
+            hand_low_point=0.22,
+            hand_clearance=0.13,
+            hand_half_width=0.2,
+            base_half=0.15,
+            hand_half=0.14,
+            hand_drop=0.02,
+        ),
+    )

@@ -1,0 +1,119 @@
+"""A mobile robot's URDF as that of an arm: what carries the arm stands still; the hand has the frame of all hands."""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import RigidTransform, Rotation
+
+Array = npt.NDArray[np.float64]
+
+
+def fixed_base(
+    urdf: Path,
+    *,
+    base: str,
+    standing: Mapping[str, float],
+    turns: float,
+    palm: str,
+    hand: str,
+    pitch: float,
+    tool: str,
+    tool_at: float,
+) -> str:
+    """URDF text derived from another's.
+
+    What lies between the root and ``base`` is left out, joints of ``standing`` become fixed ones, those without limits
+    turn by ``turns`` either way, and meshes are named by absolute paths.
+
+    Args:
+        urdf: a URDF whose meshes are named by paths relative to it.
+        base: link that becomes the root.
+        standing: joint to the value (rad or m) at which it stands still.
+        turns: limit of continuous joints, rad.
+        palm: link that carries the fingers.
+        hand: name of a new link without shapes at the palm's origin, between the palm and its parent.
+        pitch: of the hand in the palm's frame, rad.
+        tool: name of a new link without shapes on the hand's z axis.
+        tool_at: where it is along that axis, m.
+    """
+    root = ET.parse(urdf).getroot()
+    _drop_above(root, base)
+    for joint in root.findall("joint"):
+        value = standing.get(str(joint.get("name")))
+        if value is not None:
+            _place(joint, _origin(joint) * _motion(joint, value))
+            joint.set("type", "fixed")
+        elif joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            assert limit is not None, "a continuous joint of a robot that we know"
+            limit.attrib.update(lower=repr(-turns), upper=repr(turns))
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(urdf.parent / str(mesh.get("filename"))))
+    over = next(joint for joint in root.findall("joint") if _link(joint, "child") == palm)
+    turn = RigidTransform.from_rotation(Rotation.from_euler("y", pitch))
+    _join(root, _link(over, "parent"), hand, _origin(over) * turn, over)
+    _join(root, hand, palm, turn.inv())
+    _join(root, hand, tool, RigidTransform.from_translation([0.0, 0.0, tool_at]))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _drop_above(root: ET.Element, base: str) -> None:
+    """Remove the links and joints between the root and ``base``."""
+    above = {_link(joint, "child"): joint for joint in root.findall("joint")}
+    links = {link.get("name"): link for link in root.findall("link")}
+    while base in above:
+        joint = above[base]
+        base = _link(joint, "parent")
+        root.remove(joint)
+        root.remove(links[base])
+
+
+def _join(root: ET.Element, parent: str, child: str, pose: RigidTransform, joint: ET.Element | None = None) -> None:
+    """Fix ``child``, made where it is not there, to ``parent``: by a joint that is there already, or a new one."""
+    if all(link.get("name") != child for link in root.findall("link")):
+        ET.SubElement(root, "link", name=child)
+    if joint is None:
+        joint = ET.SubElement(root, "joint", name=f"{child}_fixed", type="fixed")
+    for tag, link in (("parent", parent), ("child", child)):
+        end = joint.find(tag)
+        end = ET.SubElement(joint, tag) if end is None else end
+        end.set("link", link)
+    _place(joint, pose)
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    return next(str(element.get("link")) for element in joint.findall(end))
+
+
+def _numbers(joint: ET.Element, tag: str, name: str, default: str) -> Array:
+    element = joint.find(tag)
+    return np.array((default if element is None else element.get(name, default)).split(), dtype=np.float64)
+
+
+def _origin(joint: ET.Element) -> RigidTransform:
+    turn = Rotation.from_euler("xyz", _numbers(joint, "origin", "rpy", "0 0 0"))
+    return RigidTransform.from_components(_numbers(joint, "origin", "xyz", "0 0 0"), turn)
+
+
+def _motion(joint: ET.Element, value: float) -> RigidTransform:
+    step = value * _numbers(joint, "axis", "xyz", "1 0 0")
+    if joint.get("type") == "prismatic":
+        return RigidTransform.from_translation(step)
+    return RigidTransform.from_rotation(Rotation.from_rotvec(step))
+
+
+def _place(joint: ET.Element, pose: RigidTransform) -> None:
+    origin = joint.find("origin")
+    origin = ET.SubElement(joint, "origin") if origin is None else origin
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a pitch of a quarter turn has many yaws: any will do
+        turn = pose.rotation.as_euler("xyz")
+    origin.set("xyz", " ".join(map(repr, pose.translation.tolist())))
+    origin.set("rpy", " ".join(map(repr, turn.tolist())))

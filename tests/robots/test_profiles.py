@@ -1,0 +1,117 @@
+"""Profiles: what they say is what the description, the planner and ManiSkill's agent say."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import gensim2_kpam as kpam
+from gensim2.errors import InputError
+from gensim2.robots import CLOSED, OPEN, robot, robot_names
+
+pytest.importorskip("mani_skill")
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_joints_are_those_of_the_planner_in_its_order(name: str) -> None:
+    profile = robot(name)
+    assert profile.model.joint_names == [*profile.arm_joints, *profile.gripper.joints]
+    q = np.array(profile.reset_qpos)
+    # The fingers of some models are written with a hair less than their travel.
+    assert (q >= profile.model.lower - 1e-6).all()
+    assert (q <= profile.model.upper + 1e-6).all()
+    assert profile.action_size == len(profile.arm_joints) + 1 == len(profile.rest_action)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_hand_frame_is_that_of_all_robots(name: str) -> None:
+    """z as the fingers point, y as they open, and the tool keypoints where the fingers are."""
+    profile = robot(name)
+    head, tail, side = (profile.tool_keypoints[point] for point in ("tool_head", "tool_tail", "tool_side"))
+    assert (head - tail)[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert (head - tail)[2] > 0.01
+    assert (side - head)[[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-9)
+    gripper = kpam.ParallelGripper.of_robot(profile.model, **profile.tool_keypoints)
+    narrowest, widest = gripper.stroke
+    assert narrowest == pytest.approx(0.0, abs=2e-3)
+    assert widest == pytest.approx(2 * profile.gripper.open, abs=4e-3)
+    assert side[1] > widest / 2  # it lies on the finger, not between the fingers
+    # The pads reach the fingertips, within which the head lies.
+    middle, (_, length) = gripper.T_hand_grip[:3, 3], gripper.pad
+    assert middle[2] - length / 2 < head[2] < middle[2] + length / 2
+    assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_an_episode_begins_with_the_hand_over_the_table(name: str) -> None:
+    profile = robot(name)
+    q, space = np.array(profile.reset_qpos), profile.workspace
+    pose = profile.T_world_base @ profile.model.forward_kinematics(q)
+    assert pose[:2, 3] == pytest.approx(space.hand_at_rest, abs=0.01)
+    assert pose[2, 2] < -0.99  # it looks down
+    head = pose @ [*profile.tool_keypoints["tool_head"], 1.0]
+    assert head[2] > space.hand_low_point
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_hand_reaches_the_table_as_far_as_stated(name: str) -> None:
+    """Pointing down, 2 cm above the top, straight ahead and half a radian to either side; not much farther."""
+    profile = robot(name)
+    down = {
+        "type": "frame_axis_parallel",
+        "axis_from_keypoint_name": "tool_tail",
+        "axis_to_keypoint_name": "tool_head",
+        "target_axis": [0.0, 0.0, -1.0],
+        "target_axis_frame": "world",
+        "target_inner_product": 1.0,
+        "tolerance": 0.02,
+    }
+    there = {
+        "type": "point2point_constraint",
+        "keypoint_name": "tool_head",
+        "target_keypoint_name": "there",
+        "tolerance": 0.002,
+    }
+    config = kpam.SolverConfig({"constraint_list": [there, down]})
+
+    def is_reached(distance: float, angle: float) -> bool:
+        height = 0.02 - profile.base_position[2]
+        problem = kpam.KeypointProblem(
+            profile.model,
+            config,
+            np.array(profile.reset_qpos),
+            tool_keypoints=profile.tool_keypoints,
+            object_keypoints={"there": [distance * np.cos(angle), distance * np.sin(angle), height]},
+            T_base_object=np.eye(4),
+        )
+        return bool(kpam.ik(problem, most=1))
+
+    assert all(is_reached(profile.reach, angle) for angle in (-0.5, 0.0, 0.5))
+    assert not any(is_reached(profile.reach + 0.1, angle) for angle in (-0.5, 0.0, 0.5))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_commands_and_targets_of_the_fingers_agree(name: str) -> None:
+    gripper = robot(name).gripper
+    assert gripper.target(np.array([OPEN, CLOSED, 3.0], dtype=np.float32)) == pytest.approx(
+        [gripper.open, gripper.closed, gripper.open], abs=1e-7
+    )
+    for target in (gripper.open, 0.02, gripper.closed):
+        command = np.array([gripper.command(target)], dtype=np.float32)
+        assert gripper.target(command) == pytest.approx([target], abs=1e-7)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_profiles_go_to_workers(name: str) -> None:
+    profile = robot(name)
+    again = pickle.loads(pickle.dumps(profile))
+    assert again.urdf == profile.urdf
+    assert again.reset_qpos == profile.reset_qpos
+
+
+def test_an_unknown_robot_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match=r"no robot 'r2d2'.*panda") as refused:
+        robot("r2d2")
+    assert refused.value.field == "robot"

@@ -1,0 +1,101 @@
+"""Every robot in the environment and in the lane: the same states, bit for bit."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("mani_skill")
+
+import sapien
+from sapien import physx
+
+import gensim2.sim
+from gensim2.errors import InputError
+from gensim2.robots import robot, robot_names
+from gensim2.sim.arm import Arm
+from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.sim.lane import Lane
+from gensim2.sim.physics import OURS
+from gensim2.sim.table import HALF_SIZE
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_lane_is_the_environment(name: str) -> None:
+    profile, draw = robot(name), np.random.default_rng(5)
+    env = make_env("OpenDrawer", assets="builtin", robot=name)
+    lane = Lane("OpenDrawer", assets="builtin", robot=name)
+    for seed in range(3):
+        obs, _ = env.reset(seed=seed)
+        lane.reset(seed)
+        assert np.array_equal(obs[0].numpy(), lane.observation())
+        assert lane.q == pytest.approx(profile.reset_qpos)
+        # Down and forward into whatever stands there, shaken.
+        target = profile.rest_action.copy()
+        for _ in range(40):
+            target[1] += 0.04
+            target[-1] = draw.choice([-1.0, 1.0])
+            action = target + draw.normal(0.0, 0.05, profile.action_size).astype(np.float32)
+            obs, *_ = env.step(action)
+            lane.step(action)
+            assert np.array_equal(obs[0].numpy(), lane.observation())
+        states = env.get_state_dict()["articulations"]
+        assert set(states) == set(lane.state()["articulations"])
+        for part, state in lane.state()["articulations"].items():
+            assert np.array_equal(states[part][0].numpy(), state)
+    env.close()
+
+
+def test_the_robot_is_a_keyword_of_the_registered_environment() -> None:
+    assert gensim2.sim
+    env = gym.make("GenSim2-OpenDrawer-v1", assets="builtin", robot="fetch", obs_mode="state")
+    env.reset(seed=0)
+    inside = env.unwrapped
+    assert isinstance(inside, GenSim2Env)
+    assert inside.agent.uid == inside.robot_uids == robot("fetch").agent
+    assert inside.scene_state().T_world_base[:3, 3] == pytest.approx(robot("fetch").base_position)
+    assert env.spec is not None
+    assert env.spec.kwargs["robot"] == "fetch"
+    env.close()
+
+
+def test_robots_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(InputError) as refused:
+        GenSim2Env(task="OpenDrawer", robot="panda", robot_uids="fetch")
+    assert refused.value.field == "robot_uids"
+    for make in (make_env, Lane):
+        with pytest.raises(InputError, match="no robot 'r2d2'"):
+            make("OpenDrawer", robot="r2d2")
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_it_stands_clear_of_the_table(name: str) -> None:
+    """Every hull lies above the table's top, below its board or behind its edge: planners look at what moves."""
+    profile = robot(name)
+    scene = sapien.Scene([OURS.new_system(profile)])
+    arm = Arm(scene, profile, OURS)
+    arm.put()
+    count = 0
+    for link in arm.articulation.links:
+        pose = link.entity.pose.to_transformation_matrix()
+        for shape in link.collision_shapes:
+            if not isinstance(shape, physx.PhysxCollisionShapeConvexMesh):
+                continue
+            local = pose @ shape.local_pose.to_transformation_matrix()
+            points = (shape.vertices * shape.scale) @ local[:3, :3].T + local[:3, 3]
+            low, high = points.min(axis=0), points.max(axis=0)
+            assert low[2] > -0.002 or high[2] < -2 * HALF_SIZE[2] or high[0] < -HALF_SIZE[0], link.name
+            count += 1
+    assert count > 8
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_at_rest_it_stays_where_it_is(name: str) -> None:
+    """It touches neither itself nor the table."""
+    profile = robot(name)
+    lane = Lane("OpenDrawer", assets="builtin", robot=name)
+    lane.reset(0, {"offset": [0.3, 0.0, 0.0]})
+    for _ in range(20):
+        lane.step(profile.rest_action)
+    assert lane.q[: profile.arm_size] == pytest.approx(profile.reset_qpos[: profile.arm_size], abs=1e-5)
