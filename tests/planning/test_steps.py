@@ -9,7 +9,7 @@ import pytest
 from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
-from gensim2.objects import open_library, open_rigid_library
+from gensim2.objects import open_library
 from gensim2.planning import predict
 from gensim2.planning.scene import Scene
 from gensim2.planning.steps import NO_GRASP, StepPlanner
@@ -28,7 +28,7 @@ WAYS = {name: parse_strategy(data) for name, data in STRATEGIES.items()}
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     drawer = open_library("builtin").load("drawer", "5")
-    ball = open_rigid_library("builtin").load("golf_ball")
+    ball = open_library("builtin").load("golf_ball", "0")
     return table_scene({"drawer": placed(drawer, 0.02, 0.02, 0.2), "ball": resting(ball, -0.2, -0.4)})
 
 
@@ -122,7 +122,7 @@ def test_a_grasp_is_one_with_which_the_next_step_can_be_done() -> None:
     way = parse_strategy({"constraint_list": constraints, "gripper": "hold"})
     grasp = Step(name="grasp", object="spoon", strategies=("grasp",))
     use = Step(name="turn", object="spoon", tool="spoon", strategies=("turn",))
-    spoon, planner, blind = open_rigid_library("builtin").load("spoon"), StepPlanner(PANDA), []
+    spoon, planner, blind = open_library("builtin").load("spoon", "0"), StepPlanner(PANDA), []
     for yaw in (0.0, np.pi):
         scene = table_scene({"spoon": resting(spoon, -0.1, 0.1, yaw)})
         first = planner.plan(scene, grasp, WAYS["grasp"])
