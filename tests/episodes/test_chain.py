@@ -9,7 +9,7 @@ import pytest
 from drawer_task import STRATEGIES, TASK
 from table_scenes import placed, resting, table_scene
 
-from gensim2.episodes.chain import MOST_PLANS, ChainController
+from gensim2.episodes.chain import MOST_ROUNDS, ChainController
 from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
 from gensim2.tasks.criteria import all_hold
@@ -136,7 +136,7 @@ def test_what_never_comes_true_ends_with_its_budget(world: KinematicWorld) -> No
     world.run(controller)
     assert [turn.name for turn in controller.history] == ["open"]
     assert triggers(controller) == [("open", "start"), ("open", "not done")]
-    assert len(controller.history[0].plans) <= MOST_PLANS
+    assert len(controller.history[0].plans) <= MOST_ROUNDS
 
 
 def test_a_ball_out_of_reach_is_no_motion(scene: Scene) -> None:

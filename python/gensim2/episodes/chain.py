@@ -23,12 +23,12 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 START, NOT_DONE = "start", "not done"
 """Triggers of plans beside deviations."""
 
-MOST_PLANS = 8
-"""Plans of one step in one episode."""
+MOST_ROUNDS = 8
+"""Times that one step is planned in one episode, each time by its strategies in order until one is whole."""
 MOST_TRIES = 2
 """Times that a strategy is executed to its end without its step being done."""
 WAIT_STEPS = 10
-"""Control steps that a step has after its motion to become done."""
+"""Control steps that a step has after its motion to become done, and that what slipped from the hand has to fall."""
 CALM_STEPS = 40
 """Control steps for which the arm waits at most for an object that rolls."""
 CALM = 0.02
@@ -88,7 +88,7 @@ class ChainController:
     A step is planned on the scene as it stands at its turn. It is planned again, from the robot's present state and
     velocity, where its object drifts before it is touched or the fingers close on nothing; where what is held is lost,
     the step that took it up has its turn again; where a motion has ended and the step is not done, it is tried once
-    more and then by the next strategy. Plans are counted, and bounded by ``MOST_PLANS`` a step.
+    more and then by the next strategy. Plans are counted, and bounded by ``MOST_ROUNDS`` a step.
 
     Args:
         task: whose steps.
@@ -121,6 +121,7 @@ class ChainController:
         """Begin an episode in ``scene``."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[_Turn] = []
+        self._rounds: dict[str, int] = {}
         self._events: list[Event] = []
         self._at = 0
         self._running: _Plan | None = None
@@ -190,6 +191,7 @@ class ChainController:
                 if deviation is None:
                     turn.tries[run.strategy] = turn.tries.get(run.strategy, 0) + 1
                 self._trigger = NOT_DONE if deviation is None else deviation.value
+            self._go_back()
             if self._must_wait(observation.measurement):
                 self._waited += 1
                 return self._stay(observation)
@@ -227,15 +229,17 @@ class ChainController:
             return Cause.GRASP_LOST
         name = self._step.object
         until = schedule.actuation if run.scene.objects[name].is_rigid else schedule.contact
-        if run.ran < until and has_drifted(run.scene, measured, name):
+        # A plan is not held against the measurement that was taken just before it.
+        if 0 < run.ran < until and has_drifted(run.scene, measured, name):
             return Cause.OBJECT_DRIFTED
         return None
 
     def _must_wait(self, measured: Measurement) -> bool:
-        """Whether what the step acts on still rolls; not for ever."""
+        """Whether what the step acts on still falls or rolls; not for ever."""
+        if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < WAIT_STEPS:
+            return True
         speed = measured.speeds.get(self._step.object)
-        held = None if self._held is None else self._held.name
-        moves = speed is not None and self._step.object != held and float(speed[0]) > CALM
+        moves = speed is not None and self._step.object != self._holds and float(speed[0]) > CALM
         return moves and self._waited < CALM_STEPS
 
     def _stay(self, observation: Observation) -> Action:
@@ -247,19 +251,14 @@ class ChainController:
         return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
     def _begin(self, observation: Observation) -> bool:
-        """Plan the step whose turn it is, or the one that must come before it; whether there is a motion."""
-        held = None if self._held is None else self._held.name
-        if self._step.tool not in (HAND, held):
-            before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
-            if not before:
-                return False
-            self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
+        """Plan the step whose turn it is; whether there is a motion."""
+        if self._rounds.get(self._step.name, 0) >= MOST_ROUNDS or self._step.tool not in (HAND, self._holds):
+            return False
+        self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
         turn = self._turn()
-        scene = replace(observation.scene(), held=held)
+        scene = replace(observation.scene(), held=self._holds)
         found: list[_Plan] = []
         for name in self._untried(turn):
-            if self._plans_of(self._step) >= MOST_PLANS:
-                break
             former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
             plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
@@ -271,8 +270,17 @@ class ChainController:
         self._running = next(iter(whole or with_motion), None)
         return self._running is not None
 
-    def _plans_of(self, step: Step) -> int:
-        return sum(len(turn.plans) for turn in self._turns if turn.step is step)
+    @property
+    def _holds(self) -> str | None:
+        """Name of what is in the hand."""
+        return None if self._held is None else self._held.name
+
+    def _go_back(self) -> None:
+        """Give the turn to the step that takes up what the present one needs in the hand, where it is not there."""
+        if self._step.tool not in (HAND, self._holds):
+            before = [i for i in range(self._at) if self._task.steps[i].object == self._step.tool]
+            if before:
+                self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
 
     def _untried(self, turn: _Turn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
