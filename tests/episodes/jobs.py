@@ -50,8 +50,6 @@ BESIDE_A_BALL = {
 }
 """The same with a second object."""
 
-OPEN, CLOSED = 1.0, -1.0
-
 
 class Actions:
     """A controller that executes what was decided beforehand, on the scene as it stands at the start.

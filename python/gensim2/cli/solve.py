@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +61,7 @@ def solve(
             robot=robot,
             open_loop=open_loop,
             out=out,
-            view=partial(_browse, robot) if browser else None,
+            view=_browse if browser else None,
         )
         give(result.to_dict())
     if not result.is_whole:
@@ -71,7 +70,6 @@ def solve(
 
 def _browse(scene: Scene, plan: Plan, profile: RobotProfile) -> None:
     from gensim2.planning.show import show, wait
-    from gensim2.robots import robot as profile
 
     server = show(scene, plan, profile)
     click.echo(f"http://{server.get_host()}:{server.get_port()} shows the plan; Ctrl-C ends it", err=True)

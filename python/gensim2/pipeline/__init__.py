@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from gensim2.pipeline.benchmark import benchmark
+    from gensim2.pipeline.benchmarking import benchmark
     from gensim2.pipeline.run import run_pipeline
     from gensim2.pipeline.single import demo
     from gensim2.pipeline.solving import solve
@@ -20,7 +20,7 @@ __all__ = ["benchmark", "demo", "run_pipeline", "solve"]
 __getattr__ = lazy_names(
     __name__,
     {
-        "benchmark": "gensim2.pipeline.benchmark",
+        "benchmark": "gensim2.pipeline.benchmarking",
         "demo": "gensim2.pipeline.single",
         "run_pipeline": "gensim2.pipeline.run",
         "solve": "gensim2.pipeline.solving",

@@ -14,6 +14,7 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
+from gensim2.pipeline.setting import Physics
 from gensim2.pipeline.tally import Tally, interval
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -108,7 +109,7 @@ def benchmark(
     seed: int = 0,
     assets: str | Path | None = None,
     instances: str = "all",
-    physics: str = "ours",
+    physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
     disturbance: Kind | None = None,
