@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.planning.scene import Scene, SceneBody
+from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy
 from gensim2.robots import RobotProfile
 
@@ -23,16 +22,22 @@ AT, ALONG = 0.001, 0.02
 
 
 def grasps_of(
-    scene: Scene, name: str, profile: RobotProfile, gripper: kpam.ParallelGripper, strategy: GraspStrategy
-) -> Sequence[kpam.Grasp]:
-    """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out."""
-    thing = scene.objects[name]
-    up = np.linalg.inv(scene.T_world_base)[:3, 2]
-    found = kpam.Scene(profile.model, [_body(body) for body in scene.bodies]).grasps(
-        thing.bodies[0].name,
+    world: kpam.Scene, scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy
+) -> list[kpam.Grasp]:
+    """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out.
+
+    Args:
+        world: ``scene`` as the solver's own.
+    """
+    found = world.grasps(
+        name,
         gripper,
-        center_of_mass=thing.center_of_mass,
-        options={"friction": strategy.friction, "approach": strategy.approach, "up": up},
+        center_of_mass=scene.objects[name].center_of_mass,
+        options={
+            "friction": strategy.friction,
+            "approach": strategy.approach,
+            "up": np.linalg.inv(scene.T_world_base)[:3, 2],
+        },
     )
     return [grasp for grasp in found if grasp.quality["tilt"] <= strategy.tilt][: strategy.candidates]
 
@@ -80,8 +85,3 @@ def grasp_config(
         }
     )
     return {"grasp": tool["tool_head"]}, config
-
-
-def _body(body: SceneBody) -> kpam.Body:
-    shapes = [kpam.Shape.convex_hull(np.ascontiguousarray(hull)) for hull in body.hulls]
-    return kpam.Body(body.name, "rigid", shapes, body.T_base_body)

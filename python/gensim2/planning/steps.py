@@ -273,7 +273,7 @@ class StepPlanner:
         if not thing.is_rigid or scene.held is not None:
             what = "has a joint" if not thing.is_rigid else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
-        found = grasps_of(scene, thing.name, self.profile, self._gripper, strategy)
+        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, strategy)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         for grasp in found:
