@@ -15,7 +15,7 @@ from sapien import physx
 from scipy.spatial import ConvexHull
 
 from gensim2.errors import InputError
-from gensim2.objects.library.rigid import open_rigid_library
+from gensim2.objects import RigidObject, open_library
 from gensim2.objects.types import Instance
 from gensim2.sim import original
 from gensim2.sim.env import make_env
@@ -128,7 +128,8 @@ def test_a_class_that_the_original_has_not_takes_its_usual_values() -> None:
 
 @pytest.mark.parametrize(("physics", "density"), [("original", 100.0), ("ours", None)])
 def test_rigid_objects_weigh_by_their_hulls(physics: str, density: float | None) -> None:
-    rigid = open_rigid_library("builtin").load("golf_ball")
+    rigid = open_library("builtin").load("golf_ball", "0")
+    assert isinstance(rigid, RigidObject)
     how = named_physics(physics)
     scene = sapien.Scene([how.new_system()])
     entity = build_rigid(scene, rigid, sapien.Pose([0, 0, 1]), "ball", how)
@@ -154,7 +155,7 @@ def _left_alone(lane: Lane, openness: float, seconds: float = 5.0) -> float:
     [("oven", 1.0), ("kitchen_pot", 0.0), ("box_rotate", 0.5)],
 )
 def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(asset_class: str, end: float) -> None:
-    """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/original_physics.py)."""
+    """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/left_alone.py)."""
     assert _left_alone(lane_on(asset_class, "original"), 0.5) == pytest.approx(end, abs=0.02)
     assert _left_alone(lane_on(asset_class, "ours"), 0.5) == pytest.approx(0.5, abs=0.01)
 

@@ -196,8 +196,13 @@ class RobotProfile:
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
         """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""
-        turn, place = T_world_hand[:3, :3], T_world_hand[:3, 3]
-        return {name: np.asarray(turn @ point + place) for name, point in self.tool_keypoints.items()}
+        points = self._tool_points @ T_world_hand[:3, :3].T + T_world_hand[:3, 3]
+        return dict(zip(self.tool_keypoints, points, strict=True))
+
+    @cached_property
+    def _tool_points(self) -> Array:
+        """(N, 3) tool keypoints in the hand."""
+        return np.array(list(self.tool_keypoints.values()), dtype=np.float64)
 
     @cached_property
     def gripper_at_rest(self) -> Mapping[str, Array]:

@@ -2,18 +2,22 @@
 
 Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
 environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
-observations that nobody asked for, and the parsing of the robot's URDF at every reset.
+observations that nobody asked for, and reading the same URDF at every reset: a file that changes under a process is
+not read again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sapien
+from sapien.wrapper.articulation_builder import ArticulationBuilder
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
@@ -237,7 +241,22 @@ def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> P
     if isinstance(thing.model, RigidObject):
         return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
     model = thing.model
-    builder = parsed(str(model.urdf), prepare=lambda loader: physics.prepare_loader(loader, model.asset_class))
-    articulation = built(builder, scene, pose)
-    warnings = check_object(articulation, model)
-    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), warnings)
+    known = _known(model.urdf, model.content_hash, model.asset_class, physics.name)
+    articulation = built(known.builder, scene, pose)
+    if known.warnings is None:
+        known.warnings = check_object(articulation, model)
+    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), known.warnings)
+
+
+@dataclass
+class _Known:
+    """What one process has to find out once of an articulated object: its parsed URDF, and how it was cooked."""
+
+    builder: ArticulationBuilder
+    warnings: tuple[str, ...] | None = None
+
+
+@lru_cache(maxsize=256)
+def _known(urdf: Path, content_hash: str, asset_class: str, physics: str) -> _Known:
+    how = named_physics(physics)
+    return _Known(parsed(str(urdf), prepare=lambda loader: how.prepare_loader(loader, asset_class)))

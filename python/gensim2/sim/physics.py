@@ -195,13 +195,17 @@ class CoulombFriction:
         self._articulation = articulation
         self._joints = articulation.active_joints
         self._friction, self._damping = joint.friction, joint.damping
+        self._speed = 0.0
         for active in self._joints:
             active.set_friction(0.0)
         self._brake(0.0)
 
     def update(self) -> None:
         if self._damping > 0:
-            self._brake(abs(float(self._articulation.qvel[0])))
+            speed = abs(float(self._articulation.qvel[0]))
+            if speed != self._speed:
+                self._speed = speed
+                self._brake(speed)
 
     def _brake(self, speed: float) -> None:
         limit = self._friction + self._damping * speed
