@@ -158,11 +158,12 @@ def _lift(profile: RobotProfile, rigid: RigidObject, seed: int, episode: int) ->
         T_world_table[2, 3] = -HALF_SIZE[2]
         table = kpam.Body("table", "table", [kpam.Shape.convex_hull(corners())], T_base_world @ T_world_table)
         options = {"friction": (profile.gripper.friction + rigid.friction) / 2}  # PhysX takes the mean
+        scene = kpam.Scene(profile.model, [table, body])
         began = time.process_time()
-        grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=rigid.center_of_mass, options=options)
+        grasps = scene.grasps(rigid.asset_class, gripper, center_of_mass=rigid.center_of_mass, options=options)
         searched = time.process_time()
         q = np.asarray(env.agent.robot.get_qpos()[0], dtype=np.float64).clip(profile.model.lower, profile.model.upper)
-        found = kpam.plan_grasp(profile.model, q, gripper, body, grasps, bodies=[table], lift=[0, 0, LIFT])
+        found = scene.plan_grasp(rigid.asset_class, gripper, q, grasps, lift=[0, 0, LIFT])
         planned = time.process_time()
         times = {"search_ms": 1e3 * (searched - began), "plan_ms": 1e3 * (planned - searched)}
         if found is None:

@@ -26,14 +26,15 @@ T_base_table = np.eye(4)
 T_base_table[:3, 3] = [0.615, 0.0, -0.025]
 table = kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], T_base_table)
 
-grasps = kpam.grasps(body, gripper, bodies=[table], center_of_mass=mug.center_of_mass)
+scene = kpam.Scene(panda.model, [table, body])
+grasps = scene.grasps("mug", gripper, center_of_mass=mug.center_of_mass)
 print(f"{len(grasps)} grasps; the best:")
 for grasp in grasps[:3]:
     quality = ", ".join(f"{name} {value:.3f}" for name, value in grasp.quality.items())
     print(f"  score {grasp.score:.2f}, {1e3 * grasp.width:.0f} mm wide: {quality}")
 
 targets = [(mug_at(0.45, 0.2, lifted=0.005), [0, 0, 1])]  # turned about the vertical as it likes
-found = kpam.plan_grasp(panda.model, panda.reset_qpos, gripper, body, grasps, bodies=[table], targets=targets)
+found = scene.plan_grasp("mug", gripper, panda.reset_qpos, grasps, targets=targets)
 if found is None:
     print("no grasp reaches both places")
 else:

@@ -2,7 +2,6 @@
 //! emitted is finite and inside the joint limits.
 #![no_main]
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 use gensim2_geometry::{Convex, Pose, Robot};
@@ -224,13 +223,11 @@ fn bodies(things: &[Thing]) -> Vec<Body> {
     let body = |(i, thing): (usize, &Thing)| {
         let [roll, pitch, yaw] = thing.turn.map(|t| f64::from(t) * 0.03);
         let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
-        Some(Body {
-            name: format!("thing{i}"),
-            role: roles[thing.role as usize % roles.len()],
-            shapes: vec![shape(&thing.shape)?].into(),
-            pose: Pose::from_parts(Translation3::from(vector(thing.at)), turn),
-            keypoints: BTreeMap::new(),
-        })
+        Body::builder(format!("thing{i}"), roles[thing.role as usize % roles.len()])
+            .shape(shape(&thing.shape)?)
+            .pose(Pose::from_parts(Translation3::from(vector(thing.at)), turn))
+            .build()
+            .ok()
     };
     things.iter().take(5).enumerate().filter_map(body).collect()
 }
@@ -275,39 +272,37 @@ fuzz_target!(|whole: Whole| {
     let Some(config) = config(&whole) else { return };
     let mut q = first(n, whole.start);
     for (i, joint) in robot.joints().iter().enumerate() {
-        if let Some(m) = joint.mimic {
+        if let Some(m) = joint.mimic() {
             q[i] = m.multiplier * q[m.source] + m.offset;
         }
     }
-    let tool = BTreeMap::from([("tip".to_owned(), vector(whole.tip)), ("origin".to_owned(), Vector3::zeros())]);
-    let object = BTreeMap::from([("goal".to_owned(), vector(whole.target))]);
-    let Ok(mut problem) = KeypointProblem::new(robot.clone(), config, q, tool, object, Pose::identity()) else { return };
-    problem.joint = whole.joint.map(|(turns, origin, axis, [value, lower, upper])| ObjectJoint {
-        kind: if turns { ObjectJointKind::Revolute } else { ObjectJointKind::Prismatic },
-        origin: vector(origin),
-        axis: Vector3::from(axis.map(f64::from)).normalize(),
-        value: value.value(),
-        lower: lower.value(),
-        upper: upper.value(),
-    });
-    problem.bodies = bodies(&whole.things).into();
-    problem.options = options(&whole, n);
-    if problem.check().is_err() {
-        return;
+    let mut builder = KeypointProblem::builder(robot.clone(), config, q)
+        .tool_keypoint("tip", vector(whole.tip))
+        .tool_keypoint("origin", Vector3::zeros())
+        .object_keypoint("goal", vector(whole.target))
+        .bodies(bodies(&whole.things))
+        .options(options(&whole, n));
+    if let Some((turns, origin, axis, [value, lower, upper])) = whole.joint {
+        let kind = if turns { ObjectJointKind::Revolute } else { ObjectJointKind::Prismatic };
+        let (axis, range) = (Vector3::from(axis.map(f64::from)), [lower.value(), upper.value()]);
+        let Ok(joint) = ObjectJoint::new(kind, vector(origin), axis, value.value(), range) else { return };
+        builder = builder.joint(joint);
     }
-    let resume = whole.resume.map(|k| ["pre_0", "actuation", "post_0"][k as usize % 3]);
+    let Ok(problem) = builder.build() else { return };
+    let resume = whole.resume.map(|k| ["pre_0", "actuation", "post_0", "let_go"][k as usize % 4]);
     let mut request = Request::default();
     (request.resume, request.most_checks) = (resume, Some(2000));
     let Ok((plan, _)) = plan_with(&problem, &request) else { return };
     let Some(trajectory) = plan.trajectory else { return };
-    let start = &problem.q_start;
+    let start = problem.q_start();
     for k in 0..=20 {
         let t = trajectory.start() + (trajectory.end() - trajectory.start()) * f64::from(k) / 20.0;
         let sample = trajectory.sample(t);
         for (i, joint) in robot.joints().iter().enumerate() {
             let q = sample.position[i];
             assert!(q.is_finite() && sample.velocity[i].is_finite() && sample.acceleration[i].is_finite());
-            assert!(q >= joint.lower.min(start[i]) - 1e-6 && q <= joint.upper.max(start[i]) + 1e-6, "{} at {q}", joint.name);
+            let (lower, upper) = (joint.lower().min(start[i]), joint.upper().max(start[i]));
+            assert!(q >= lower - 1e-6 && q <= upper + 1e-6, "{} at {q}", joint.name());
         }
     }
 });

@@ -191,6 +191,50 @@ class Scene:
     ) -> KeypointProblem:
         """A problem on this scene, as KeypointProblem makes it; the keypoints of its bodies are added to those given.
         ``joint`` names the joint that the config is about: what that moves is the moving link."""
+    def grasps(
+        self,
+        body: str,
+        gripper: ParallelGripper,
+        center_of_mass: Numbers | None = None,
+        options: GraspOptions | None = None,
+    ) -> list[Grasp]:
+        """Grasps of a body (convex hulls, or closed meshes) where it stands among the others, best first.
+
+        The same question has the same answer. What rides on the hand is left out.
+
+        ``center_of_mass`` (3,) in the body frame, m; default: the centre of its volume (of a mesh: of its box).
+
+        ``options``: :class:`GraspOptions`; unknown keys raise ProblemError.
+        """
+    def plan_grasp(
+        self,
+        body: str,
+        gripper: ParallelGripper,
+        q_start: Numbers,
+        grasps: Sequence[Grasp],
+        *,
+        targets: Sequence[tuple[Numbers, Numbers | None]] = (),
+        approach: float = 0.1,
+        lift: Numbers | None = None,
+        options: Options | None = None,
+    ) -> GraspPlan | None:
+        """The first of the grasps with which a body can be picked and brought to every target; None where none will do.
+
+        Each is tried as it is and with the fingers swapped. While it is carried, the body is judged as part of the
+        hand: targets are to be free, so a little above what it is put on.
+
+        Args:
+            body: its name.
+            gripper: the robot's gripper.
+            q_start: (n,) joints at the start.
+            grasps: of the body, best first.
+            targets: where it goes, one after the other: (4, 4) pose in the base frame, and a (3,) direction about which
+                it may come turned, or None.
+            approach: straight way of the open hand, m.
+            lift: (3,) way of the hand right after the grasp, base frame, m; also how it comes to targets. Default: up
+                0.1.
+            options: of every plan.
+        """
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
         """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
         no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
@@ -401,21 +445,6 @@ class Grasp:
         that touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open
         hand), ``tilt`` (rad between approach and straight down)."""
 
-def grasps(
-    body: Body,
-    gripper: ParallelGripper,
-    *,
-    bodies: Sequence[Body] = (),
-    center_of_mass: Numbers | None = None,
-    options: GraspOptions | None = None,
-) -> list[Grasp]:
-    """Grasps of ``body`` (convex hulls, or closed meshes) among ``bodies``, best first, the same every time.
-
-    ``center_of_mass`` (3,) in the object frame, m; default: the centre of its volume (of a mesh: of its box).
-
-    ``options``: :class:`GraspOptions`; unknown keys raise ProblemError.
-    """
-
 class GraspPlan:
     """A grasp with its motions, all of them solved."""
 
@@ -431,30 +460,6 @@ class GraspPlan:
     @property
     def carries(self) -> list[Plan]:
         """One a target, each from where the last plan ends."""
-
-def plan_grasp(
-    robot: Robot,
-    q_start: Numbers,
-    gripper: ParallelGripper,
-    body: Body,
-    grasps: Sequence[Grasp],
-    *,
-    bodies: Sequence[Body] = (),
-    targets: Sequence[tuple[Numbers, Numbers | None]] = (),
-    approach: float = 0.1,
-    lift: Numbers | None = None,
-    options: Options | None = None,
-) -> GraspPlan | None:
-    """The first of ``grasps`` with which ``body`` can be picked and brought to every target; None where none will do.
-
-    ``q_start`` (n,). ``targets``: each ``T_base_object`` (4, 4) and a direction (3,) in the base frame about which the
-    object may come turned by any angle, or None. ``approach``: straight way to the grasp, m. ``lift`` (3,): motion of
-    the hand after the grasp, and how the object comes to its targets from above, m, default [0, 0, 0.1]. ``options`` as
-    for :class:`KeypointProblem`.
-
-    Each grasp is tried as it is and with the fingers swapped. While it is carried, the object is judged as part of the
-    hand, so a target lies a little above what the object is put on. Raises ProblemError.
-    """
 
 def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) -> list[Plan]:
     """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import numpy as np
@@ -183,15 +184,19 @@ def test_a_controller_without_a_first_action_ends_the_episode(lane: Lane) -> Non
     assert not result.episode.truncated
 
 
-def test_physics_that_blows_up_is_named(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("value", [1e6, np.nan])
+def test_physics_that_blows_up_is_named_and_is_valid_json(
+    lane: Lane, monkeypatch: pytest.MonkeyPatch, value: float
+) -> None:
     original = lane._advance
 
     def explode() -> None:
         original()
         if lane.elapsed_steps >= 20:
-            lane.parts[ROLE].articulation.qpos = np.array([1e6], dtype=np.float32)
+            lane.parts[ROLE].articulation.qpos = np.array([value], dtype=np.float32)
 
     monkeypatch.setattr(lane, "_advance", explode)
     episode = run(lane, Actions(hold), seed=0).episode
     assert episode.cause is Cause.UNSTABLE
     assert not episode.paper
+    assert json.loads(json.dumps(episode.to_dict(), allow_nan=False))["cause"] == "physics became unstable"

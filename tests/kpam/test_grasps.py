@@ -26,6 +26,10 @@ def block(pose: Array, half: tuple[float, float, float] = (0.015, 0.025, 0.05), 
     return kpam.Body(name, "target", [kpam.Shape.box(half)], pose)
 
 
+def scene(panda: kpam.Robot, *bodies: kpam.Body) -> kpam.Scene:
+    return kpam.Scene(panda, bodies)
+
+
 @pytest.fixture(scope="module")
 def gripper(panda: kpam.Robot) -> kpam.ParallelGripper:
     return kpam.ParallelGripper.of_robot(panda, **TOOL)
@@ -39,18 +43,18 @@ def test_the_pandas_gripper_is_read_off_its_fingers(gripper: kpam.ParallelGrippe
     assert gripper.T_hand_grip[:3, 0] == pytest.approx([0, 1, 0], abs=1e-9)
 
 
-def test_a_gripper_by_numbers_finds_what_the_robots_own_finds(gripper: kpam.ParallelGripper) -> None:
+def test_a_gripper_by_numbers_finds_what_the_robots_own_finds(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
     bare = kpam.ParallelGripper(
         [0, 0, 0.10365], TOOL["tool_tail"], [0, 0.05, 0.10365], pad=gripper.pad, stroke=gripper.stroke
     )
-    body = block(at(0.5, 0, 0.05))
-    found, own = kpam.grasps(body, bare), kpam.grasps(body, gripper)
+    alone = scene(panda, block(at(0.5, 0, 0.05)))
+    found, own = alone.grasps("block", bare), alone.grasps("block", gripper)
     assert {round(g.width, 6) for g in found} == {round(g.width, 6) for g in own} == {0.03, 0.05}
 
 
-def test_grasps_hold_the_block_where_it_stands(gripper: kpam.ParallelGripper) -> None:
+def test_grasps_hold_the_block_where_it_stands(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
     pose = at(0.5, 0.1, 0.05)
-    found = kpam.grasps(block(pose), gripper, bodies=[table()])
+    found = scene(panda, block(pose), table()).grasps("block", gripper)
     assert len(found) > 20
     assert [g.score for g in found] == sorted((g.score for g in found), reverse=True)
     for grasp in found:
@@ -65,17 +69,19 @@ def test_grasps_hold_the_block_where_it_stands(gripper: kpam.ParallelGripper) ->
     assert found[0].quality["lever"] < 0.005
 
 
-def test_the_same_question_has_the_same_answer_and_pickles(gripper: kpam.ParallelGripper) -> None:
-    body = block(at(0.5, 0, 0.05))
-    first, again = (kpam.grasps(body, pickle.loads(pickle.dumps(gripper)), bodies=[table()]) for _ in range(2))
+def test_the_same_question_has_the_same_answer_and_pickles(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
+    whole = scene(panda, block(at(0.5, 0, 0.05)), table())
+    first, again = (
+        pickle.loads(pickle.dumps(whole)).grasps("block", pickle.loads(pickle.dumps(gripper))) for _ in range(2)
+    )
     assert [pickle.dumps(g) for g in first] == [pickle.dumps(g) for g in again]
     assert pickle.loads(pickle.dumps(first[0])).score == first[0].score
 
 
-def test_a_center_of_mass_draws_the_grasp(gripper: kpam.ParallelGripper) -> None:
-    rod = block(at(0.5, 0, 0.012), (0.12, 0.012, 0.012))
-    middle = kpam.grasps(rod, gripper, bodies=[table()])[0]
-    heavy = kpam.grasps(rod, gripper, bodies=[table()], center_of_mass=[0.1, 0, 0])[0]
+def test_a_center_of_mass_draws_the_grasp(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
+    rod = scene(panda, block(at(0.5, 0, 0.012), (0.12, 0.012, 0.012)), table())
+    middle = rod.grasps("block", gripper)[0]
+    heavy = rod.grasps("block", gripper, center_of_mass=[0.1, 0, 0])[0]
     assert abs(middle.T_object_hand[0, 3]) < 0.02
     assert heavy.T_object_hand[0, 3] > 0.06
 
@@ -93,10 +99,10 @@ def walls(x: float, y: float, closing: Array, offset: float, height: float) -> l
 def test_a_later_pose_decides_the_grasp(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
     start, target = at(0.45, -0.15, 0.05), at(0.5, 0.2, 0.053)
     body = block(start, (0.015, 0.015, 0.05))
-    found = kpam.grasps(body, gripper, bodies=[table()])
+    found = scene(panda, body, table()).grasps("block", gripper)
 
     def ask(bodies: list[kpam.Body], targets: list[tuple[Array, Any]]) -> kpam.GraspPlan:
-        plan = kpam.plan_grasp(panda, Q_START, gripper, body, found, bodies=[table(), *bodies], targets=targets)
+        plan = scene(panda, table(), *bodies, body).plan_grasp("block", gripper, Q_START, found, targets=targets)
         assert plan is not None
         return plan
 
@@ -119,12 +125,30 @@ def test_a_later_pose_decides_the_grasp(panda: kpam.Robot, gripper: kpam.Paralle
 
 
 def test_no_grasp_will_do(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
-    body = block(at(0.5, 0, 0.05))
-    found = kpam.grasps(body, gripper, bodies=[table()])[:3]
+    whole = scene(panda, block(at(0.5, 0, 0.05)), table())
+    found = whole.grasps("block", gripper)[:3]
     out_of_reach = [(at(3.0, 0, 0.05), None)]
-    assert kpam.plan_grasp(panda, Q_START, gripper, body, found, bodies=[table()], targets=out_of_reach) is None
-    assert kpam.plan_grasp(panda, Q_START, gripper, body, [], bodies=[table()]) is None
-    assert kpam.grasps(block(at(0.5, 0, 0.05), (0.05, 0.05, 0.05)), gripper, bodies=[table()]) == []
+    assert whole.plan_grasp("block", gripper, Q_START, found, targets=out_of_reach) is None
+    assert whole.plan_grasp("block", gripper, Q_START, []) is None
+    wide = scene(panda, block(at(0.5, 0, 0.05), (0.05, 0.05, 0.05)), table())
+    assert wide.grasps("block", gripper) == []
+
+
+def test_only_what_stands_in_the_scene_is_grasped(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> None:
+    whole = scene(panda, block(at(0.5, 0, 0.05)), table())
+    with pytest.raises(kpam.ProblemError, match="body: 'cup' is not a body".replace("'", '"')):
+        whole.grasps("cup", gripper)
+    with pytest.raises(kpam.ProblemError, match="is not a body"):
+        whole.plan_grasp("cup", gripper, Q_START, [])
+    held = whole.attached("block", Q_START)
+    with pytest.raises(kpam.ProblemError, match="rides on the hand already"):
+        held.grasps("block", gripper)
+    with pytest.raises(kpam.ProblemError, match="rides on the hand already"):
+        held.plan_grasp("block", gripper, Q_START, [])
+    # What rides elsewhere on the hand is in the way of nothing that stands.
+    other = scene(panda, block(at(0.5, 0, 0.05)), block(at(0.3, 0, 0.5), name="held"), table())
+    free = other.attached("held", Q_START).grasps("block", gripper)
+    assert [g.score for g in free] == [g.score for g in whole.grasps("block", gripper)]
 
 
 @pytest.mark.parametrize(
@@ -136,9 +160,11 @@ def test_no_grasp_will_do(panda: kpam.Robot, gripper: kpam.ParallelGripper) -> N
         ({"sample": 3}, "unknown field `sample`"),
     ],
 )
-def test_bad_options_name_their_field(gripper: kpam.ParallelGripper, options: dict[str, Any], words: str) -> None:
+def test_bad_options_name_their_field(
+    panda: kpam.Robot, gripper: kpam.ParallelGripper, options: dict[str, Any], words: str
+) -> None:
     with pytest.raises(kpam.ProblemError, match=words):
-        kpam.grasps(block(at(0.5, 0, 0.05)), gripper, options=options)
+        scene(panda, block(at(0.5, 0, 0.05))).grasps("block", gripper, options=options)  # type: ignore[arg-type]
 
 
 def test_bad_grippers_name_their_field(panda: kpam.Robot) -> None:
@@ -151,7 +177,6 @@ def test_bad_grippers_name_their_field(panda: kpam.Robot) -> None:
     with pytest.raises(kpam.ProblemError, match="pad"):
         kpam.ParallelGripper([0, 0, 0.1], [0, 0, 0], [0.1, 0, 0.1], pad=[0.02, -1], stroke=[0.0, 0.08])
     with pytest.raises(kpam.ProblemError, match=r"targets\[0\]"):
-        kpam.plan_grasp(
-            panda, Q_START, kpam.ParallelGripper.of_robot(panda, **TOOL), block(at(0.5, 0, 0.05)), [],
-            targets=[(np.zeros((4, 4)), None)],
-        )  # fmt: skip
+        scene(panda, block(at(0.5, 0, 0.05))).plan_grasp(
+            "block", kpam.ParallelGripper.of_robot(panda, **TOOL), Q_START, [], targets=[(np.zeros((4, 4)), None)]
+        )

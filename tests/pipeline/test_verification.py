@@ -88,6 +88,12 @@ class _Folder:
     def instances(self, asset_class: str) -> tuple[str, ...]:
         return self._ids
 
+    def kind(self, asset_class: str) -> str:
+        return "articulated"
+
+    def source(self, asset_class: str) -> str:
+        return "real"
+
 
 @pytest.mark.parametrize(("count", "search", "kind"), [(9, "all", "all"), (10, "train", "test")])
 def test_a_folder_is_divided_where_it_has_enough(count: int, search: str, kind: str) -> None:

@@ -83,7 +83,8 @@ def test_a_strategy_goes_through_data_and_pickles() -> None:
         ({"constraint_list": [{**POINT, "tolerance": -1}]}, "constraint_list[0].tolerance", "toleran"),
         ({**OPEN, "let_go": 7.0}, "let_go", "0.3"),
         ({**OPEN, "contact_speed": 0.0}, "contact_speed", "0.001"),
-        ({**OPEN, "contact_speed": "slow"}, "contact_speed", "m/s"),
+        ({**OPEN, "contact_speed": "slow"}, "contact_speed", "number"),
+        ({**OPEN, "opening": 7}, "opening", "0.5"),
     ],
 )
 def test_what_cannot_be_read_is_refused_by_field(data: dict[str, Any], field: str, words: str) -> None:

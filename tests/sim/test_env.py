@@ -207,6 +207,13 @@ def test_bad_reset_options_are_named(
     env.reset(seed=0)  # and it still works
 
 
+def _called(name: str) -> dict[str, Any]:
+    """A task whose only object has this name."""
+    done = {"type": "articulated_closed", "object": name}
+    step = {"name": "close", "object": name, "strategies": ["push"], "done": [done]}
+    return {"name": "Close", "description": "close it", "objects": {name: {"class": "crate"}}, "steps": [step]}
+
+
 @pytest.mark.parametrize("seed", [-1, 2**32])
 def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: TaskSpec, seed: int) -> None:
     env = make_env(crate_task, assets=crates())
@@ -222,6 +229,8 @@ def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: Ta
         ({"instances": ()}, "instances: no instance"),
         ({"task": "OpenDrawr"}, "did you mean OpenDrawer"),
         ({"task": {"name": "X"}}, "field required"),
+        ({"task": _called("panda")}, "objects: no object may be called 'panda'"),
+        ({"instances": {"lid": "0"}}, "instances: there is no object 'lid'"),
         ({"num_envs": 2}, "num_envs"),
         ({"reconfiguration_freq": 0}, "reconfiguration_freq"),
         ({"robot": "baxter"}, "robot: no robot 'baxter'"),

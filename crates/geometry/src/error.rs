@@ -28,6 +28,30 @@ impl fmt::Display for UrdfError {
 
 impl std::error::Error for UrdfError {}
 
+/// A robot whose parts do not fit each other.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct RobotError {
+    /// Link, joint or part, e.g. `joint elbow: limit`.
+    pub field: String,
+    /// What is wrong and how to mend it.
+    pub message: String,
+}
+
+impl RobotError {
+    pub(crate) fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { field: field.into(), message: message.into() }
+    }
+}
+
+impl fmt::Display for RobotError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.field, self.message)
+    }
+}
+
+impl std::error::Error for RobotError {}
+
 /// A shape that has no extent, no points or a number that is not finite.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]

@@ -19,12 +19,18 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod builder;
 mod bvh;
+mod chain;
+mod checked;
 mod collision;
 mod convex;
+mod corners;
+mod distance;
 mod error;
 mod facets;
 mod file;
+mod link;
 mod mesh;
 mod mimic;
 mod obstacles;
@@ -33,10 +39,17 @@ mod robot;
 mod urdf;
 mod xml;
 
+pub use builder::{JointBuilder, LinkBuilder, RobotBuilder};
 pub use bvh::{Aabb, Bvh};
+pub use chain::{Chain, ChainFrames};
 pub use collision::{MovingShapes, Proximity, Scratch, Target, judged_pairs};
-pub use convex::{Contact, Convex, Corners, signed_distance};
-pub use error::{JointCountError, ShapeError, UrdfError};
+pub use convex::Convex;
+pub use corners::Corners;
+pub use distance::{Contact, signed_distance};
+pub use error::{JointCountError, RobotError, ShapeError, UrdfError};
+pub use link::{Joint, JointKind, Link, Mimic};
 pub use obstacles::Obstacles;
-pub use pose::{Pose, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about};
-pub use robot::{Chain, ChainFrames, Joint, JointKind, Link, Mimic, Robot};
+pub use pose::{
+    Pose, is_rigid, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about,
+};
+pub use robot::Robot;

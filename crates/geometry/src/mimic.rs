@@ -2,26 +2,25 @@
 //! composed down to the joint that follows none, so that all joint values are one affine function of the independent
 //! ones.
 
-use crate::UrdfError;
-use crate::robot::{Joint, Mimic};
+use crate::{Joint, Mimic, RobotError};
 
 /// Replaces each joint's mimic by the composed one, whose source is independent.
-pub(crate) fn compose(joints: &mut [Joint], file: &str) -> Result<(), UrdfError> {
-    let composed: Vec<Option<Mimic>> = (0..joints.len()).map(|j| root(joints, j, file)).collect::<Result<_, _>>()?;
+pub(crate) fn compose(joints: &mut [Joint]) -> Result<(), RobotError> {
+    let composed: Vec<Option<Mimic>> = (0..joints.len()).map(|j| root(joints, j)).collect::<Result<_, _>>()?;
     for (joint, mimic) in joints.iter_mut().zip(composed) {
         joint.mimic = mimic;
     }
     Ok(())
 }
 
-fn root(joints: &[Joint], from: usize, file: &str) -> Result<Option<Mimic>, UrdfError> {
+fn root(joints: &[Joint], from: usize) -> Result<Option<Mimic>, RobotError> {
     let Some(mut out) = joints[from].mimic else { return Ok(None) };
     // A chain without a cycle passes each joint once at most.
     for _ in 0..joints.len() {
         let Some(next) = joints[out.source].mimic else {
             if !(out.multiplier.is_finite() && out.offset.is_finite()) {
                 let field = format!("joint {}: mimic", joints[from].name);
-                return Err(UrdfError::new(file, field, "comes to a factor that is not finite"));
+                return Err(RobotError::new(field, "comes to a factor that is not finite"));
             }
             return Ok(Some(out));
         };
@@ -32,7 +31,7 @@ fn root(joints: &[Joint], from: usize, file: &str) -> Result<Option<Mimic>, Urdf
         };
     }
     let field = format!("joint {}: mimic", joints[from].name);
-    Err(UrdfError::new(file, field, "goes round in a circle; let one joint of it follow none"))
+    Err(RobotError::new(field, "goes round in a circle; let one joint of it follow none"))
 }
 
 #[cfg(test)]

@@ -36,6 +36,19 @@ pub fn pose_from_matrix(m: &Matrix4<f64>, tolerance: f64) -> Option<Pose> {
     Some(Pose::from_parts(Translation3::from(t), Rotation3::from_matrix_unchecked(exact)))
 }
 
+/// Rotations are orthonormal within this.
+const ORTHONORMAL: f64 = 1e-5;
+
+/// Whether a pose is finite, and its rotation one.
+#[must_use]
+pub fn is_rigid(pose: &Pose) -> bool {
+    let r = pose.rotation.matrix();
+    // A number that is not finite fails the comparison.
+    pose.translation.vector.iter().all(|v| v.is_finite())
+        && (r.transpose() * r - Matrix3::identity()).iter().all(|v| v.abs() <= ORTHONORMAL)
+        && r.determinant() > 0.0
+}
+
 /// Homogeneous 4 x 4 matrix of a pose.
 #[must_use]
 pub fn pose_to_matrix(pose: &Pose) -> Matrix4<f64> {

@@ -1,80 +1,17 @@
-//! The kinematic tree: poses of links, the chain to the hand, and its Jacobian.
+//! The kinematic tree: poses of links, and which of them are judged against each other.
 
 use std::path::Path;
 
-use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Convex, JointCountError, Pose, UrdfError, file, rotation_about, urdf};
-
-/// How a joint moves its child.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum JointKind {
-    /// Turns about its axis (rad); a continuous joint is one without limits.
-    Revolute,
-    /// Slides along its axis (m).
-    Prismatic,
-}
-
-/// A joint that follows another: `value = multiplier * source + offset`. The source follows none: what a URDF writes as
-/// a mimic of a mimic is composed when it is read.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Mimic {
-    /// Index of the source in the joint vector; it has no mimic itself.
-    pub source: usize,
-    /// Factor.
-    pub multiplier: f64,
-    /// Summand, rad or m.
-    pub offset: f64,
-}
-
-/// A moving joint. Its place in [`Robot::joints`] is its place in joint vectors.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Joint {
-    /// Name in the URDF.
-    pub name: String,
-    /// How it moves.
-    pub kind: JointKind,
-    /// Unit axis in the joint frame.
-    pub axis: Vector3<f64>,
-    /// Lower limit (rad or m), minus infinity for a continuous joint.
-    pub lower: f64,
-    /// Upper limit (rad or m), infinity for a continuous joint.
-    pub upper: f64,
-    /// Velocity limit (rad/s or m/s), infinity where the URDF gives none.
-    pub velocity: f64,
-    /// The joint that it follows, if any.
-    pub mimic: Option<Mimic>,
-}
-
-impl Joint {
-    /// Transform of the child relative to the joint frame at value `q`.
-    #[must_use]
-    pub fn motion(&self, q: f64) -> Pose {
-        match self.kind {
-            JointKind::Revolute => Pose::from_parts(Translation3::identity(), rotation_about(&self.axis, q)),
-            JointKind::Prismatic => Pose::from_parts(Translation3::from(self.axis * q), Rotation3::identity()),
-        }
-    }
-}
-
-/// A link. Links stand in an order in which parents come first; the base is link 0.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Link {
-    /// Name in the URDF.
-    pub name: String,
-    /// Parent link; `None` for the base.
-    pub parent: Option<usize>,
-    /// Joint frame in the parent link.
-    pub origin: Pose,
-    /// Moving joint between parent and this link; `None` where it is fixed.
-    pub joint: Option<usize>,
-    /// Collision shapes in the link frame.
-    pub shapes: Vec<Convex>,
-}
+use crate::checked::checked_when_read;
+use crate::{
+    Chain, ChainFrames, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file, urdf,
+};
 
 /// A robot arm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct Robot {
     name: String,
     links: Vec<Link>,
@@ -84,6 +21,8 @@ pub struct Robot {
     /// Pairs of links (lower index first) that are never judged, sorted.
     allowed: Vec<(usize, usize)>,
 }
+
+checked_when_read!(Robot);
 
 impl Robot {
     /// Reads a URDF with its collision meshes, and the pairs that an SRDF disables.
@@ -127,13 +66,103 @@ impl Robot {
         Ok(robot)
     }
 
+    /// A robot from code: its links, the base first.
+    ///
+    /// ```
+    /// use gensim2_geometry::{Joint, Link, Pose, Robot};
+    /// use nalgebra::Vector3;
+    ///
+    /// let hinge = Joint::revolute("hinge", Vector3::y()).limits(-3.0, 3.0).velocity(2.0);
+    /// let robot = Robot::builder("pendulum")
+    ///     .link(Link::base("base"))
+    ///     .link(Link::below("base", "bob").at(Pose::translation(0.0, 0.0, 1.0)).moved_by(hinge))
+    ///     .build("bob")?;
+    /// assert_eq!(robot.joints()[0].upper(), 3.0);
+    /// # Ok::<(), gensim2_geometry::RobotError>(())
+    /// ```
+    pub fn builder(name: impl Into<String>) -> RobotBuilder {
+        RobotBuilder::new(name.into())
+    }
+
+    /// A robot of links and joints that fit each other.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
         Self { name, links, joints, hand, chain, allowed: Vec::new() }
     }
 
+    /// The same of parts that may not fit; `allowed` are pairs of links that are never judged, beside neighbours and what
+    /// overlaps at the middle of all joint ranges.
+    pub(crate) fn of_parts(
+        name: String,
+        links: Vec<Link>,
+        joints: Vec<Joint>,
+        hand: usize,
+        allowed: Vec<(usize, usize)>,
+    ) -> Result<Self, RobotError> {
+        // Without a tree there is no chain to make.
+        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed };
+        robot.check_tree()?;
+        robot.chain = Chain::new(&robot.links, &robot.joints, hand);
+        robot.allow_neighbours(true);
+        robot.check().map(|()| robot)
+    }
+
+    /// Whether its links form a tree with parents first, and each joint moves one of them.
+    fn check_tree(&self) -> Result<(), RobotError> {
+        let fail = |field: &str, message: String| Err(RobotError::new(field, message));
+        let unique = |names: &mut Vec<&str>| {
+            names.sort_unstable();
+            names.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0].to_owned())
+        };
+        if let Some(name) = unique(&mut self.links.iter().map(Link::name).collect()) {
+            return fail(&format!("link {name}"), "stands twice; names are unique".to_owned());
+        }
+        if let Some(name) = unique(&mut self.joints.iter().map(Joint::name).collect()) {
+            return fail(&format!("joint {name}"), "stands twice; names are unique".to_owned());
+        }
+        let mut moved = vec![false; self.joints.len()];
+        for (l, link) in self.links.iter().enumerate() {
+            link.check()?;
+            let field = format!("link {}", link.name);
+            if (l == 0) != link.parent.is_none() || link.parent.is_some_and(|p| p >= l) {
+                return fail(&field, "must come after its parent, and the base first".to_owned());
+            }
+            if let Some(j) = link.joint
+                && (l == 0 || j >= moved.len() || std::mem::replace(&mut moved[j], true))
+            {
+                return fail(&field, "must be moved by a joint of its own".to_owned());
+            }
+        }
+        for (joint, moves) in self.joints.iter().zip(moved) {
+            joint.check()?;
+            let follows_one = |m: Mimic| self.joints.get(m.source).is_some_and(|source| source.mimic.is_none());
+            if !moves || joint.mimic.is_some_and(|m| !follows_one(m)) {
+                let message = "must move a link, and follow a joint that follows none, if any".to_owned();
+                return fail(&format!("joint {}", joint.name), message);
+            }
+        }
+        if self.hand >= self.links.len() {
+            return fail("hand", format!("is link {} of {}", self.hand, self.links.len()));
+        }
+        Ok(())
+    }
+
+    /// Whether all of it fits.
+    fn check(&self) -> Result<(), RobotError> {
+        self.check_tree()?;
+        let fail = |field: &str, message: &str| Err(RobotError::new(field, message));
+        if self.chain != Chain::new(&self.links, &self.joints, self.hand) {
+            return fail("chain", "is not that of the links");
+        }
+        let in_order = self.allowed.windows(2).all(|pair| pair[0] < pair[1]);
+        if !in_order || self.allowed.iter().any(|(a, b)| a > b || *b >= self.links.len()) {
+            return fail("allowed pairs", "must be pairs of links, in order");
+        }
+        Ok(())
+    }
+
     /// Neighbours share a joint and so touch by construction.
-    fn allow_neighbours(&mut self, and_overlapping: bool) {
+    pub(crate) fn allow_neighbours(&mut self, and_overlapping: bool) {
         for (i, link) in self.links.iter().enumerate() {
             // Links without shapes stand between two that touch just the same.
             let mut above = link.parent;
@@ -293,141 +322,4 @@ impl Robot {
 
 fn read_text(path: &Path) -> Result<String, UrdfError> {
     file::read_text(path).map_err(|e| UrdfError::new(&path.display().to_string(), "file", e))
-}
-
-/// One moving joint of a chain, with the fixed transforms before it folded in.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct ChainJoint {
-    joint: usize,
-    kind: JointKind,
-    axis: Vector3<f64>,
-    origin: Pose,
-}
-
-/// The moving joints between the base and one link.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Chain {
-    joints: Vec<ChainJoint>,
-    tail: Pose,
-    link: usize,
-    /// Entries of a joint vector.
-    entries: usize,
-}
-
-/// What a forward pass along a chain leaves behind: enough for the Jacobian of any point on its last link.
-#[derive(Debug, Clone)]
-pub struct ChainFrames {
-    /// Unit axis of each chain joint, base frame.
-    pub axes: Vec<Vector3<f64>>,
-    /// A point on each axis, base frame (m).
-    pub origins: Vec<Vector3<f64>>,
-    /// Pose of the chain's link in the base frame.
-    pub tip: Pose,
-}
-
-impl Default for ChainFrames {
-    fn default() -> Self {
-        Self { axes: Vec::new(), origins: Vec::new(), tip: Pose::identity() }
-    }
-}
-
-impl Chain {
-    fn new(links: &[Link], joints: &[Joint], link: usize) -> Self {
-        let mut path = vec![link];
-        while let Some(parent) = links[path[path.len() - 1]].parent {
-            path.push(parent);
-        }
-        path.reverse();
-        let mut chain = Self { joints: Vec::new(), tail: Pose::identity(), link, entries: joints.len() };
-        for &l in path.iter().skip(1) {
-            chain.tail *= links[l].origin;
-            if let Some(j) = links[l].joint {
-                let joint = &joints[j];
-                chain.joints.push(ChainJoint { joint: j, kind: joint.kind, axis: joint.axis, origin: chain.tail });
-                chain.tail = Pose::identity();
-            }
-        }
-        chain
-    }
-
-    /// Number of moving joints.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.joints.len()
-    }
-
-    /// Whether nothing on the chain moves.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.joints.is_empty()
-    }
-
-    /// Place in the joint vector of each chain joint.
-    pub fn joint_indices(&self) -> impl Iterator<Item = usize> + '_ {
-        self.joints.iter().map(|j| j.joint)
-    }
-
-    /// Kind of chain joint `i`; `None` where the chain is shorter.
-    #[must_use]
-    pub fn kind(&self, i: usize) -> Option<JointKind> {
-        self.joints.get(i).map(|j| j.kind)
-    }
-
-    /// Forward pass at the full joint vector `q`.
-    ///
-    /// # Errors
-    /// `q` has another length than the robot's joint vectors; `out` is as it was then.
-    pub fn forward(&self, q: &[f64], out: &mut ChainFrames) -> Result<(), JointCountError> {
-        JointCountError::check(self.entries, q)?;
-        out.axes.clear();
-        out.origins.clear();
-        let mut r = Rotation3::identity();
-        let mut p = Vector3::zeros();
-        for joint in &self.joints {
-            p += r * joint.origin.translation.vector;
-            r *= joint.origin.rotation;
-            let axis = r * joint.axis;
-            out.axes.push(axis);
-            out.origins.push(p);
-            let value = q[joint.joint];
-            match joint.kind {
-                JointKind::Revolute => r *= turn(&joint.axis, value),
-                JointKind::Prismatic => p += axis * value,
-            }
-        }
-        p += r * self.tail.translation.vector;
-        r *= self.tail.rotation;
-        out.tip = Pose::from_parts(Translation3::from(p), r);
-        Ok(())
-    }
-
-    /// Linear velocity of a point fixed to the chain's link per unit of chain joint `i`; `None` where the chain, or what
-    /// a forward pass left in `frames`, is shorter.
-    #[must_use]
-    pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);
-        Some(match self.kind(i)? {
-            JointKind::Revolute => axis.cross(&(point - origin)),
-            JointKind::Prismatic => *axis,
-        })
-    }
-
-    /// Angular velocity of the chain's link per unit of chain joint `i`; `None` as for [`Chain::linear`].
-    #[must_use]
-    pub fn angular(&self, frames: &ChainFrames, i: usize) -> Option<Vector3<f64>> {
-        let axis = frames.axes.get(i)?;
-        Some(match self.kind(i)? {
-            JointKind::Revolute => *axis,
-            JointKind::Prismatic => Vector3::zeros(),
-        })
-    }
-}
-
-/// Rotation about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
-fn turn(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
-    if axis.x == 0.0 && axis.y == 0.0 {
-        let (s, c) = (angle * axis.z).sin_cos();
-        return Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0));
-    }
-    rotation_about(axis, angle)
 }

@@ -6,13 +6,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
-use crate::robot::{Joint, JointKind, Link, Mimic};
-use crate::{Convex, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml};
+use crate::link::FURTHEST;
+use crate::{Convex, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
-/// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
-const FURTHEST: f64 = 1000.0;
 
 pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> Result<Robot, UrdfError> {
     let file = path.display().to_string();
@@ -103,7 +101,7 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
             joints[at].mimic = Some(Mimic { source, multiplier, offset });
         }
     }
-    mimic::compose(&mut joints, file)?;
+    mimic::compose(&mut joints).map_err(|e| fail(&e.field, e.message))?;
 
     let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
     let mut links = Vec::with_capacity(order.len());

@@ -121,8 +121,8 @@ proptest! {
     ) {
         let robot = robot();
         let [coarse, reach] = limits;
-        let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes.as_slice()));
-        let obstacles = Obstacles::new(robot.links().iter().map(|l| (l.shapes.as_slice(), &still)));
+        let shapes = MovingShapes::new(robot.links().iter().map(|l| l.shapes()));
+        let obstacles = Obstacles::new(robot.links().iter().map(|l| (l.shapes(), &still)));
         let mut scratch = if remembers { Scratch::remembering() } else { Scratch::default() };
         if placed {
             shapes.place(&groups, &mut scratch, |out| out.clone_from(&poses));

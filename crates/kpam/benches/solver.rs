@@ -1,7 +1,6 @@
 //! QPs of the solver's size by both solvers, and a whole plan: `cargo bench -p gensim2-kpam`.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -72,19 +71,14 @@ fn problem() -> KeypointProblem {
     )
     .unwrap();
     let tool = [("palm", 0.0), ("tip", 0.2)].map(|(name, z)| (name.to_owned(), Vector3::new(0.0, 0.0, z)));
-    let goal = BTreeMap::from([("goal".to_owned(), Vector3::new(0.5, 0.2, 0.15))]);
-    let start = vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0];
-    let mut problem = KeypointProblem::new(robot, config, start, BTreeMap::from(tool), goal, Pose::identity()).unwrap();
     let top = Convex::cuboid([0.5, 0.5, 0.02], &Pose::translation(0.6, 0.0, -0.02)).unwrap();
-    let table = Body {
-        name: "table".into(),
-        role: Role::Table,
-        shapes: [top].into(),
-        pose: Pose::identity(),
-        keypoints: BTreeMap::new(),
-    };
-    problem.bodies = vec![table].into();
-    problem
+    let table = Body::builder("table", Role::Table).shape(top).build().unwrap();
+    KeypointProblem::builder(robot, config, vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0])
+        .tool_keypoints(tool)
+        .object_keypoint("goal", Vector3::new(0.5, 0.2, 0.15))
+        .bodies(vec![table])
+        .build()
+        .unwrap()
 }
 
 fn plans(c: &mut Criterion) {

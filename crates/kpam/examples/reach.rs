@@ -1,9 +1,8 @@
 //! Plans a Panda's way to a handle: `cargo run --release -p gensim2-kpam --example reach -- panda_v2.urdf`.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_geometry::{Pose, Robot};
+use gensim2_geometry::Robot;
 use gensim2_kpam::config::{Constraint, Motion};
 use gensim2_kpam::{KeypointProblem, SolverConfig, plan};
 use nalgebra::Vector3;
@@ -17,9 +16,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .post(Motion::Move(Vector3::new(0.0, 0.0, 0.06)))
         .build()?;
     let start = vec![0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 0.04, 0.04];
-    let tool = BTreeMap::from([("tip".to_owned(), Vector3::new(0.0, 0.0, 0.105))]);
-    let handle = BTreeMap::from([("handle".to_owned(), Vector3::new(0.5, 0.2, 0.15))]);
-    let problem = KeypointProblem::new(robot, config, start, tool, handle, Pose::identity())?;
+    let problem = KeypointProblem::builder(robot, config, start)
+        .tool_keypoint("tip", Vector3::new(0.0, 0.0, 0.105))
+        .object_keypoint("handle", Vector3::new(0.5, 0.2, 0.15))
+        .build()?;
     let plan = plan(&problem);
     println!("{}: {}", plan.status.name(), plan.reason);
     for keyframe in &plan.keyframes {

@@ -31,7 +31,7 @@ pub(crate) fn default_limits(robot: &Robot, model: &Model, options: &Options) ->
 /// Whether the planned joints are named as Franka names those of the Panda (`panda_joint1` or, later, `fer_joint1` to
 /// `..7`), whatever stands before that.
 fn is_panda(robot: &Robot, model: &Model) -> bool {
-    let names = model.map().indices().iter().map(|j| robot.joints()[*j].name.as_str());
+    let names = model.map().indices().iter().map(|j| robot.joints()[*j].name());
     let named =
         |(k, name): (usize, &str)| ["panda", "fer"].iter().any(|arm| name.ends_with(&format!("{arm}_joint{}", k + 1)));
     model.n() == 7 && names.enumerate().all(named)

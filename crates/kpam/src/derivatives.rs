@@ -61,7 +61,7 @@ fn every_driven_joint_knows_its_variable() {
     // j5 drives j1 and j4; j2 stands alone; the flap's joint drives j3.
     assert_eq!(model.map().indices(), [4, 1, 5]);
     let driven: Vec<(&str, usize, usize)> =
-        model.map().driven().iter().map(|d| (robot.links()[d.link].name.as_str(), d.joint, d.variable)).collect();
+        model.map().driven().iter().map(|d| (robot.links()[d.link].name(), d.joint, d.variable)).collect();
     // In the order of the links that they carry, the flap's own joint last.
     let carried = [("a", 0, 0), ("b", 1, 1), ("c", 2, 2), ("d", 3, 0), ("hand", 4, 0), ("flap", 5, 2)];
     assert_eq!(driven, carried);

@@ -13,8 +13,8 @@ fn finger_joints(robot: &Robot) -> Vec<usize> {
     let mut below = vec![false; links.len()];
     let mut out = Vec::new();
     for (l, link) in links.iter().enumerate() {
-        below[l] = link.parent.is_some_and(|p| p == robot.hand() || below[p]);
-        out.extend(link.joint.filter(|_| below[l]));
+        below[l] = link.parent().is_some_and(|p| p == robot.hand() || below[p]);
+        out.extend(link.joint().filter(|_| below[l]));
     }
     out
 }
@@ -31,18 +31,18 @@ pub(crate) fn resting_joints(problem: &KeypointProblem) -> Result<Vec<f64>, Prob
     let robot = &problem.robot;
     let fingers = finger_joints(robot);
     if fingers.is_empty() {
-        let hand = &robot.links()[robot.hand()].name;
+        let hand = &robot.links()[robot.hand()].name();
         return Err(fail(format!("is {width}, but no joint below {hand:?} moves; leave it out")));
     }
     for &finger in &fingers {
         let Some(drive) = robot.drive(finger).filter(|d| fingers.contains(&d.source)) else { continue };
         let value = drive.multiplier * width + drive.offset;
         let joint = &robot.joints()[finger];
-        if value.is_nan() || value < joint.lower - ROUNDING || value > joint.upper + ROUNDING {
-            let (lower, upper) = (joint.lower, joint.upper);
-            return Err(fail(format!("of {width} takes {} to {value}, outside [{lower}, {upper}]", joint.name)));
+        if value.is_nan() || value < joint.lower() - ROUNDING || value > joint.upper() + ROUNDING {
+            let (lower, upper) = (joint.lower(), joint.upper());
+            return Err(fail(format!("of {width} takes {} to {value}, outside [{lower}, {upper}]", joint.name())));
         }
-        rest[finger] = value.clamp(joint.lower, joint.upper);
+        rest[finger] = value.clamp(joint.lower(), joint.upper());
     }
     Ok(rest)
 }

@@ -34,7 +34,7 @@ impl JointMap {
     /// Map of the independent joints `indices` of a robot; the others stay as in the full vector `rest`.
     pub(crate) fn new(robot: &Robot, indices: Vec<usize>, rest: &[f64]) -> Self {
         let mut driven = Vec::new();
-        for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint?))) {
+        for (link, joint) in robot.links().iter().enumerate().filter_map(|(l, link)| Some((l, link.joint()?))) {
             let Some(drive) = robot.drive(joint) else { continue };
             let variable = indices.iter().position(|i| *i == drive.source);
             if let (Some(variable), true) = (variable, drive.multiplier != 0.0) {
@@ -49,6 +49,18 @@ impl JointMap {
     pub(crate) fn each(joints: usize, rest: &[f64]) -> Self {
         let own = |joint| DrivenJoint { joint, variable: joint, factor: 1.0, offset: 0.0, link: joint };
         Self { rest: rest.to_vec(), indices: (0..joints).collect(), driven: (0..joints).map(own).collect() }
+    }
+
+    /// Whether it names joints and variables that there are, by finite numbers.
+    pub(crate) fn is_sound(&self) -> bool {
+        let (joints, variables) = (self.rest.len(), self.indices.len());
+        let drives = |d: &DrivenJoint| {
+            d.joint < joints && d.variable < variables && d.factor.is_finite() && d.offset.is_finite()
+        };
+        variables <= MOST_JOINTS
+            && self.rest.iter().all(|v| v.is_finite())
+            && self.indices.iter().all(|j| *j < joints)
+            && self.driven.iter().all(drives)
     }
 
     /// Number of entries of a full joint vector.

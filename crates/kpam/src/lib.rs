@@ -6,31 +6,23 @@
 //! not fit is an error that names the field, or a plan's status.
 //!
 //! ```
-//! use std::collections::BTreeMap;
 //! use std::sync::Arc;
 //!
-//! use gensim2_geometry::{Pose, Robot};
+//! use gensim2_geometry::{Joint, Link, Robot};
 //! use gensim2_kpam::config::{Constraint, Frame, Motion, TargetAxis};
 //! use gensim2_kpam::{KeypointProblem, SolverConfig, Status, plan};
 //! use nalgebra::Vector3;
 //!
 //! // Three sliding joints and a wrist that turns.
-//! let joint = |name: &str, kind: &str, parent: &str, child: &str, axis: &str| {
-//!     format!(
-//!         r#"<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
-//!         <axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="0.5"/></joint>"#
-//!     )
-//! };
-//! let urdf = [
-//!     r#"<robot name="gantry"><link name="base"/>"#.to_owned(),
-//!     joint("x", "prismatic", "base", "bridge", "1 0 0"),
-//!     joint("y", "prismatic", "bridge", "carriage", "0 1 0"),
-//!     joint("z", "prismatic", "carriage", "column", "0 0 1"),
-//!     joint("wrist", "revolute", "column", "hand", "0 0 1"),
-//!     "</robot>".to_owned(),
-//! ]
-//! .concat();
-//! let robot = Arc::new(Robot::from_urdf_str(&urdf, "gantry.urdf", None, "hand", None)?);
+//! let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-2.0, 2.0).velocity(0.5);
+//! let turn = Joint::revolute("wrist", Vector3::z()).limits(-2.0, 2.0).velocity(0.5);
+//! let robot = Robot::builder("gantry")
+//!     .link(Link::base("base"))
+//!     .link(Link::below("base", "bridge").moved_by(slide("x", Vector3::x())))
+//!     .link(Link::below("bridge", "carriage").moved_by(slide("y", Vector3::y())))
+//!     .link(Link::below("carriage", "column").moved_by(slide("z", Vector3::z())))
+//!     .link(Link::below("column", "hand").moved_by(turn))
+//!     .build("hand")?;
 //!
 //! // The fingertip on the handle, the finger along y within 0.01 rad; there from above, and straight up after.
 //! let along_y = TargetAxis::Fixed { axis: Vector3::y(), frame: Frame::World };
@@ -40,9 +32,11 @@
 //!     .pre(Motion::Move(Vector3::new(0.0, 0.0, 0.1)))
 //!     .post(Motion::Move(Vector3::new(0.0, 0.0, 0.2)))
 //!     .build()?;
-//! let tool = BTreeMap::from([("palm".to_owned(), Vector3::zeros()), ("tip".to_owned(), Vector3::new(0.1, 0.0, 0.0))]);
-//! let handle = BTreeMap::from([("handle".to_owned(), Vector3::new(0.4, 0.3, 0.2))]);
-//! let problem = KeypointProblem::new(robot, config, vec![0.0; 4], tool, handle, Pose::identity())?;
+//! let problem = KeypointProblem::builder(Arc::new(robot), config, vec![0.0; 4])
+//!     .tool_keypoint("palm", Vector3::zeros())
+//!     .tool_keypoint("tip", Vector3::new(0.1, 0.0, 0.0))
+//!     .object_keypoint("handle", Vector3::new(0.4, 0.3, 0.2))
+//!     .build()?;
 //!
 //! let plan = plan(&problem);
 //! assert_eq!(plan.status, Status::Solved, "{}", plan.reason);
@@ -55,7 +49,9 @@
 //! ```
 
 mod actuation;
+mod body;
 mod cancel;
+mod checked;
 pub mod config;
 mod default_limits;
 #[cfg(test)]
@@ -69,6 +65,7 @@ mod joint_map;
 mod ldl;
 mod model;
 mod motion;
+mod object_joint;
 pub mod options;
 mod plan;
 mod problem;
@@ -78,17 +75,19 @@ mod resolve;
 mod timing;
 mod world;
 
+pub use body::{Body, BodyBuilder, Role};
 pub use cancel::Cancel;
 pub use config::{Gripper, SolverConfig, SolverConfigBuilder};
 pub use error::{ConfigError, ProblemError};
-pub use grasp::{Grasp, GraspOptions, ParallelGripper, grasps};
+pub use grasp::{Grasp, GraspOptions, GraspPlan, GraspTask, ParallelGripper};
 pub use model::{MOST_JOINTS, Row};
+pub use object_joint::{ObjectJoint, ObjectJointKind};
 pub use options::Options;
 pub use plan::{
     Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,
     TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
 };
-pub use problem::{Body, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
+pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

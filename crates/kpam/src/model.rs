@@ -67,21 +67,21 @@ impl Model {
         let (mut lower, mut upper, mut reach) = ([0.0; MOST_JOINTS], [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]);
         let mut endless = [false; MOST_JOINTS];
         for (v, j) in map.indices().iter().enumerate() {
-            (lower[v], upper[v]) = robot.range(*j).unwrap_or((joints[*j].lower, joints[*j].upper));
+            (lower[v], upper[v]) = robot.range(*j).unwrap_or((joints[*j].lower(), joints[*j].upper()));
             if lower[v] > upper[v] {
                 let message =
-                    format!("no value of {} meets its limits and those of the joints that mimic it", joints[*j].name);
+                    format!("no value of {} meets its limits and those of the joints that mimic it", joints[*j].name());
                 return Err(ProblemError::new("robot", message));
             }
-            reach[v] = if joints[*j].kind == JointKind::Revolute { PI } else { 0.5 };
+            reach[v] = if joints[*j].kind() == JointKind::Revolute { PI } else { 0.5 };
             // A whole turn changes nothing where every joint that it drives makes whole turns.
             endless[v] = map.driven().iter().filter(|d| d.variable == v).all(|d| {
                 let joint = &joints[d.joint];
-                let open = joint.lower == f64::NEG_INFINITY && joint.upper == f64::INFINITY;
-                joint.kind == JointKind::Revolute && open && d.factor.fract() == 0.0
+                let open = joint.lower() == f64::NEG_INFINITY && joint.upper() == f64::INFINITY;
+                joint.kind() == JointKind::Revolute && open && d.factor.fract() == 0.0
             });
         }
-        let velocity = map.least(|j| joints[j].velocity);
+        let velocity = map.least(|j| joints[j].velocity());
         Ok(Self { map, lower, upper, velocity, endless, reach, columns })
     }
 

@@ -3,11 +3,10 @@
 use gensim2_geometry::{Pose, rotation_about, rotation_log, screw_about};
 use nalgebra::{Rotation3, Translation3, Vector3};
 
-use crate::KeypointProblem;
 use crate::config::Motion;
 use crate::options::{Frames, RotatePath};
-use crate::problem::ObjectJointKind;
 use crate::world::{Course, joint_steps};
+use crate::{KeypointProblem, ObjectJointKind};
 
 /// A named hand pose.
 #[derive(Debug, Clone)]

@@ -231,7 +231,7 @@ fn check_speeds(robot: &Robot, model: &Model, options: &Options) -> Result<(), P
     match model.map().indices().iter().zip(velocity).find(|(_, speed)| *speed < GENTLEST) {
         None => Ok(()),
         Some((j, speed)) => {
-            let name = &robot.joints()[*j].name;
+            let name = &robot.joints()[*j].name();
             let message = format!(
                 "let {name} go at {speed:e} per second (those of joints that mimic it included); give at least {GENTLEST}"
             );

@@ -6,8 +6,7 @@ use gensim2_geometry::Pose;
 use nalgebra::Vector3;
 
 use crate::config::{Constraint, Frame, TargetAxis};
-use crate::problem::ObjectJointKind;
-use crate::{KeypointProblem, ProblemError};
+use crate::{KeypointProblem, ObjectJointKind, ProblemError};
 
 impl KeypointProblem {
     fn tool(&self, name: &str) -> Result<Vector3<f64>, ProblemError> {

@@ -2,9 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
-use gensim2_geometry::{Convex, Corners, Pose, signed_distance};
+use std::sync::Arc;
+
+use gensim2_geometry::{Convex, Corners, Joint, Link, Pose, Robot, signed_distance};
 use gensim2_kpam::grasp::GripperKeypoints;
-use gensim2_kpam::{Body, Grasp, GraspOptions, ParallelGripper, Role, grasps};
+use gensim2_kpam::{Body, Grasp, GraspOptions, ParallelGripper, ProblemError, Role, Scene};
 use nalgebra::{Point3, Rotation3, Translation3, Vector3};
 use proptest::prelude::*;
 
@@ -31,7 +33,7 @@ fn gripper() -> ParallelGripper {
 }
 
 fn body(role: Role, shapes: Vec<Convex>, pose: Pose) -> Body {
-    Body { name: format!("{role:?}"), role, shapes: shapes.into(), pose, keypoints: Default::default() }
+    Body::builder(format!("{role:?}"), role).shapes(shapes).pose(pose).build().unwrap()
 }
 
 fn cuboid(half: [f64; 3], pose: Pose) -> Body {
@@ -46,8 +48,17 @@ fn table() -> Body {
     )
 }
 
+/// Grasps of a body among others; where they stand, no robot is in the way.
+fn grasps(object: &Body, others: &[Body], options: &GraspOptions) -> Result<Vec<Grasp>, ProblemError> {
+    let slide = Joint::prismatic("x", Vector3::x()).limits(-1.0, 1.0);
+    let robot = Robot::builder("cart").link(Link::base("rail")).link(Link::below("rail", "cart").moved_by(slide));
+    let bodies = std::iter::once(object).chain(others).cloned().collect();
+    let scene = Scene::new(Arc::new(robot.build("cart").unwrap()), bodies, vec![])?;
+    scene.grasps(object.name(), &gripper(), None, options)
+}
+
 fn found(object: &Body, others: &[Body], options: &GraspOptions) -> Vec<Grasp> {
-    grasps(object, None, &gripper(), others, options).unwrap()
+    grasps(object, others, options).unwrap()
 }
 
 fn closing(grasp: &Grasp) -> Vector3<f64> {
@@ -135,7 +146,7 @@ fn thin_walls_are_held_from_both_sides() {
 fn a_closed_mesh_is_held_like_its_hull() {
     let half = [0.02, 0.05, 0.03];
     let hull = cuboid(half, Pose::identity());
-    let triangles = hull.shapes[0].triangles();
+    let triangles = hull.shapes()[0].triangles();
     // Shapes forget which side of a triangle is out.
     let shapes = triangles.iter().map(|t| Convex::hull(t).unwrap()).collect();
     let mesh = body(Role::Target, shapes, Pose::identity());
@@ -150,7 +161,7 @@ fn a_closed_mesh_is_held_like_its_hull() {
 #[test]
 fn bad_input_names_its_field() {
     let object = cuboid([0.02, 0.02, 0.02], Pose::identity());
-    let field = |options: GraspOptions| grasps(&object, None, &gripper(), &[], &options).unwrap_err().field;
+    let field = |options: GraspOptions| grasps(&object, &[], &options).unwrap_err().field;
     assert_eq!(field(options(|o| o.count = 0)), "options.count");
     assert_eq!(field(options(|o| o.samples = 0)), "options.samples");
     assert_eq!(field(options(|o| o.trials = 0)), "options.trials");
@@ -160,7 +171,7 @@ fn bad_input_names_its_field() {
     assert_eq!(field(options(|o| o.up = Some([0.0; 3]))), "options.up");
     let flat: Vec<_> = (0..4).map(|i| Point3::new(f64::from(i % 2), f64::from(i / 2), 0.0)).collect();
     let flat = body(Role::Target, vec![Convex::hull(&flat).unwrap()], Pose::identity());
-    let error = grasps(&flat, None, &gripper(), &[], &GraspOptions::default()).unwrap_err();
+    let error = grasps(&flat, &[], &GraspOptions::default()).unwrap_err();
     assert_eq!(error.field, "body.shapes");
 }
 
@@ -176,7 +187,7 @@ fn least_distance(grasp: &Grasp, bodies: &[&Body], approach: f64) -> f64 {
         let still = gripper.palm().iter().filter(|_| palm).map(|s| (s, hand));
         for (shape, pose) in moving.chain(still) {
             let mine = Corners::of(shape.moved(pose).points());
-            for other in bodies.iter().flat_map(|b| b.shapes.iter().map(|s| s.moved(&b.pose))) {
+            for other in bodies.iter().flat_map(|b| b.shapes().iter().map(|s| s.moved(b.pose()))) {
                 let mut toward = other.center() - pose * shape.center();
                 let pair = ((&mine, 0.0), (&Corners::of(other.points()), other.radius()));
                 let contact = signed_distance(pair.0, pair.1, &mut toward, 10.0).unwrap();
@@ -212,13 +223,13 @@ proptest! {
         };
         let low = shape.moved(&Pose::from_parts(Translation3::identity(), rotation)).aabb_at(&Pose::identity()).min.z;
         let object = body(Role::Target, vec![shape], Pose::from_parts(Translation3::new(0.4, 0.0, -low), rotation));
-        let other = cuboid([0.01, 0.01, 0.06], Pose::translation(0.4 + neighbour, 0.1, 0.06));
-        let others = [table(), Body { name: "neighbour".into(), ..other }];
+        let post = Convex::cuboid([0.01, 0.01, 0.06], &Pose::identity()).unwrap();
+        let others = [table(), body(Role::Rigid, vec![post], Pose::translation(0.4 + neighbour, 0.1, 0.06))];
         let options = options(|o| (o.count, o.trials) = (20, 300));
         for grasp in found(&object, &others, &options) {
             prop_assert!(grasp.width < grasp.opening && grasp.opening <= STROKE);
             prop_assert!((grasp.base_hand.translation.vector
-                - (object.pose * grasp.object_hand).translation.vector).norm() < 1e-12);
+                - (object.pose() * grasp.object_hand).translation.vector).norm() < 1e-12);
             prop_assert!((0.0..=1.0).contains(&grasp.score));
             let kept = least_distance(&grasp, &[&others[0], &others[1]], options.approach);
             prop_assert!(kept >= options.clearance - 1e-6, "{kept} from the scene: {grasp:?}");

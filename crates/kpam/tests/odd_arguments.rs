@@ -1,7 +1,6 @@
 //! No public function panics, whatever it is given.
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use gensim2_geometry::{Convex, Pose, Robot};
@@ -9,9 +8,9 @@ use gensim2_kpam::config::{Constraint, Frame, Motion, TargetAxis};
 use gensim2_kpam::grasp::GripperKeypoints;
 use gensim2_kpam::qp::{ActiveSet, Bound, InteriorPoint, Qp, QpOutcome, QpSolver};
 use gensim2_kpam::{
-    Body, Cancel, GraspOptions, KeypointProblem, Limits, MOST_JOINTS, ObjectJoint, ObjectJointKind, ParallelGripper,
-    Plan, RefineOptions, Request, RetimeOptions, Role, Row, Scene, SceneJoint, SolverConfig, Status, grasps, ik,
-    joint_travel, min_clearance, plan, plan_batch, plan_with, refine, retime,
+    Body, Cancel, GraspOptions, GraspTask, KeypointProblem, Limits, MOST_JOINTS, ObjectJoint, ObjectJointKind, Options,
+    ParallelGripper, Plan, RefineOptions, Request, RetimeOptions, Role, Row, Scene, SceneJoint, SolverConfig, Status,
+    ik, joint_travel, min_clearance, plan, plan_batch, plan_with, refine, retime,
 };
 use nalgebra::{Point3, Rotation3, Translation3, Vector3};
 use proptest::prelude::*;
@@ -58,10 +57,11 @@ fn robot() -> Arc<Robot> {
     Arc::new(Robot::from_urdf_str(&text, "gantry.urdf", None, "l3", None).unwrap())
 }
 
-fn body(name: &str, role: Role, pose: Pose) -> Body {
-    let shapes = vec![Convex::cuboid([0.05; 3], &Pose::identity()).unwrap()];
-    let keypoints = BTreeMap::from([("top".to_owned(), Vector3::new(0.0, 0.0, 0.05))]);
-    Body { name: name.to_owned(), role, shapes: shapes.into(), pose, keypoints }
+/// `None` where the pose is none.
+fn body(name: &str, role: Role, pose: Pose) -> Option<Body> {
+    let shape = Convex::cuboid([0.05; 3], &Pose::identity()).unwrap();
+    let builder = Body::builder(name, role).shape(shape).keypoint("top", Vector3::new(0.0, 0.0, 0.05));
+    builder.pose(pose).build().ok()
 }
 
 fn problem() -> KeypointProblem {
@@ -71,13 +71,15 @@ fn problem() -> KeypointProblem {
         .post(Motion::Move(Vector3::new(0.0, 0.0, 0.02)))
         .build()
         .unwrap();
-    let tool = BTreeMap::from([("tip".to_owned(), Vector3::new(0.1, 0.0, 0.0))]);
-    let goal = BTreeMap::from([("goal".to_owned(), Vector3::new(0.8, 0.2, 0.1))]);
-    let mut problem = KeypointProblem::new(robot(), config, vec![0.1; 3], tool, goal, Pose::identity()).unwrap();
-    (problem.options.starts, problem.options.candidates, problem.options.harvest) = (4, 2, 0);
-    problem.options.samples = 20;
-    problem.options.workspace = None;
-    problem
+    let mut options = Options::default();
+    (options.starts, options.candidates, options.harvest) = (4, 2, 0);
+    (options.samples, options.workspace) = (20, None);
+    KeypointProblem::builder(robot(), config, vec![0.1; 3])
+        .tool_keypoint("tip", Vector3::new(0.1, 0.0, 0.0))
+        .object_keypoint("goal", Vector3::new(0.8, 0.2, 0.1))
+        .options(options)
+        .build()
+        .unwrap()
 }
 
 fn solved() -> &'static (KeypointProblem, Plan) {
@@ -139,9 +141,9 @@ proptest! {
         }
         if let Ok(config) = builder.build() {
             prop_assert!(config.clock(0.0).is_ok() || !config.has_times());
-            let mut whole = problem();
-            whole.config = config;
-            let _ = plan(&whole);
+            if let Ok(whole) = problem().changed().config(config).build() {
+                let _ = plan(&whole);
+            }
         }
     }
 
@@ -160,29 +162,43 @@ proptest! {
         counts in prop::array::uniform3(0..3usize),
         which in 0..9usize,
     ) {
-        let mut wrong = problem();
-        match which {
-            0 => wrong.q_start = q.clone(),
-            1 => { wrong.tool_keypoints.insert("tip".to_owned(), keypoint); }
-            2 => (wrong.object, wrong.world, wrong.object_axis) = (object, box_pose, axis),
-            3 => (wrong.options.start_velocity, wrong.options.velocity_limits) = (velocity.clone(), limits),
-            4 => wrong.bodies = vec![body("box", Role::Rigid, box_pose), body("lid", Role::Attached, object)].into(),
-            5 => (wrong.options.margin, wrong.options.velocity_scale, wrong.options.start_time) = (odd[0], odd[1], odd[2]),
-            6 => (wrong.options.starts, wrong.options.candidates, wrong.options.descents) = (counts[0], counts[1], counts[2]),
-            7 => wrong.options.pick = vec![label.clone()],
-            _ => wrong.joint = joint.map(|(origin, axis, v)| ObjectJoint {
-                kind: ObjectJointKind::Revolute,
-                origin,
-                axis,
-                value: v.first().copied().unwrap_or(0.0),
-                lower: v.get(1).copied().unwrap_or(0.0),
-                upper: v.get(2).copied().unwrap_or(0.0),
-            }),
-        }
-        let fits = wrong.check().is_ok();
-        prop_assert_eq!(ik(&wrong, counts[0]).is_ok(), fits);
-        let found = plan(&wrong);
-        prop_assert!(fits || found.trajectory.is_none());
+        let odd_one = problem().changed();
+        let mut options = problem().options().clone();
+        let odd_one = match which {
+            0 => odd_one.q_start(q.clone()),
+            1 => odd_one.tool_keypoint("tip", keypoint),
+            2 => odd_one.object(object).world(box_pose).object_axis(axis),
+            3 => {
+                (options.start_velocity, options.velocity_limits) = (velocity.clone(), limits);
+                odd_one.options(options)
+            }
+            4 => {
+                let bodies = [body("box", Role::Rigid, box_pose), body("lid", Role::Attached, object)];
+                odd_one.bodies(bodies.into_iter().flatten().collect::<Vec<_>>())
+            }
+            5 => {
+                (options.margin, options.velocity_scale, options.start_time) = (odd[0], odd[1], odd[2]);
+                odd_one.options(options)
+            }
+            6 => {
+                (options.starts, options.candidates, options.descents) = (counts[0], counts[1], counts[2]);
+                odd_one.options(options)
+            }
+            7 => {
+                options.pick = vec![label.clone()];
+                odd_one.options(options)
+            }
+            _ => {
+                let made = joint.and_then(|(origin, axis, v)| {
+                    let at = |i: usize| v.get(i).copied().unwrap_or(0.0);
+                    ObjectJoint::new(ObjectJointKind::Revolute, origin, axis, at(0), [at(1), at(2)]).ok()
+                });
+                made.into_iter().fold(odd_one, |odd_one, joint| odd_one.joint(joint))
+            }
+        };
+        let Ok(wrong) = odd_one.build() else { return Ok(()) };
+        prop_assert!(ik(&wrong, counts[0]).is_ok());
+        let _ = plan(&wrong);
         let _ = plan_batch(&[&wrong], Some(counts[1]), &Cancel::new());
         let (right, former) = solved();
         let mut request = Request::default();
@@ -210,6 +226,12 @@ proptest! {
         (options.times, options.keep_paths) = (Some(times), keep);
         let _ = refine(problem, plan, &options);
         let mut other = plan.clone();
+        // A plan says what it was set to say.
+        other.keyframes[0].time = Some(step * 1e9);
+        other.q_plan = Some(q.clone());
+        let mut request = Request::default();
+        (request.former, request.resume, request.most_checks) = (Some(&other), Some("actuation"), Some(50));
+        let _ = plan_with(problem, &request);
         (other.q_plan, other.keyframes) = (Some(q), Vec::new());
         let _ = refine(problem, &other, &RefineOptions::default());
         let _ = min_clearance(problem, &other, 0.5, &Cancel::new());
@@ -248,16 +270,11 @@ proptest! {
         origin in vector(),
     ) {
         let [first, second, third] = &names;
-        let bodies = vec![body(first, Role::Rigid, here), body(second, Role::Target, there)];
-        let joint = ObjectJoint {
-            kind: ObjectJointKind::Prismatic,
-            origin,
-            axis: Vector3::z(),
-            value: 0.0,
-            lower: -1.0,
-            upper: value,
-        };
-        let joints = vec![SceneJoint { name: third.clone(), joint, moves: vec![first.clone()] }];
+        let bodies = [body(first, Role::Rigid, here), body(second, Role::Target, there)];
+        let bodies: Vec<Body> = bodies.into_iter().flatten().collect();
+        let kind = ObjectJointKind::Prismatic;
+        let Ok(joint) = ObjectJoint::new(kind, origin, Vector3::z(), 0.0, [-1.0, value]) else { return Ok(()) };
+        let joints = vec![SceneJoint::new(third.clone(), joint, vec![first.clone()])];
         let Ok(scene) = Scene::new(robot(), bodies, joints) else { return Ok(()) };
         let fits = q.len() == 3 && q.iter().all(|v| v.is_finite());
         let attached = scene.attached(second, &there);
@@ -302,8 +319,11 @@ proptest! {
         if !plain {
             (options.friction, options.approach, options.clearance) = (odd[0], odd[1], odd[2]);
         }
-        let others = [body("box", Role::Rigid, grip)];
-        let _ = grasps(&body("lid", Role::Target, at), middle.map(Point3::from), &gripper, &others, &options);
+        let bodies = [body("lid", Role::Target, at), body("box", Role::Rigid, grip)];
+        let scene = Scene::new(robot(), bodies.into_iter().flatten().collect(), vec![]).unwrap();
+        let found = scene.grasps("lid", &gripper, middle.map(Point3::from), &options).unwrap_or_default();
+        let task = GraspTask::new("lid", gripper, q).approach(odd[1]).lift(head);
+        let _ = scene.plan_grasp(&task, &found);
     }
 
     #[test]

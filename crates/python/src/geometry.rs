@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::convert::{self, JointRows};
-use crate::errors::{from_shape, from_urdf, problem_error};
+use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
 
 /// A URDF arm. Pickles.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
@@ -34,27 +34,27 @@ impl PyRobot {
 
     #[getter]
     fn joint_names(&self) -> Vec<String> {
-        self.0.joints().iter().map(|j| j.name.clone()).collect()
+        self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
     #[getter]
     fn link_names(&self) -> Vec<String> {
-        self.0.links().iter().map(|l| l.name.clone()).collect()
+        self.0.links().iter().map(|l| l.name().to_owned()).collect()
     }
 
     #[getter]
     fn lower<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::array1(py, &self.0.joints().iter().map(|j| j.lower).collect::<Vec<_>>()).into_any()
+        convert::array1(py, &self.0.joints().iter().map(|j| j.lower()).collect::<Vec<_>>()).into_any()
     }
 
     #[getter]
     fn upper<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::array1(py, &self.0.joints().iter().map(|j| j.upper).collect::<Vec<_>>()).into_any()
+        convert::array1(py, &self.0.joints().iter().map(|j| j.upper()).collect::<Vec<_>>()).into_any()
     }
 
     #[getter]
     fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::array1(py, &self.0.joints().iter().map(|j| j.velocity).collect::<Vec<_>>()).into_any()
+        convert::array1(py, &self.0.joints().iter().map(|j| j.velocity()).collect::<Vec<_>>()).into_any()
     }
 
     /// Pose of `link` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4).
@@ -131,7 +131,7 @@ impl PyRobot {
     fn link(&self, name: Option<&str>) -> PyResult<usize> {
         let Some(name) = name else { return Ok(self.0.hand()) };
         self.0.link_index(name).ok_or_else(|| {
-            let known: Vec<&str> = self.0.links().iter().map(|l| l.name.as_str()).collect();
+            let known: Vec<&str> = self.0.links().iter().map(|l| l.name()).collect();
             problem_error("link", format!("{name:?} is not a link; links: {}", known.join(", ")))
         })
     }
@@ -271,29 +271,30 @@ impl PyBody {
             }
         };
         let pose = convert::pose(pose, "pose")?;
-        let shapes = shapes.iter().flat_map(|s| s.0.iter().cloned()).collect();
+        let body = Body::builder(name, role).shapes(shapes.iter().flat_map(|s| s.0.iter().cloned())).pose(pose);
         let keypoints = match keypoints {
             None => std::collections::BTreeMap::new(),
             Some(map) => crate::planning::keypoints(map, "keypoints")?,
         };
-        Ok(Self(Body { name, role, shapes, pose, keypoints }))
+        let body = keypoints.into_iter().fold(body, |body, (name, point)| body.keypoint(name, point));
+        body.build().map(Self).map_err(|e| from_problem(&e))
     }
 
     /// Role, as given.
     #[getter]
     fn role(&self) -> &'static str {
-        self.0.role.name()
+        self.0.role().name()
     }
 
     /// (4, 4) in the base frame, of an attached body in the hand frame.
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
-        convert::pose_array(py, &self.0.pose).into_any()
+        convert::pose_array(py, self.0.pose()).into_any()
     }
 
     #[getter]
     fn name(&self) -> &str {
-        &self.0.name
+        self.0.name()
     }
 
     #[staticmethod]
@@ -326,12 +327,8 @@ impl PyJoint {
             "prismatic" => ObjectJointKind::Prismatic,
             other => return Err(problem_error("kind", format!("{other:?} is unknown; use revolute or prismatic"))),
         };
-        let axis = convert::vector3(axis, "axis")?;
-        if axis.norm() < 1e-9 {
-            return Err(problem_error("axis", "has no direction"));
-        }
-        let origin = convert::vector3(origin, "origin")?;
-        Ok(Self(ObjectJoint { kind, origin, axis: axis.normalize(), value, lower, upper }))
+        let (origin, axis) = (convert::vector3(origin, "origin")?, convert::vector3(axis, "axis")?);
+        ObjectJoint::new(kind, origin, axis, value, [lower, upper]).map(Self).map_err(|e| from_problem(&e))
     }
 
     #[staticmethod]

@@ -1,19 +1,16 @@
 //! Grippers and grasps.
 
-use std::sync::Arc;
-
 use gensim2_kpam::StageTimes;
-use gensim2_kpam::grasp::{
-    Grasp, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target, plan_grasp as plan_with_grasp,
-};
-use nalgebra::{Point3, Vector3};
+use gensim2_kpam::grasp::{Grasp, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target};
+use nalgebra::Point3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::convert;
-use crate::errors::{from_problem, problem_error};
-use crate::geometry::{PyBody, PyRobot, PyShape};
+use crate::errors::from_problem;
+use crate::geometry::{PyRobot, PyShape};
 use crate::planning::{PyPlan, read_options};
+use crate::scene::PyScene;
 
 pub(crate) fn keypoints(
     head: &Bound<'_, PyAny>,
@@ -170,26 +167,6 @@ impl PyGrasp {
     }
 }
 
-/// Grasps of a body among others, best first. The GIL is released meanwhile.
-#[pyfunction]
-#[pyo3(signature = (body, gripper, *, bodies = Vec::new(), center_of_mass = None, options = None))]
-pub(crate) fn grasps(
-    py: Python<'_>,
-    body: &Bound<'_, PyBody>,
-    gripper: &Bound<'_, PyParallelGripper>,
-    bodies: Vec<PyRef<'_, PyBody>>,
-    center_of_mass: Option<&Bound<'_, PyAny>>,
-    options: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Vec<PyGrasp>> {
-    let options = read_options(options)?;
-    let center = center_of_mass.map(|c| convert::vector3(c, "center_of_mass").map(Point3::from)).transpose()?;
-    let others: Vec<_> = bodies.iter().map(|b| b.0.clone()).collect();
-    let (body, gripper) = (&body.get().0, &gripper.get().0);
-    py.detach(|| gensim2_kpam::grasps(body, center, gripper, &others, &options))
-        .map(|found| found.into_iter().map(PyGrasp).collect())
-        .map_err(|e| from_problem(&e))
-}
-
 /// A grasp with its motions, all of them solved.
 #[pyclass(name = "GraspPlan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyGraspPlan(GraspPlan);
@@ -218,47 +195,41 @@ impl PyGraspPlan {
     }
 }
 
-/// The first of the grasps with which the body can be picked and brought to every target. The GIL is released
-/// meanwhile.
-#[pyfunction]
-#[pyo3(signature = (
-    robot, q_start, gripper, body, grasps, *, bodies = Vec::new(), targets = Vec::new(), approach = 0.1, lift = None,
-    options = None
-))]
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn plan_grasp(
-    py: Python<'_>,
-    robot: &Bound<'_, PyRobot>,
-    q_start: &Bound<'_, PyAny>,
-    gripper: &Bound<'_, PyParallelGripper>,
-    body: &Bound<'_, PyBody>,
-    grasps: Vec<PyRef<'_, PyGrasp>>,
-    bodies: Vec<PyRef<'_, PyBody>>,
-    targets: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
-    approach: f64,
-    lift: Option<&Bound<'_, PyAny>>,
-    options: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Option<PyGraspPlan>> {
-    let lift = lift.map_or(Ok(Vector3::new(0.0, 0.0, 0.1)), |l| convert::vector3(l, "lift"))?;
-    if !(0.0..=1.0).contains(&approach) {
-        return Err(problem_error("approach", format!("must lie in 0 to 1 m, not {approach}")));
+impl PyScene {
+    /// As [`Scene::grasps`], the GIL released.
+    pub(crate) fn grasps_of(
+        &self,
+        py: Python<'_>,
+        body: &str,
+        gripper: &Bound<'_, PyParallelGripper>,
+        center_of_mass: Option<&Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<PyGrasp>> {
+        let options = read_options(options)?;
+        let center = center_of_mass.map(|c| convert::vector3(c, "center_of_mass").map(Point3::from)).transpose()?;
+        let (scene, gripper) = (&self.0, &gripper.get().0);
+        py.detach(|| scene.grasps(body, gripper, center, &options))
+            .map(|found| found.into_iter().map(PyGrasp).collect())
+            .map_err(|e| from_problem(&e))
     }
-    let options = read_options(options)?;
-    let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
-        let free_axis = axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
-        Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
-    };
-    let task = GraspTask {
-        robot: Arc::clone(&robot.get().0),
-        gripper: gripper.get().0.clone(),
-        q_start: convert::vector(q_start, "q_start", None)?,
-        object: body.get().0.clone(),
-        bodies: bodies.iter().map(|b| b.0.clone()).collect(),
-        approach,
-        lift,
-        targets: targets.iter().enumerate().map(target).collect::<PyResult<_>>()?,
-        options,
-    };
-    let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
-    py.detach(|| plan_with_grasp(&task, &grasps)).map(|found| found.map(PyGraspPlan)).map_err(|e| from_problem(&e))
+
+    /// As [`Scene::plan_grasp`], the GIL released.
+    pub(crate) fn plan_grasp_with(
+        &self,
+        py: Python<'_>,
+        task: GraspTask,
+        grasps: &[PyRef<'_, PyGrasp>],
+        targets: &[(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)],
+    ) -> PyResult<Option<PyGraspPlan>> {
+        let target = |(i, (pose, axis)): (usize, &(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>))| -> PyResult<Target> {
+            let free_axis =
+                axis.as_ref().map(|a| convert::vector3(a, &format!("targets[{i}]: free axis"))).transpose()?;
+            Ok(Target { object: convert::pose(pose, &format!("targets[{i}]: T_base_object"))?, free_axis })
+        };
+        let targets: Vec<Target> = targets.iter().enumerate().map(target).collect::<PyResult<_>>()?;
+        let task = targets.into_iter().fold(task, GraspTask::target);
+        let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
+        let scene = &self.0;
+        py.detach(|| scene.plan_grasp(&task, &grasps)).map(|found| found.map(PyGraspPlan)).map_err(|e| from_problem(&e))
+    }
 }

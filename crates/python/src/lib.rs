@@ -31,8 +31,6 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<planning::PyKeypointProblem>()?;
     m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<planning::PyPlan>()?;
-    m.add_function(wrap_pyfunction!(grasps::grasps, m)?)?;
-    m.add_function(wrap_pyfunction!(grasps::plan_grasp, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::ik, m)?)?;

@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_geometry::Robot;
 use gensim2_kpam::config::Constraint;
-use gensim2_kpam::{Bodies, Body, Cancel, KeypointProblem, ObjectJoint, Plan, Request, SolverConfig, StageTimes};
+use gensim2_kpam::{Body, Cancel, KeypointProblem, KeypointProblemBuilder, Plan, Request, SolverConfig, StageTimes};
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyMapping};
@@ -71,7 +70,8 @@ pub(crate) fn bodies_listed(bodies: &[Body]) -> String {
     if bodies.is_empty() {
         return "none".to_owned();
     }
-    let mut listed: Vec<String> = bodies.iter().take(MOST).map(|b| format!("{} ({})", b.name, b.role.name())).collect();
+    let mut listed: Vec<String> =
+        bodies.iter().take(MOST).map(|b| format!("{} ({})", b.name(), b.role().name())).collect();
     if bodies.len() > MOST {
         listed.push(format!("{} more", bodies.len() - MOST));
     }
@@ -119,9 +119,16 @@ pub(crate) struct Question<'a, 'py> {
 }
 
 impl Question<'_, '_> {
-    /// The problem that is asked of a robot among bodies, not checked yet.
-    pub fn on(&self, robot: Arc<Robot>, bodies: Bodies, joint: Option<ObjectJoint>) -> PyResult<KeypointProblem> {
-        let options = read_options(self.options)?;
+    pub fn config(&self) -> SolverConfig {
+        self.config.get().0.clone()
+    }
+
+    pub fn q_start(&self) -> PyResult<Vec<f64>> {
+        convert::vector(self.q_start, "q_start", None)
+    }
+
+    /// The problem that is asked of what the builder has: robot, bodies, joint.
+    pub fn asked_of(&self, builder: KeypointProblemBuilder) -> PyResult<PyKeypointProblem> {
         let object_axis = match self.object_axis {
             "x" => 0,
             "y" => 1,
@@ -131,33 +138,23 @@ impl Question<'_, '_> {
         let named = |value: Option<&Bound<'_, PyAny>>, field: &str| {
             value.map_or_else(|| Ok(BTreeMap::new()), |v| keypoints(v, field))
         };
-        Ok(KeypointProblem {
-            robot,
-            config: self.config.get().0.clone(),
-            q_start: convert::vector(self.q_start, "q_start", None)?,
-            tool_keypoints: named(self.tool_keypoints, "tool_keypoints")?,
-            object_keypoints: named(self.object_keypoints, "object_keypoints")?,
-            object: convert::optional_pose(self.T_base_object, "T_base_object")?,
-            joint,
-            object_axis,
-            object_yaw: self.object_yaw,
-            world: convert::optional_pose(self.T_base_world, "T_base_world")?,
-            bodies,
-            options,
-        })
+        builder
+            .options(read_options(self.options)?)
+            .tool_keypoints(named(self.tool_keypoints, "tool_keypoints")?)
+            .object_keypoints(named(self.object_keypoints, "object_keypoints")?)
+            .object(convert::optional_pose(self.T_base_object, "T_base_object")?)
+            .object_axis(object_axis)
+            .object_yaw(self.object_yaw)
+            .world(convert::optional_pose(self.T_base_world, "T_base_world")?)
+            .build()
+            .map(|p| PyKeypointProblem(Arc::new(p)))
+            .map_err(|e| from_problem(&e))
     }
 }
 
 /// Everything one plan needs; checked on construction. Pickles.
 #[pyclass(name = "KeypointProblem", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyKeypointProblem(pub Arc<KeypointProblem>);
-
-impl PyKeypointProblem {
-    pub fn checked(problem: KeypointProblem) -> PyResult<Self> {
-        problem.check().map_err(|e| from_problem(&e))?;
-        Ok(Self(Arc::new(problem)))
-    }
-}
 
 #[pymethods]
 impl PyKeypointProblem {
@@ -193,7 +190,12 @@ impl PyKeypointProblem {
             options,
         };
         let bodies: Vec<Body> = bodies.iter().map(|b| b.0.clone()).collect();
-        Self::checked(question.on(Arc::clone(&robot.get().0), bodies.into(), joint.map(|j| j.get().0))?)
+        let robot = Arc::clone(&robot.get().0);
+        let builder = KeypointProblem::builder(robot, question.config(), question.q_start()?).bodies(bodies);
+        question.asked_of(match joint {
+            Some(joint) => builder.joint(joint.get().0),
+            None => builder,
+        })
     }
 
     /// The same problem from another state: joints (n,), their velocity (n,) (at rest where none is given), and the time
@@ -219,16 +221,16 @@ impl PyKeypointProblem {
     fn __repr__(&self) -> String {
         let problem = &self.0;
         let names = |points: &BTreeMap<String, Vector3<f64>>| points.keys().cloned().collect::<Vec<_>>().join(", ");
-        let constraints: Vec<String> = problem.config.constraints().iter().map(Constraint::name).collect();
+        let constraints: Vec<String> = problem.config().constraints().iter().map(Constraint::name).collect();
         format!(
             "KeypointProblem({:?} with {} joints; {}; tool keypoints: {}; object keypoints: {}; {}; bodies: {})",
-            problem.robot.name(),
-            problem.q_start.len(),
+            problem.robot().name(),
+            problem.q_start().len(),
             constraints.join(", "),
-            names(&problem.tool_keypoints),
-            names(&problem.object_keypoints),
-            problem.joint.map_or_else(|| "no joint".to_owned(), |j| format!("joint at {:.3}", j.value)),
-            bodies_listed(&problem.bodies)
+            names(problem.tool_keypoints()),
+            names(problem.object_keypoints()),
+            problem.joint().map_or_else(|| "no joint".to_owned(), |j| format!("joint at {:.3}", j.value())),
+            bodies_listed(problem.bodies())
         )
     }
 

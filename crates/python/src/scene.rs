@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gensim2_geometry::{ChainFrames, Pose};
-use gensim2_kpam::{Cancel, Checker, KeypointProblem, Nearness, ProblemError, Scene, SceneJoint};
+use gensim2_kpam::{Cancel, Checker, GraspTask, Nearness, ProblemError, Scene, SceneJoint};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -11,8 +11,9 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::planning::{PyKeypointProblem, PySolverConfig, Question, bodies_listed};
+use crate::planning::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
@@ -22,23 +23,23 @@ pub(crate) struct PySceneJoint(SceneJoint);
 impl PySceneJoint {
     #[new]
     fn new(name: String, joint: &Bound<'_, PyJoint>, moves: Vec<String>) -> Self {
-        Self(SceneJoint { name, joint: joint.get().0, moves })
+        Self(SceneJoint::new(name, joint.get().0, moves))
     }
 
     #[getter]
     fn name(&self) -> &str {
-        &self.0.name
+        self.0.name()
     }
 
     /// Present value (rad or m).
     #[getter]
     fn value(&self) -> f64 {
-        self.0.joint.value
+        self.0.joint().value()
     }
 
     #[getter]
     fn moves(&self) -> Vec<String> {
-        self.0.moves.clone()
+        self.0.moves().to_vec()
     }
 
     #[staticmethod]
@@ -144,12 +145,45 @@ impl PyScene {
             T_base_world,
             options,
         };
-        let found = joint.map(|name| self.0.joint(name).map(|j| j.joint)).transpose().map_err(|e| from_problem(&e))?;
-        let bodies = self.0.bodies_about(joint).map_err(|e| from_problem(&e))?;
-        let mut problem: KeypointProblem = question.on(Arc::clone(self.0.robot()), bodies, found)?;
-        problem.tool_keypoints.extend(self.0.tool_keypoints());
-        problem.object_keypoints.extend(self.0.object_keypoints());
-        PyKeypointProblem::checked(problem)
+        let builder = self.0.problem(question.config(), question.q_start()?, joint).map_err(|e| from_problem(&e))?;
+        question.asked_of(builder)
+    }
+
+    /// Grasps of a body where it stands among the others, best first.
+    #[pyo3(signature = (body, gripper, center_of_mass = None, options = None))]
+    fn grasps(
+        &self,
+        py: Python<'_>,
+        body: &str,
+        gripper: &Bound<'_, PyParallelGripper>,
+        center_of_mass: Option<&Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<PyGrasp>> {
+        self.grasps_of(py, body, gripper, center_of_mass, options)
+    }
+
+    /// The first of the grasps with which a body can be picked and brought to every target.
+    #[pyo3(signature = (body, gripper, q_start, grasps, *, targets = Vec::new(), approach = 0.1, lift = None, options = None))]
+    #[allow(clippy::too_many_arguments)]
+    fn plan_grasp(
+        &self,
+        py: Python<'_>,
+        body: String,
+        gripper: &Bound<'_, PyParallelGripper>,
+        q_start: &Bound<'_, PyAny>,
+        grasps: Vec<PyRef<'_, PyGrasp>>,
+        targets: Vec<(Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
+        approach: f64,
+        lift: Option<&Bound<'_, PyAny>>,
+        options: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<PyGraspPlan>> {
+        let q_start = convert::vector(q_start, "q_start", None)?;
+        let mut task =
+            GraspTask::new(body, gripper.get().0.clone(), q_start).approach(approach).options(read_options(options)?);
+        if let Some(lift) = lift {
+            task = task.lift(convert::vector3(lift, "lift")?);
+        }
+        self.plan_grasp_with(py, task, &grasps, &targets)
     }
 
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
@@ -203,7 +237,7 @@ impl PyScene {
 
     fn __repr__(&self) -> String {
         let joints: Vec<String> =
-            self.0.joints().iter().map(|j| format!("{} at {:.3}", j.name, j.joint.value)).collect();
+            self.0.joints().iter().map(|j| format!("{} at {:.3}", j.name(), j.joint().value())).collect();
         format!(
             "Scene({:?} with {} joints; bodies: {}; joints: {})",
             self.0.robot().name(),

@@ -175,7 +175,7 @@ pub(crate) fn refine<'py>(
     let (problem, plan) = (&problem.get().0, &plan.get().0);
     let found = py.detach(|| gensim2_kpam::refine(problem, plan, &options)).map_err(|e| from_problem(&e))?;
     let out = PyDict::new(py);
-    let columns = problem.robot.joints().len();
+    let columns = problem.robot().joints().len();
     out.set_item("waypoints", convert::array2(py, &found.waypoints, columns))?;
     out.set_item("times", convert::array1(py, &found.times))?;
     out.set_item("keyframes", found.keyframes)?;

@@ -13,7 +13,7 @@ from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner, Ways
+from gensim2.planning.steps import INVALID, PLAN_OPTIONS, StepPlan, StepPlanner, Ways
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.tasks.criteria import all_hold
@@ -281,7 +281,10 @@ class ChainController:
     def _plan(self, scene: Scene, name: str, at_step: int, former: StepPlan | None) -> _Plan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
-        planned = self._planner.plan(scene, self._step, self._strategies[name], following=following, former=former)
+        try:
+            planned = self._planner.plan(scene, self._step, self._strategies[name], following=following, former=former)
+        except kpam.ProblemError as error:  # it does not fit this scene's objects
+            planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
         return _Plan(name, planned, scene, at_step, self._trigger)
 
     def _plan_ahead(self, scene: Scene) -> list[_Plan]:

@@ -11,9 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.episodes.controller import ACTUATION, Event
-from gensim2.episodes.measured_faults import distance_apart, fault_of_criterion, released, was_left_behind
+from gensim2.episodes.measured_faults import distance_apart, drift, fault_of_criterion, released, was_left_behind
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
+from gensim2.planning.steps import INVALID, NO_GRASP
 from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -21,11 +22,11 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 Fault = tuple[Cause, dict[str, Any]]
 
 PLAN_CAUSES = {
-    "invalid": Cause.INVALID_PROBLEM,
+    INVALID: Cause.INVALID_PROBLEM,
     "actuation_infeasible": Cause.NO_ACTUATION_POSE,
     "unreachable": Cause.KEYFRAME_OUT_OF_REACH,
     "collision": Cause.COLLISION_ON_THE_WAY,
-    "no_grasp": Cause.NO_GRASP,
+    NO_GRASP: Cause.NO_GRASP,
 }
 """By the status of a plan without a motion; any other is ``NO_MOTION_FOUND``."""
 
@@ -142,11 +143,18 @@ class _Facts:
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
         """Whether a step that was to take up its object left it behind."""
         used = any(later.tool == step.object for later in self.task.steps[index + 1 :])
-        if not used or step.done or not own or own[-1].last == own[-1].first:
+        if not used or not own or own[-1].last == own[-1].first:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]
         distance = was_left_behind(measured, step.object)
-        return None if distance is None else (Cause.GRASP_MISSED, {"distance": distance})
+        if distance is None:
+            return None
+        moved = drift(measured, self._at_actuation(step), step.object)
+        return (
+            (Cause.GRASP_MISSED, {"distance": distance})
+            if moved is None
+            else (Cause.OBJECT_DRIFTED, {"distance": moved})
+        )
 
     def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
         """What became of an object that was where it should be only while the hand held it."""

@@ -47,11 +47,8 @@ def fault_of_criterion(
         measured: in its turn.
         at_actuation: measured when the hand was at the step's actuation pose, where anybody knows.
     """
-    for name in (step.object, step.tool):
-        if at_actuation is not None and name in measured[0].poses and name != HAND and step.tool == HAND:
-            moved = change(measured[0], at_actuation, name).distance
-            if moved > DRIFTED:
-                return Cause.OBJECT_DRIFTED, {"distance": moved}
+    if step.tool == HAND and (moved := drift(measured, at_actuation, step.object)) is not None:
+        return Cause.OBJECT_DRIFTED, {"distance": moved}
     if step.tool != HAND and (distance := was_lost(measured, step.tool)) is not None:
         return Cause.GRASP_LOST, {"distance": distance}
     for criterion in step.done:
@@ -68,6 +65,14 @@ def fault_of_criterion(
         if name in measured[0].poses and (moved := change(measured[0], measured[-1], name).distance) > LEFT_BEHIND:
             return Cause.OBJECT_DRIFTED, {"distance": moved}
     return None
+
+
+def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
+    """Metres that a rigid object went before the hand was at its actuation pose; None: it stayed, or nobody knows."""
+    if at_actuation is None or name not in at_actuation.poses:
+        return None
+    moved = change(measured[0], at_actuation, name).distance
+    return moved if moved > DRIFTED else None
 
 
 def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.objects import ObjectModel
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
@@ -18,50 +19,11 @@ Tree = dict[str, Any]
 """Arrays by name, nested; leaves are numpy arrays."""
 
 
-class Point(Protocol):
-    """A keypoint of an object."""
-
-    @property
-    def link(self) -> str: ...
-    @property
-    def position(self) -> Array:
-        """(3,) metres in the link's frame."""
-        ...
-
-
-class Joint(Protocol):
-    """The joint of an articulated object."""
-
-    @property
-    def type(self) -> str: ...
-    @property
-    def lower(self) -> float: ...
-    @property
-    def upper(self) -> float: ...
-
-
-class Model(Protocol):
-    """What is recorded of an object, and what verdicts need of it."""
-
-    @property
-    def asset_class(self) -> str: ...
-    @property
-    def id(self) -> str: ...
-    @property
-    def source(self) -> str: ...
-    @property
-    def content_hash(self) -> str: ...
-    @property
-    def keypoints(self) -> Mapping[str, Point]: ...
-    @property
-    def joint(self) -> Joint | None: ...
-
-
 class Placed(Protocol):
     """An object as a reset put it into the scene."""
 
     @property
-    def model(self) -> Model: ...
+    def model(self) -> ObjectModel: ...
     @property
     def position(self) -> Array:
         """(3,) of its root in the world, m."""

@@ -117,12 +117,11 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     rows.move(at, last)
     rows.dwell(last, rows.command, ceil(HOLD_SECONDS * rate))
     actions, times = rows.finish()
-    contact = reached.get("pre_0", 0.0)
     return Schedule(
         actions,
         times,
-        contact=_first(times, contact),
-        actuation=_first(times, reached.get("actuation", np.inf)),
+        contact=_first(times, (step_of("pre_0") or 0) / rate),
+        actuation=len(times) if actuation is None else _first(times, actuation / rate),
         gripped=gripped,
         released=released,
     )

@@ -22,15 +22,15 @@ STRIDE = 0.06
 AT, ALONG = 0.001, 0.02
 
 
-def grasps_of(scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy) -> Sequence[kpam.Grasp]:
+def grasps_of(
+    scene: Scene, name: str, profile: RobotProfile, gripper: kpam.ParallelGripper, strategy: GraspStrategy
+) -> Sequence[kpam.Grasp]:
     """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out."""
     thing = scene.objects[name]
-    others = [_body(body) for body in scene.bodies if body.name != name]
     up = np.linalg.inv(scene.T_world_base)[:3, 2]
-    found = kpam.grasps(
-        _body(thing.bodies[0]),
+    found = kpam.Scene(profile.model, [_body(body) for body in scene.bodies]).grasps(
+        thing.bodies[0].name,
         gripper,
-        bodies=others,
         center_of_mass=thing.center_of_mass,
         options={"friction": strategy.friction, "approach": strategy.approach, "up": up},
     )

@@ -36,6 +36,9 @@ INVALID = "invalid"
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
 
+INVALID = "invalid"
+"""Status of a step whose strategy does not fit the objects of the scene."""
+
 
 @dataclass(frozen=True)
 class StepPlan:
@@ -149,6 +152,8 @@ class StepPlanner:
             acts["release"] = [scene.held]
         if strategy.contact_speed is not None:
             acts["contact_speed"] = float(strategy.contact_speed)
+        if fingers == "grasp" and strategy.opening is not None:
+            acts["finger_width"] = min(strategy.opening / 2, self.profile.gripper.open)
         return self._problem(scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts})
 
     def _problem(
@@ -207,7 +212,8 @@ class StepPlanner:
             command = CLOSED if scene.held is not None else present
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
-        before = abs(command - present) > SAME_COMMAND
+        # Fingers that only come nearer to what they will grasp do so on the way.
+        before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, gently, before, strategy.let_go is not None)
 
     def _command(self, finger: float) -> float:
@@ -221,7 +227,8 @@ class StepPlanner:
             return StepPlan(plan.status, plan.reason, plan, None, None)
         thing = scene.objects[step.object]
         picks = thing.name if strategy.fingers == "grasp" and thing.is_rigid and scene.held is None else None
-        acts = self._acts(scene, strategy, gently=picks is not None)
+        opening = OPEN if strategy.opening is None else self._command(strategy.opening / 2)
+        acts = self._acts(scene, strategy, opening, gently=picks is not None)
         rows = schedule(plan, acts, self.profile)
         after = self._after(scene, step, problem, plan, rows, picks)
         return StepPlan(plan.status, plan.reason, plan, rows, after, picks)
@@ -266,7 +273,7 @@ class StepPlanner:
         if not thing.is_rigid or scene.held is not None:
             what = "has a joint" if not thing.is_rigid else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
-        found = grasps_of(scene, thing.name, self._gripper, strategy)
+        found = grasps_of(scene, thing.name, self.profile, self._gripper, strategy)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         for grasp in found:

@@ -14,10 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
 
-CONTACT_SPEED = "contact_speed"
-"""Field of a config that is the planner's, not the solver's."""
-SLOWEST, FASTEST = 0.001, 10.0
-"""m/s, what it may be."""
+PLANNER_FIELDS = {"contact_speed": (0.001, 10.0), "opening": (0.001, 0.5)}
+"""Fields of a config that are the planner's, not the solver's, and the range of each."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class KeypointStrategy:
 
     Attributes:
         config: plain data; beside the solver's fields ``contact_speed``, the greatest speed (m/s) of the point that
-            touches, from the actuation on.
+            touches, from the actuation on, and ``opening``, the distance of the pads (m) on the way to a grasp.
     """
 
     config: Mapping[str, Any]
@@ -37,13 +35,19 @@ class KeypointStrategy:
     @cached_property
     def solver_config(self) -> kpam.SolverConfig:
         """The solver's fields, validated."""
-        return kpam.SolverConfig({name: value for name, value in self.config.items() if name != CONTACT_SPEED})
+        return kpam.SolverConfig({name: value for name, value in self.config.items() if name not in PLANNER_FIELDS})
 
     @property
     def contact_speed(self) -> float | None:
         """Greatest speed of the point that touches, m/s; None: as fast as the arm may."""
-        speed: float | None = self.config.get(CONTACT_SPEED)
+        speed: float | None = self.config.get("contact_speed")
         return speed
+
+    @property
+    def opening(self) -> float | None:
+        """Distance of the pads on the way to a grasp, m; None: as wide as they go."""
+        opening: float | None = self.config.get("opening")
+        return opening
 
     @property
     def fingers(self) -> kpam.Gripper:
@@ -126,9 +130,10 @@ def parse_strategy(data: Mapping[str, Any], file: Path | str | None = None) -> S
             remedy = f"did you mean {near[0]!r}?" if near else "remove it"
             raise InputError("unknown field of a grasp", file=file, field=field, remedy=remedy) from error
     strategy = KeypointStrategy(data)
-    speed = strategy.contact_speed
-    if speed is not None and not (isinstance(speed, int | float) and SLOWEST <= speed <= FASTEST):
-        raise InputError(f"must lie in {SLOWEST:g}..{FASTEST:g} m/s, is {speed!r}", file=file, field=CONTACT_SPEED)
+    for name, (least, most) in PLANNER_FIELDS.items():
+        value = data.get(name)
+        if value is not None and not (isinstance(value, int | float) and least <= value <= most):
+            raise InputError(f"must be a number in {least:g}..{most:g}, is {value!r}", file=file, field=name)
     try:
         _ = strategy.solver_config
     except kpam.KpamError as error:

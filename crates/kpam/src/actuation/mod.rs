@@ -228,7 +228,6 @@ mod tests {
     use gensim2_geometry::Robot;
     use nalgebra::Vector3;
     use proptest::prelude::*;
-    use std::collections::BTreeMap;
     use std::sync::Arc;
 
     /// A six-joint arm with a spherical wrist.
@@ -265,10 +264,12 @@ mod tests {
         ))
         .unwrap();
         let point = |z: f64| Vector3::new(0.0, 0.0, z);
-        let tool = BTreeMap::from([("base".to_owned(), point(0.0)), ("tip".to_owned(), point(0.1))]);
-        let goal = BTreeMap::from([("goal".to_owned(), Vector3::from(target))]);
-        let start = vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0];
-        KeypointProblem::new(arm(), config, start, tool, goal, Pose::identity()).unwrap()
+        KeypointProblem::builder(arm(), config, vec![0.2, 0.5, 0.6, 0.1, 0.4, 0.0])
+            .tool_keypoint("base", point(0.0))
+            .tool_keypoint("tip", point(0.1))
+            .object_keypoint("goal", Vector3::from(target))
+            .build()
+            .unwrap()
     }
 
     #[test]

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::ConfigError;
+use crate::checked::checked_when_read;
 
 mod build;
 mod read;
@@ -200,6 +201,7 @@ impl Gripper {
 
 /// A validated solver config: read from JSON, or built.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct SolverConfig {
     /// Constraints and costs of the actuation pose.
     pub(crate) constraints: Vec<Constraint>,
@@ -221,6 +223,8 @@ pub struct SolverConfig {
     /// The config as JSON text, as it was given.
     pub(crate) source: String,
 }
+
+checked_when_read!(SolverConfig);
 
 type Result<T> = std::result::Result<T, ConfigError>;
 

@@ -1,10 +1,11 @@
 //! A parallel gripper: where its pads are, how far they open, and what else may be in the way.
 
-use gensim2_geometry::{Convex, JointKind, Pose, Robot};
+use gensim2_geometry::{Convex, JointKind, Pose, Robot, is_rigid};
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::ProblemError;
+use crate::checked::checked_when_read;
 
 /// Fingers may slide so far off the closing axis (cosine).
 const ALONG: f64 = 0.99;
@@ -26,6 +27,7 @@ pub struct GripperKeypoints {
 ///
 /// Its grip frame has x along the closing axis, z as the fingers point, and its origin midway between the pads' middles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct ParallelGripper {
     grip: Pose,
     pad: [f64; 2],
@@ -34,6 +36,8 @@ pub struct ParallelGripper {
     fingers: [Vec<Convex>; 2],
     joints: Vec<FingerJoint>,
 }
+
+checked_when_read!(ParallelGripper);
 
 /// A joint that opens a finger.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -63,6 +67,12 @@ impl ParallelGripper {
         palm: Vec<Convex>,
         fingers: [Vec<Convex>; 2],
     ) -> Result<Self, ProblemError> {
+        let gripper = Self { grip, pad, stroke, palm, fingers, joints: Vec::new() };
+        gripper.check().map(|()| gripper)
+    }
+
+    fn check(&self) -> Result<(), ProblemError> {
+        let Self { grip, pad, stroke, joints, .. } = self;
         if !pad.iter().all(|half| (1e-4..=1.0).contains(half)) {
             return Err(ProblemError::new("pad", format!("half extents must lie in 1e-4 to 1 m, not {pad:?}")));
         }
@@ -70,10 +80,13 @@ impl ParallelGripper {
             let message = format!("must be a smaller and a larger opening from 0 to 10 m, not {stroke:?}");
             return Err(ProblemError::new("stroke", message));
         }
-        if !grip.translation.vector.iter().all(|v| v.abs() <= 10.0) {
-            return Err(ProblemError::new("grip", "must lie within 10 m of the hand frame"));
+        if !(is_rigid(grip) && grip.translation.vector.iter().all(|v| v.abs() <= 10.0)) {
+            return Err(ProblemError::new("grip", "must be a rigid transform within 10 m of the hand frame"));
         }
-        Ok(Self { grip, pad, stroke, palm, fingers, joints: Vec::new() })
+        if !joints.iter().all(|j| j.closed.is_finite() && j.slope.is_finite()) {
+            return Err(ProblemError::new("joints", "must have finite values"));
+        }
+        Ok(())
     }
 
     /// The grip frame of keypoints: x from head to side, made orthogonal to z from tail to head.
@@ -97,7 +110,7 @@ impl ParallelGripper {
     pub fn of_robot(robot: &Robot, keypoints: &GripperKeypoints) -> Result<Self, ProblemError> {
         let mut grip = Self::frame(keypoints)?;
         let axis = grip.rotation * Vector3::x();
-        let mut q: Vec<f64> = robot.joints().iter().map(|j| 0.0f64.clamp(j.lower, j.upper)).collect();
+        let mut q: Vec<f64> = robot.joints().iter().map(|j| 0.0f64.clamp(j.lower(), j.upper())).collect();
         let mut sides: [Option<usize>; 2] = [None, None];
         let mut joints = Vec::new();
         let mut range = f64::INFINITY;
@@ -107,11 +120,14 @@ impl ParallelGripper {
         };
         place(&q, &mut poses)?;
         for (index, link) in robot.links().iter().enumerate() {
-            let Some(joint) = link.joint.filter(|_| below(robot, index, robot.hand())) else { continue };
+            let Some(joint) = link.joint().filter(|_| below(robot, index, robot.hand())) else { continue };
             let slide = &robot.joints()[joint];
-            let direction = poses[robot.hand()].rotation.inverse() * poses[index].rotation * slide.axis;
+            let direction = poses[robot.hand()].rotation.inverse() * poses[index].rotation * slide.axis();
             let along = direction.dot(&axis);
-            if slide.kind != JointKind::Prismatic || along.abs() < ALONG || !(slide.upper - slide.lower).is_finite() {
+            if slide.kind() != JointKind::Prismatic
+                || along.abs() < ALONG
+                || !(slide.upper() - slide.lower()).is_finite()
+            {
                 continue;
             }
             let hand_from_link = poses[robot.hand()].inverse() * poses[index];
@@ -119,9 +135,9 @@ impl ParallelGripper {
             let side = usize::from((middle - keypoints.head).dot(&axis) > 0.0);
             let outwards = if side == 1 { along } else { -along };
             // Closed: as far inwards as it slides.
-            q[joint] = if outwards > 0.0 { slide.lower } else { slide.upper };
+            q[joint] = if outwards > 0.0 { slide.lower() } else { slide.upper() };
             joints.push(FingerJoint { index: joint, closed: q[joint], slope: 0.5 * outwards.signum() });
-            range = range.min(slide.upper - slide.lower);
+            range = range.min(slide.upper() - slide.lower());
             if sides[side].replace(index).is_some() {
                 return Err(ProblemError::new("robot", "has two fingers on one side of tool_head"));
             }
@@ -138,7 +154,7 @@ impl ParallelGripper {
             let rides = (0..robot.links().len()).filter(|l| *l == finger || below(robot, *l, finger));
             rides
                 .flat_map(|l| {
-                    robot.links()[l].shapes.iter().map(move |s| s.moved(&(grip_from_hand * hand_from_link(l))))
+                    robot.links()[l].shapes().iter().map(move |s| s.moved(&(grip_from_hand * hand_from_link(l))))
                 })
                 .collect()
         };
@@ -161,7 +177,7 @@ impl ParallelGripper {
             .filter(|l| ![left, right].iter().any(|f| l == f || below(robot, *l, *f)))
             .flat_map(|l| {
                 let pose = poses[robot.hand()].inverse() * poses[l];
-                robot.links()[l].shapes.iter().map(move |s| s.moved(&pose))
+                robot.links()[l].shapes().iter().map(move |s| s.moved(&pose))
             })
             .collect();
         let gripper = Self::new(grip, [0.5 * (y1 - y0), 0.5 * (z1 - z0)], [gap, gap + 2.0 * range], palm, fingers)?;
@@ -212,7 +228,7 @@ impl ParallelGripper {
 
 /// Whether a link hangs below another.
 fn below(robot: &Robot, mut link: usize, above: usize) -> bool {
-    while let Some(parent) = robot.links()[link].parent {
+    while let Some(parent) = robot.links()[link].parent() {
         if parent == above {
             return true;
         }
@@ -222,7 +238,7 @@ fn below(robot: &Robot, mut link: usize, above: usize) -> bool {
 }
 
 fn middle(robot: &Robot, link: usize, pose: &Pose) -> Option<Vector3<f64>> {
-    let shapes = &robot.links()[link].shapes;
+    let shapes = &robot.links()[link].shapes();
     let sum: Vector3<f64> = shapes.iter().map(|s| (pose * s.center()).coords).sum();
     (!shapes.is_empty()).then(|| sum / shapes.len() as f64)
 }

@@ -13,14 +13,14 @@ mod search;
 mod surface;
 
 pub use gripper::{GripperKeypoints, ParallelGripper};
-pub use plan::{GraspPlan, GraspTask, Target, plan_grasp};
+pub use plan::{GraspPlan, GraspTask, Target};
 pub use quality::Quality;
 
 use gensim2_geometry::{Convex, Pose};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Body, ProblemError};
+use crate::{ProblemError, Role, Scene};
 
 /// What a search for grasps may set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,51 +78,58 @@ pub struct Grasp {
     pub quality: Quality,
 }
 
-/// Grasps of `object` among `bodies`, best first; none where the gripper cannot hold it there.
-///
-/// `center_of_mass` is in the object frame; by default the centre of the object's volume. The same arguments give the
-/// same grasps.
-///
-/// # Errors
-/// An object without a surface, options out of range, or a pose that is not finite.
-pub fn grasps(
-    object: &Body,
-    center_of_mass: Option<Point3<f64>>,
-    gripper: &ParallelGripper,
-    bodies: &[Body],
-    options: &GraspOptions,
-) -> Result<Vec<Grasp>, ProblemError> {
-    options.check()?;
-    let finite = |pose: &Pose| pose.translation.vector.iter().all(|v| v.is_finite());
-    if let Some(body) = std::iter::once(object).chain(bodies).find(|b| !finite(&b.pose)) {
-        return Err(ProblemError::new("body.pose", format!("of {:?} is not finite", body.name)));
+impl Scene {
+    /// Grasps of a body where it stands among the others, best first; none where the gripper cannot hold it there. What
+    /// rides on the hand is left out.
+    ///
+    /// `center_of_mass` is in the body frame; by default the centre of the body's volume. The same arguments give the
+    /// same grasps.
+    ///
+    /// # Errors
+    /// A body that is not there, rides on the hand or has no surface, or options out of range.
+    pub fn grasps(
+        &self,
+        body: &str,
+        gripper: &ParallelGripper,
+        center_of_mass: Option<Point3<f64>>,
+        options: &GraspOptions,
+    ) -> Result<Vec<Grasp>, ProblemError> {
+        options.check()?;
+        let object = self.body(body)?;
+        if object.role == Role::Attached {
+            return Err(ProblemError::new("body", format!("{body:?} rides on the hand already")));
+        }
+        let object_base = object.pose.inverse();
+        let up = match options.up {
+            Some(up) => Some(object_base.rotation * unit("options.up", up)?),
+            None => None,
+        };
+        if center_of_mass.is_some_and(|center| !center.iter().all(|v| v.is_finite())) {
+            return Err(ProblemError::new("center_of_mass", "is not finite"));
+        }
+        let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
+        let stands = self.bodies().iter().filter(|b| b.name != body && b.role != Role::Attached);
+        let others: Vec<(&[Convex], Pose)> = stands.map(|b| (&b.shapes[..], object_base * b.pose)).collect();
+        let around = clearance::Surroundings::new(&object.shapes, &others);
+        let center_of_mass = center_of_mass.unwrap_or(surface.center);
+        let physics = quality::Physics { cone: options.friction.atan(), up, center_of_mass };
+        let found = search::Search { surface: &surface, around: &around, gripper, options, physics }.run()?;
+        Ok(found
+            .into_iter()
+            .map(|found| {
+                let object_hand = found.grip * gripper.grip().inverse();
+                Grasp {
+                    object_hand,
+                    base_hand: object.pose * object_hand,
+                    approach: object.pose.rotation * (found.grip.rotation * Vector3::z()),
+                    width: found.width,
+                    opening: found.opening,
+                    score: found.score,
+                    quality: found.quality,
+                }
+            })
+            .collect())
     }
-    let object_base = object.pose.inverse();
-    let up = match options.up {
-        Some(up) => Some(object_base.rotation * unit("options.up", up)?),
-        None => None,
-    };
-    let surface = surface::Surface::new(&object.shapes, up.as_ref())?;
-    let others: Vec<(&[Convex], Pose)> = bodies.iter().map(|b| (&b.shapes[..], object_base * b.pose)).collect();
-    let around = clearance::Surroundings::new(&object.shapes, &others);
-    let center_of_mass = center_of_mass.unwrap_or(surface.center);
-    let physics = quality::Physics { cone: options.friction.atan(), up, center_of_mass };
-    let found = search::Search { surface: &surface, around: &around, gripper, options, physics }.run()?;
-    Ok(found
-        .into_iter()
-        .map(|found| {
-            let object_hand = found.grip * gripper.grip().inverse();
-            Grasp {
-                object_hand,
-                base_hand: object.pose * object_hand,
-                approach: object.pose.rotation * (found.grip.rotation * Vector3::z()),
-                width: found.width,
-                opening: found.opening,
-                score: found.score,
-                quality: found.quality,
-            }
-        })
-        .collect())
 }
 
 fn unit(field: &str, v: [f64; 3]) -> Result<Vector3<f64>, ProblemError> {

@@ -1,15 +1,14 @@
 //! The grasp with which a motion exists: the pick, and every place that the object is to be taken to.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use gensim2_geometry::{Pose, Robot};
+use gensim2_geometry::{Pose, is_rigid};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
 use crate::config::{Constraint, Frame, Motion, SolverConfigBuilder, TargetAxis};
-use crate::{Body, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, SolverConfig, Status, plan};
+use crate::{Bodies, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, Scene, SolverConfig, Status, plan};
 
 /// Tolerances of the hand's pose (m, rad).
 const PLACE: f64 = 2e-4;
@@ -26,27 +25,61 @@ pub struct Target {
     pub free_axis: Option<Vector3<f64>>,
 }
 
-/// What is to be picked, by whom, and where it goes.
+/// What is to be picked, and where it goes.
 #[derive(Debug, Clone)]
+#[must_use]
 pub struct GraspTask {
-    /// The robot.
-    pub robot: Arc<Robot>,
-    /// Its gripper.
-    pub gripper: ParallelGripper,
-    /// Joints at the start, one entry a joint of the robot.
-    pub q_start: Vec<f64>,
-    /// What is picked.
-    pub object: Body,
-    /// What stands around it.
-    pub bodies: Vec<Body>,
-    /// Way (m) that the open hand comes straight along its fingers.
-    pub approach: f64,
-    /// Motion (m, base frame) of the hand right after the grasp; also how the object comes to its targets.
-    pub lift: Vector3<f64>,
-    /// Where the object is taken, one after the other.
-    pub targets: Vec<Target>,
-    /// Options of every plan.
-    pub options: Options,
+    body: String,
+    gripper: ParallelGripper,
+    q_start: Vec<f64>,
+    approach: f64,
+    lift: Vector3<f64>,
+    targets: Vec<Target>,
+    options: Options,
+}
+
+impl GraspTask {
+    /// The pick of a body of a scene from joints `q_start` (one entry a joint of the robot): straight to it over 0.1 m,
+    /// and up by as much.
+    pub fn new(body: impl Into<String>, gripper: ParallelGripper, q_start: Vec<f64>) -> Self {
+        let (lift, options) = (Vector3::new(0.0, 0.0, 0.1), Options::default());
+        Self { body: body.into(), gripper, q_start, approach: 0.1, lift, targets: Vec::new(), options }
+    }
+
+    /// Sets the way (m) that the open hand comes straight along its fingers.
+    pub fn approach(mut self, way: f64) -> Self {
+        self.approach = way;
+        self
+    }
+
+    /// Sets the motion (m, base frame) of the hand right after the grasp; also how the object comes to its targets.
+    pub fn lift(mut self, way: Vector3<f64>) -> Self {
+        self.lift = way;
+        self
+    }
+
+    /// Adds a pose to which the object is taken, after those added before.
+    pub fn target(mut self, target: Target) -> Self {
+        self.targets.push(target);
+        self
+    }
+
+    /// Sets the options of every plan.
+    pub fn options(mut self, options: Options) -> Self {
+        self.options = options;
+        self
+    }
+
+    fn check(&self) -> Result<(), ProblemError> {
+        if !(0.0..=1.0).contains(&self.approach) {
+            let message = format!("must lie in 0 to 1 m, not {}", self.approach);
+            return Err(ProblemError::new("approach", message));
+        }
+        match self.targets.iter().position(|t| !is_rigid(&t.object)) {
+            Some(i) => Err(ProblemError::new(format!("targets[{i}]"), "is not a rigid transform")),
+            None => Ok(()),
+        }
+    }
 }
 
 /// A grasp with its motions, all of them solved.
@@ -63,33 +96,46 @@ pub struct GraspPlan {
     pub carries: Vec<Plan>,
 }
 
-/// The first of `grasps` with which the object can be picked and brought to every target.
-///
-/// Each is tried as it is and with the fingers swapped. While it is carried, the object is judged as part of the hand:
-/// targets are to be free, so a little above what it is put on. `None` where no grasp will do.
-///
-/// # Errors
-/// Parts of the task that do not fit each other.
-pub fn plan_grasp(task: &GraspTask, grasps: &[Grasp]) -> Result<Option<GraspPlan>, ProblemError> {
-    for (index, grasp) in grasps.iter().enumerate() {
-        let half_turn = task.gripper.grip() * Pose::rotation(Vector3::z() * std::f64::consts::PI);
-        let swapped = grasp.object_hand * half_turn * task.gripper.grip().inverse();
-        for object_hand in [grasp.object_hand, swapped] {
-            if let Some((pick, carries)) = task.motions(grasp, &object_hand)? {
-                return Ok(Some(GraspPlan { index, object_hand, pick, carries }));
+impl Scene {
+    /// The first of `grasps` with which the body can be picked and brought to every target.
+    ///
+    /// Each is tried as it is and with the fingers swapped. While it is carried, the body is judged as part of the hand:
+    /// targets are to be free, so a little above what it is put on. `None` where no grasp will do.
+    ///
+    /// # Errors
+    /// A body that is not there or rides on the hand already, and parts of the task that do not fit each other.
+    pub fn plan_grasp(&self, task: &GraspTask, grasps: &[Grasp]) -> Result<Option<GraspPlan>, ProblemError> {
+        task.check()?;
+        if self.body(&task.body)?.role == Role::Attached {
+            return Err(ProblemError::new("body", format!("{:?} rides on the hand already", task.body)));
+        }
+        let asked = Asked { scene: self, task };
+        for (index, grasp) in grasps.iter().enumerate() {
+            let half_turn = task.gripper.grip() * Pose::rotation(Vector3::z() * std::f64::consts::PI);
+            let swapped = grasp.object_hand * half_turn * task.gripper.grip().inverse();
+            for object_hand in [grasp.object_hand, swapped] {
+                if let Some((pick, carries)) = asked.motions(grasp, &object_hand)? {
+                    return Ok(Some(GraspPlan { index, object_hand, pick, carries }));
+                }
             }
         }
+        Ok(None)
     }
-    Ok(None)
 }
 
-impl GraspTask {
+/// A task in its scene.
+struct Asked<'a> {
+    scene: &'a Scene,
+    task: &'a GraspTask,
+}
+
+impl Asked<'_> {
     fn motions(&self, grasp: &Grasp, object_hand: &Pose) -> Result<Option<(Plan, Vec<Plan>)>, ProblemError> {
         let pick = plan(&self.pick(grasp, object_hand)?);
         let Some(mut q) = end(&pick) else { return Ok(None) };
-        let mut carries = Vec::with_capacity(self.targets.len());
-        for target in &self.targets {
-            self.gripper.set_opening(&mut q, grasp.width);
+        let mut carries = Vec::with_capacity(self.task.targets.len());
+        for target in &self.task.targets {
+            self.task.gripper.set_opening(&mut q, grasp.width);
             let carry = plan(&self.carry(target, object_hand, q)?);
             let Some(next) = end(&carry) else { return Ok(None) };
             q = next;
@@ -98,24 +144,27 @@ impl GraspTask {
         Ok(Some((pick, carries)))
     }
 
+    /// The bodies of the scene, with the one that is picked in a role and at a pose.
+    fn bodies(&self, role: Role, pose: impl Fn(&Pose) -> Pose) -> Result<Bodies, ProblemError> {
+        self.scene.with_bodies(|body| body.name == self.task.body, role, pose)
+    }
+
     fn pick(&self, grasp: &Grasp, object_hand: &Pose) -> Result<KeypointProblem, ProblemError> {
-        let mut q = self.q_start.clone();
-        self.gripper.set_opening(&mut q, grasp.opening);
-        let mut bodies = self.bodies.clone();
-        bodies.push(Body { role: Role::Rigid, ..self.object.clone() });
-        let hand = self.object.pose * object_hand;
-        let (pre, post) = (vec![Motion::Move(grasp.approach * -self.approach)], vec![Motion::Move(self.lift)]);
+        let mut q = self.task.q_start.clone();
+        self.task.gripper.set_opening(&mut q, grasp.opening);
+        let hand = self.scene.body(&self.task.body)?.pose * object_hand;
+        let motions = (vec![Motion::Move(grasp.approach * -self.task.approach)], vec![Motion::Move(self.task.lift)]);
         // The hand may touch it on the straight approach alone; from the actuation on it is part of the hand.
-        let options = Options { pick: vec![self.object.name.clone()], ..self.options.clone() };
-        self.problem(q, bodies, &Pose::identity(), &hand, None, (pre, post), options)
+        let options = Options { pick: vec![self.task.body.clone()], ..self.task.options.clone() };
+        let bodies = self.bodies(Role::Rigid, |pose| *pose)?;
+        self.problem(q, bodies, &Pose::identity(), &hand, None, motions, options)
     }
 
     fn carry(&self, target: &Target, object_hand: &Pose, q: Vec<f64>) -> Result<KeypointProblem, ProblemError> {
-        let mut bodies = self.bodies.clone();
         let hand_object = object_hand.inverse();
-        bodies.push(Body { role: Role::Attached, pose: hand_object, ..self.object.clone() });
-        let motions = (vec![Motion::Move(self.lift)], vec![]);
-        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, self.options.clone())
+        let bodies = self.bodies(Role::Attached, |_| hand_object)?;
+        let motions = (vec![Motion::Move(self.task.lift)], vec![]);
+        self.problem(q, bodies, &hand_object, &target.object, target.free_axis, motions, self.task.options.clone())
     }
 
     /// Brings a frame that rides on the hand to a pose, up to turns about `free_axis`.
@@ -123,7 +172,7 @@ impl GraspTask {
     fn problem(
         &self,
         q_start: Vec<f64>,
-        bodies: Vec<Body>,
+        bodies: Bodies,
         hand_frame: &Pose,
         target: &Pose,
         free_axis: Option<Vector3<f64>>,
@@ -136,35 +185,26 @@ impl GraspTask {
             directions = vec![axis.try_normalize(1e-9).ok_or_else(|| ProblemError::new("targets.free_axis", message))?];
         }
         let origin = hand_frame.translation.vector;
-        let mut tool_keypoints = BTreeMap::from([(String::from("origin"), origin)]);
+        let mut tool_keypoints = vec![(String::from("origin"), origin)];
         let mut config =
             SolverConfig::builder().constraint(Constraint::point("origin", "origin", PLACE)).gripper(Gripper::Grasp);
         for (i, axis) in directions.into_iter().enumerate() {
             let name = format!("along_{i}");
             let on_hand = hand_frame.rotation * (target.rotation.inverse() * axis);
-            tool_keypoints.insert(name.clone(), origin + on_hand * ARM);
+            tool_keypoints.push((name.clone(), origin + on_hand * ARM));
             let target = TargetAxis::Fixed { axis, frame: Frame::World };
             config = config.constraint(Constraint::axis("origin", name, target, 1.0, DIRECTION));
         }
         let config = pre.into_iter().fold(config, SolverConfigBuilder::pre);
         let config = post.into_iter().fold(config, SolverConfigBuilder::post);
         let config = config.build().map_err(|e| ProblemError::new(e.field, e.message))?;
-        let problem = KeypointProblem {
-            robot: Arc::clone(&self.robot),
-            config,
-            q_start,
-            tool_keypoints,
-            object_keypoints: BTreeMap::from([(String::from("origin"), target.translation.vector)]),
-            object: *target,
-            joint: None,
-            object_axis: 1,
-            object_yaw: 0.0,
-            world: Pose::identity(),
-            bodies: bodies.into(),
-            options,
-        };
-        problem.check()?;
-        Ok(problem)
+        KeypointProblem::builder(Arc::clone(self.scene.robot()), config, q_start)
+            .tool_keypoints(tool_keypoints)
+            .object_keypoint("origin", target.translation.vector)
+            .object(*target)
+            .bodies(bodies)
+            .options(options)
+            .build()
     }
 }
 

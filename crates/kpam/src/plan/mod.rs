@@ -173,8 +173,6 @@ pub struct StageTimes {
 }
 
 /// Plans one problem.
-///
-/// The problem must have passed [`KeypointProblem::check`]; one that has not is reported as infeasible, not a panic.
 #[must_use]
 pub fn plan(problem: &KeypointProblem) -> Plan {
     plan_timed(problem, &Cancel::new()).0
@@ -197,8 +195,6 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
         return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
     }
-    // Fields can be set after the problem was built.
-    problem.check()?;
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let entry = entry(problem, request)?;
@@ -206,7 +202,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let mut planner = match Planner::new(problem, &model, &resolved, request, entry) {
         Ok(planner) => planner,
         Err(e) => {
-            let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name;
+            let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name();
             let reason = format!("{joint} cannot be stopped in time: {}", e.reason);
             return Ok((Plan { status: Status::CannotStop, ..refused(reason) }, times));
         }
@@ -247,10 +243,8 @@ fn entry(problem: &KeypointProblem, request: &Request<'_>) -> Result<usize, Prob
 /// The cheapest distinct poses that meet the constraints, cheapest first and `most` of them, obstacles left out.
 ///
 /// # Errors
-/// As [`KeypointProblem::check`].
+/// None for a problem that was built.
 pub fn ik(problem: &KeypointProblem, most: usize) -> Result<Vec<IkSolution>, ProblemError> {
-    // Fields can be set after the problem was built.
-    problem.check()?;
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);

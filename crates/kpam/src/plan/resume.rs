@@ -16,9 +16,13 @@ const PLACES: usize = 32;
 const LEVER: f64 = 0.1;
 /// Time between waypoints that are taken from an earlier plan (s).
 const STEP: f64 = 0.05;
+/// Most of them; those of longer motions are further apart.
+const MOST_STEPS: f64 = 1e4;
 /// The earlier way serves where its ends are within this of the present state and of the goal (rad or m).
 const NEAR_START: f64 = 0.05;
 const AT_GOAL: f64 = 1e-3;
+/// An earlier way that leads further than this (rad or m) is taken for damage.
+const FURTHEST: f64 = 100.0;
 
 /// The rest of a hand path, from where the hand is. What it is off the path fades out on the way.
 pub(super) struct Rest<'p> {
@@ -103,10 +107,16 @@ impl Planner<'_> {
     fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
         let former = self.former?;
         let (trajectory, end) = (former.trajectory.as_ref()?, former.keyframes.get(self.entry)?.time?);
-        let begin = after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start());
-        let steps = ((end - begin) / STEP).ceil().max(1.0);
+        // Times that were set from elsewhere may lie anywhere.
+        let within = |time: f64| time.max(trajectory.start()).min(trajectory.end());
+        let begin = within(after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start()));
+        let end = within(end);
+        let steps = ((end - begin) / STEP).ceil().clamp(1.0, MOST_STEPS);
         let at = |k: usize| trajectory.moving(begin + (end - begin) * k as f64 / steps);
         let mut way: Vec<Row> = (0..=steps as usize).map(at).collect();
+        if way.iter().any(|x| self.apart(x, start) > FURTHEST) {
+            return None;
+        }
         let nearest =
             (0..way.len()).min_by(|a, b| self.apart(&way[*a], start).total_cmp(&self.apart(&way[*b], start)))?;
         if self.apart(&way[nearest], start) > NEAR_START {

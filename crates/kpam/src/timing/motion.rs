@@ -149,6 +149,27 @@ impl Piece {
         Self { start, width, joints, times, states, accelerations, marks: marks.to_vec() }
     }
 
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.joints
+    }
+
+    /// Whether it has nodes, in order and each with its numbers.
+    pub fn is_sound(&self) -> bool {
+        let (nodes, joints) = (self.times.len(), self.joints);
+        let finite = |list: &[f64]| list.iter().all(|v| v.is_finite());
+        nodes > 0
+            && (1..=MOST_JOINTS).contains(&joints)
+            && self.states.len() == 2 * joints * nodes
+            && (self.accelerations.is_empty() || self.accelerations.len() == joints * nodes)
+            && finite(&[self.start, self.width])
+            && self.width >= 0.0
+            && [&self.times, &self.states, &self.accelerations].into_iter().all(|list| finite(list))
+            && self.times.windows(2).all(|pair| pair[0] <= pair[1])
+            && self.duration() >= 0.0
+            && self.marks.iter().all(|m| *m < nodes)
+    }
+
     /// s.
     pub fn duration(&self) -> f64 {
         self.times[self.times.len() - 1]

@@ -7,16 +7,21 @@ use super::limits::Limits;
 use super::motion::{Node, Piece};
 use super::spline::Spline;
 use super::stop;
+use crate::ProblemError;
+use crate::checked::checked_when_read;
 use crate::model::{JointMap, MOST_JOINTS, Row};
 
 /// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
 /// velocity, acceleration and jerk are known exactly at every time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
 }
+
+checked_when_read!(Trajectory);
 
 /// Position, velocity and acceleration at one time, each one entry a joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -158,6 +163,19 @@ impl Builder {
 }
 
 impl Trajectory {
+    /// What is read is a motion: times that increase, and pieces that follow each other.
+    fn check(&self) -> Result<(), ProblemError> {
+        let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
+        let follow = self.pieces.windows(2).all(|pair| pair[0].start <= pair[1].start);
+        let times = !self.times.is_empty()
+            && self.times.iter().all(|t| t.is_finite())
+            && self.times.windows(2).all(|pair| pair[0] <= pair[1]);
+        if times && follow && self.joints.is_sound() && self.pieces.iter().all(fits) {
+            return Ok(());
+        }
+        Err(ProblemError::new("trajectory", "is damaged"))
+    }
+
     /// Waypoint times (s); every keyframe time is among them.
     #[must_use]
     pub fn times(&self) -> &[f64] {

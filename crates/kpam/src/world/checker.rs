@@ -6,8 +6,7 @@ use nalgebra::{Point3, center};
 use super::movers::is_below;
 use super::rules::{Cast, Group};
 use super::{EXACT, Scene};
-use crate::ProblemError;
-use crate::problem::Role;
+use crate::{ProblemError, Role};
 
 /// Two bodies near each other, or overlapping.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +40,7 @@ impl<'s> Checker<'s> {
     pub(super) fn new(scene: &'s Scene) -> Self {
         let robot = &**scene.robot();
         let links = robot.links();
-        let carriers: Vec<usize> = (0..links.len()).filter(|l| links[*l].joint.is_some()).collect();
+        let carriers: Vec<usize> = (0..links.len()).filter(|l| links[*l].joint().is_some()).collect();
         let moves: Vec<bool> = (0..links.len()).map(|l| carriers.iter().any(|c| is_below(robot, l, *c))).collect();
         let cast =
             Cast::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |a, b| moves[a] || moves[b]);
@@ -50,7 +49,7 @@ impl<'s> Checker<'s> {
             Group::Riding(_) | Group::Moved(_) => moves[robot.hand()],
         };
         let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
-            Group::Link(l) => links[*l].shapes.as_slice(),
+            Group::Link(l) => links[*l].shapes(),
             Group::Riding(b) | Group::Moved(b) => &scene.bodies()[*b].shapes,
         }));
         let judged = |pair: &usize| match cast.pairs[*pair] {

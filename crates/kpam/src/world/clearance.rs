@@ -48,8 +48,8 @@ impl World<'_> {
             }
             let frame = &poses[joint.link];
             let kind = &robot.joints()[joint.joint];
-            let axis = frame.rotation * kind.axis;
-            let velocity = match kind.kind {
+            let axis = frame.rotation * kind.axis();
+            let velocity = match kind.kind() {
                 JointKind::Prismatic => axis,
                 JointKind::Revolute => axis.cross(&(point.coords - frame.translation.vector)),
             };

@@ -17,8 +17,7 @@ use gensim2_geometry::{Contact, MovingShapes, Obstacles, Pose, Proximity, Scratc
 use nalgebra::{Point3, Translation3};
 
 use crate::model::{Model, Row};
-use crate::problem::{ObjectJoint, ObjectJointKind, Role};
-use crate::{Cancel, KeypointProblem};
+use crate::{Cancel, KeypointProblem, ObjectJoint, ObjectJointKind, Role};
 
 use bubble::Bubble;
 use movers::Movers;
@@ -141,7 +140,7 @@ impl<'p> World<'p> {
             |a, b| carrying[a] != carrying[b],
         );
         let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
-            Group::Link(l) => robot.links()[*l].shapes.as_slice(),
+            Group::Link(l) => robot.links()[*l].shapes(),
             Group::Riding(b) | Group::Moved(b) => &problem.bodies[*b].shapes,
         }));
         let course = Course::of(&problem.config);

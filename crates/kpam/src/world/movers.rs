@@ -39,10 +39,10 @@ impl Movers {
     pub fn lever(&self, robot: &Robot, m: usize, links: &[Pose], middle: &Point3<f64>, extent: f64) -> f64 {
         let frame = &links[self.0[m].link];
         let joint = &robot.joints()[self.0[m].joint];
-        match joint.kind {
+        match joint.kind() {
             JointKind::Prismatic => 1.0,
             JointKind::Revolute => {
-                let axis = frame.rotation * joint.axis;
+                let axis = frame.rotation * joint.axis();
                 off_axis(middle, &frame.translation.vector, &axis) + extent
             }
         }
@@ -61,7 +61,7 @@ pub(crate) fn is_below(robot: &Robot, mut link: usize, top: usize) -> bool {
         if link == top {
             return true;
         }
-        match robot.links()[link].parent {
+        match robot.links()[link].parent() {
             Some(parent) => link = parent,
             None => return false,
         }

@@ -4,8 +4,8 @@ use gensim2_geometry::{Proximity, Target};
 
 use super::rules::{Group, Verdict};
 use super::{EXACT, GUESSED, Hit, Leg, Margins, State, TOUCH, World};
+use crate::Role;
 use crate::model::Row;
-use crate::problem::Role;
 
 /// Smallest signed distances over what was checked.
 #[derive(Debug, Clone, Copy)]

@@ -6,8 +6,7 @@ use super::bubble::Carried;
 use super::leg::{Course, Leg};
 use super::movers::{Movers, is_below};
 use super::travel::joint_steps;
-use crate::KeypointProblem;
-use crate::problem::{Body, Role};
+use crate::{Body, KeypointProblem, Role};
 
 /// What moves as one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +86,7 @@ impl<'p> Cast<'p> {
         groups.extend((0..bodies.len()).filter(|b| is_moved(&bodies[*b])).map(Group::Moved));
         let mut pairs = judged_pairs(robot, changes);
         let bare = |g: usize| match groups[g] {
-            Group::Link(l) => robot.links()[l].shapes.is_empty(),
+            Group::Link(l) => robot.links()[l].shapes().is_empty(),
             Group::Riding(b) | Group::Moved(b) => bodies[b].shapes.is_empty(),
         };
         for second in links..groups.len() {
@@ -114,7 +113,7 @@ impl<'p> Cast<'p> {
     /// Name of a group: that of the link or body.
     pub fn name(&self, group: usize) -> &'p str {
         match self.groups[group] {
-            Group::Link(l) => &self.robot.links()[l].name,
+            Group::Link(l) => self.robot.links()[l].name(),
             Group::Riding(b) | Group::Moved(b) => &self.bodies[b].name,
         }
     }
@@ -132,17 +131,17 @@ impl Hand {
     fn of(robot: &Robot) -> Self {
         let links = robot.links();
         let mut top = robot.hand();
-        while links[top].shapes.is_empty()
-            && links[top].joint.is_none()
-            && let Some(parent) = links[top].parent
+        while links[top].shapes().is_empty()
+            && links[top].joint().is_none()
+            && let Some(parent) = links[top].parent()
         {
             top = parent;
         }
         // Where no shape is joined to the hand rigidly, the hand itself is all there is.
-        if links[top].shapes.is_empty() {
+        if links[top].shapes().is_empty() {
             top = robot.hand();
         }
-        let tool = if links[top].joint.is_none() { top } else { robot.hand() };
+        let tool = if links[top].joint().is_none() { top } else { robot.hand() };
         let below = |top: usize| (0..links.len()).map(|l| is_below(robot, l, top)).collect();
         Self { holds: below(top), touches: below(tool) }
     }

@@ -10,8 +10,8 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{Checker, joint_motion};
-use crate::problem::{Body, ObjectJoint, Role};
-use crate::{KeypointProblem, ProblemError};
+use crate::checked::checked_when_read;
+use crate::{Body, KeypointProblem, KeypointProblemBuilder, ObjectJoint, ProblemError, Role, SolverConfig};
 
 #[derive(Default)]
 struct Shared {
@@ -71,21 +71,68 @@ impl<'de> Deserialize<'de> for Bodies {
 /// A joint of an object, and the bodies that it moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneJoint {
+    pub(crate) name: String,
+    pub(crate) joint: ObjectJoint,
+    pub(crate) moves: Vec<String>,
+}
+
+impl SceneJoint {
+    /// A joint that moves the bodies named.
+    #[must_use]
+    pub fn new(name: impl Into<String>, joint: ObjectJoint, moves: Vec<String>) -> Self {
+        Self { name: name.into(), joint, moves }
+    }
+
     /// Unique name.
-    pub name: String,
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Where it is and how it stands.
-    pub joint: ObjectJoint,
+    #[must_use]
+    pub fn joint(&self) -> &ObjectJoint {
+        &self.joint
+    }
+
     /// Names of the bodies that it moves.
-    pub moves: Vec<String>,
+    #[must_use]
+    pub fn moves(&self) -> &[String] {
+        &self.moves
+    }
 }
 
 /// A robot and what stands about it. Clones share everything; what changes a scene returns another one.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use gensim2_geometry::{Convex, Joint, Link, Pose, Robot};
+/// use gensim2_kpam::{Body, ObjectJoint, ObjectJointKind, Role, Scene, SceneJoint};
+/// use nalgebra::Vector3;
+///
+/// let cube = || Convex::cuboid([0.05; 3], &Pose::identity());
+/// let slide = Joint::prismatic("x", Vector3::x()).limits(-2.0, 2.0).velocity(1.0);
+/// let robot = Robot::builder("cart")
+///     .link(Link::base("rail"))
+///     .link(Link::below("rail", "cart").moved_by(slide).shape(cube()?))
+///     .build("cart")?;
+/// let drawer = Body::builder("drawer", Role::Rigid).shape(cube()?).pose(Pose::translation(1.0, 0.0, 0.0)).build()?;
+/// let rail = ObjectJoint::new(ObjectJointKind::Prismatic, Vector3::zeros(), Vector3::x(), 0.0, [0.0, 0.5])?;
+/// let scene = Scene::new(Arc::new(robot), vec![drawer], vec![SceneJoint::new("rail", rail, vec!["drawer".into()])])?;
+/// assert!(scene.checker().hits(&[0.95])?);
+/// assert!(!scene.with_joint("rail", 0.3)?.checker().hits(&[0.95])?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct Scene {
     robot: Arc<Robot>,
     bodies: Bodies,
     joints: Arc<[SceneJoint]>,
 }
+
+checked_when_read!(Scene);
 
 impl Scene {
     /// A scene.
@@ -93,6 +140,12 @@ impl Scene {
     /// # Errors
     /// Names that are not unique, or a joint that moves a body that is not there, or one that another joint moves.
     pub fn new(robot: Arc<Robot>, bodies: Vec<Body>, joints: Vec<SceneJoint>) -> Result<Self, ProblemError> {
+        let scene = Self { robot, bodies: bodies.into(), joints: joints.into() };
+        scene.check().map(|()| scene)
+    }
+
+    fn check(&self) -> Result<(), ProblemError> {
+        let (bodies, joints) = (&self.bodies, &self.joints);
         for (i, body) in bodies.iter().enumerate() {
             if bodies[..i].iter().any(|b| b.name == body.name) {
                 let message = format!("{:?} is taken; names are unique", body.name);
@@ -114,7 +167,7 @@ impl Scene {
                 }
             }
         }
-        Ok(Self { robot, bodies: bodies.into(), joints: joints.into() })
+        Ok(())
     }
 
     /// The scene of a problem; its bodies are shared, and its joint is named `joint`.
@@ -175,20 +228,42 @@ impl Scene {
         if self.bodies.iter().all(|body| named(body) == (body.role == Role::MovingLink)) {
             return Ok(self.bodies.clone());
         }
-        let list = self.bodies.iter().map(|body| {
-            let mut body = body.clone();
-            if named(&body) {
-                body.role = Role::MovingLink;
-            }
-            body
-        });
-        Ok(list.collect::<Vec<_>>().into())
+        self.with_bodies(named, Role::MovingLink, |pose| *pose)
     }
 
-    fn with_bodies(&self, change: impl Fn(&mut Body)) -> Bodies {
-        let mut list = self.bodies.to_vec();
-        list.iter_mut().for_each(change);
-        list.into()
+    /// A problem on this scene: its robot, its bodies and their keypoints, and the joint that the config is about, where
+    /// one is named; what that moves is the moving link.
+    ///
+    /// # Errors
+    /// The joint is not there.
+    pub fn problem(
+        &self,
+        config: SolverConfig,
+        q_start: Vec<f64>,
+        joint: Option<&str>,
+    ) -> Result<KeypointProblemBuilder, ProblemError> {
+        let problem = KeypointProblem::builder(Arc::clone(&self.robot), config, q_start)
+            .bodies(self.bodies_about(joint)?)
+            .tool_keypoints(self.tool_keypoints())
+            .object_keypoints(self.object_keypoints());
+        Ok(match joint {
+            Some(name) => problem.joint(self.joint(name)?.joint),
+            None => problem,
+        })
+    }
+
+    /// The bodies, those of them that are `which` in a role, each moved from its pose.
+    pub(crate) fn with_bodies(
+        &self,
+        which: impl Fn(&Body) -> bool,
+        role: impl Into<Option<Role>>,
+        moved: impl Fn(&Pose) -> Pose,
+    ) -> Result<Bodies, ProblemError> {
+        let role = role.into();
+        let change = |body: &Body| {
+            if which(body) { body.placed(role.unwrap_or(body.role), moved(&body.pose)) } else { Ok(body.clone()) }
+        };
+        Ok(self.bodies.iter().map(change).collect::<Result<Vec<_>, _>>()?.into())
     }
 
     /// The scene with a joint at another value (rad or m); the bodies that it moves go with it.
@@ -203,11 +278,7 @@ impl Scene {
             return Err(ProblemError::new("value", message));
         }
         let motion = joint_motion(&found.joint, value - old);
-        let bodies = self.with_bodies(|body| {
-            if found.moves.contains(&body.name) {
-                body.pose = motion * body.pose;
-            }
-        });
+        let bodies = self.with_bodies(|body| found.moves.contains(&body.name), None, |pose| motion * pose)?;
         let joints = self.joints.iter().map(|j| {
             let mut joint = j.clone();
             if joint.name == name {
@@ -224,11 +295,7 @@ impl Scene {
     /// The body is not there.
     pub fn with_pose(&self, name: &str, pose: &Pose) -> Result<Self, ProblemError> {
         self.body(name)?;
-        let bodies = self.with_bodies(|body| {
-            if body.name == name {
-                body.pose = *pose;
-            }
-        });
+        let bodies = self.with_bodies(|body| body.name == name, None, |_| *pose)?;
         Ok(Self { bodies, ..self.clone() })
     }
 
@@ -240,12 +307,7 @@ impl Scene {
         if self.body(name)?.role == Role::Attached {
             return Err(ProblemError::new("body", format!("{name:?} is attached already")));
         }
-        let bodies = self.with_bodies(|body| {
-            if body.name == name {
-                body.role = Role::Attached;
-                body.pose = hand.inverse() * body.pose;
-            }
-        });
+        let bodies = self.with_bodies(|body| body.name == name, Role::Attached, |pose| hand.inverse() * pose)?;
         Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, None) })
     }
 
@@ -259,12 +321,7 @@ impl Scene {
             return Err(ProblemError::new("body", format!("{name:?} is not attached")));
         }
         on.map_or(Ok(()), |joint| self.joint(joint).map(|_| ()))?;
-        let bodies = self.with_bodies(|body| {
-            if body.name == name {
-                body.role = Role::Rigid;
-                body.pose = hand * body.pose;
-            }
-        });
+        let bodies = self.with_bodies(|body| body.name == name, Role::Rigid, |pose| hand * pose)?;
         Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, on) })
     }
 

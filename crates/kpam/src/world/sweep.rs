@@ -7,8 +7,8 @@ use super::movers::off_axis;
 use super::query::Seen;
 use super::rules::Carrier;
 use super::{Hit, Leg, Margins, State, World};
+use crate::ObjectJointKind;
 use crate::model::Row;
-use crate::problem::ObjectJointKind;
 
 /// Gaps beyond this (m) are not measured: so far at most can one step of a sweep go.
 const REACH: f64 = 0.12;
@@ -262,7 +262,8 @@ mod tests {
         .unwrap();
         let point = |name: &str| BTreeMap::from([(name.to_owned(), Vector3::new(0.4, 0.0, 0.0))]);
         let (tip, goal, object) = (point("tip"), point("goal"), Pose::identity());
-        let problem = KeypointProblem::new(Arc::clone(&robot), config, vec![0.0], tip, goal, object).unwrap();
+        let builder = KeypointProblem::builder(Arc::clone(&robot), config, vec![0.0]).object(object);
+        let problem = builder.tool_keypoints(tip).object_keypoints(goal).build().unwrap();
         let model = Model::new(&robot, &[0.0]).unwrap();
         let mut world = World::new(&problem, &model);
         let row = |angle: f64| {

@@ -4,10 +4,9 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::KeypointProblem;
 use crate::config::Motion;
 use crate::motion::HandPath;
-use crate::problem::{ObjectJoint, ObjectJointKind};
+use crate::{KeypointProblem, ObjectJoint, ObjectJointKind};
 
 /// A contact point nearer than this (m) to a joint's axis does not turn it.
 const ON_AXIS: f64 = 1e-3;
@@ -111,7 +110,7 @@ mod tests {
     use super::*;
 
     fn hinge(kind: ObjectJointKind) -> ObjectJoint {
-        ObjectJoint { kind, origin: Vector3::zeros(), axis: Vector3::z(), value: 0.2, lower: 0.0, upper: 1.0 }
+        ObjectJoint::new(kind, Vector3::zeros(), Vector3::z(), 0.2, [0.0, 1.0]).unwrap()
     }
 
     #[test]

@@ -1,0 +1,168 @@
+//! Robots from code.
+
+use nalgebra::Vector3;
+
+use crate::{Convex, Joint, JointKind, Link, Mimic, Pose, Robot, RobotError, mimic};
+
+/// Builds a [`Robot`] of links, the base first and parents before their children; [`RobotBuilder::build`] checks the
+/// whole.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct RobotBuilder {
+    name: String,
+    links: Vec<LinkBuilder>,
+    free: Vec<(String, String)>,
+}
+
+/// Builds a [`Link`]; [`RobotBuilder::build`] checks it.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct LinkBuilder {
+    name: String,
+    parent: Option<String>,
+    origin: Pose,
+    joint: Option<JointBuilder>,
+    shapes: Vec<Convex>,
+}
+
+/// Builds a [`Joint`]; [`RobotBuilder::build`] checks it.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct JointBuilder {
+    joint: Joint,
+    follows: Option<(String, f64, f64)>,
+}
+
+impl Joint {
+    /// A joint that turns about a direction of its frame, without limits until they are set.
+    pub fn revolute(name: impl Into<String>, axis: Vector3<f64>) -> JointBuilder {
+        JointBuilder::new(name.into(), JointKind::Revolute, axis)
+    }
+
+    /// A joint that slides along a direction of its frame, without limits until they are set.
+    pub fn prismatic(name: impl Into<String>, axis: Vector3<f64>) -> JointBuilder {
+        JointBuilder::new(name.into(), JointKind::Prismatic, axis)
+    }
+}
+
+impl JointBuilder {
+    fn new(name: String, kind: JointKind, axis: Vector3<f64>) -> Self {
+        // A direction of no length stays one, and is refused.
+        let axis = axis.try_normalize(0.0).unwrap_or(axis);
+        let (lower, upper, velocity) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
+        Self { joint: Joint { name, kind, axis, lower, upper, velocity, mimic: None }, follows: None }
+    }
+
+    /// Sets the limits (rad or m).
+    pub fn limits(mut self, lower: f64, upper: f64) -> Self {
+        (self.joint.lower, self.joint.upper) = (lower, upper);
+        self
+    }
+
+    /// Sets the velocity limit (rad/s or m/s).
+    pub fn velocity(mut self, limit: f64) -> Self {
+        self.joint.velocity = limit;
+        self
+    }
+
+    /// Has it follow another joint: `value = multiplier * source + offset`.
+    pub fn follows(mut self, source: impl Into<String>, multiplier: f64, offset: f64) -> Self {
+        self.follows = Some((source.into(), multiplier, offset));
+        self
+    }
+}
+
+impl Link {
+    /// The link that the others hang on.
+    pub fn base(name: impl Into<String>) -> LinkBuilder {
+        LinkBuilder::new(name.into(), None)
+    }
+
+    /// A link below another, fixed to it until a joint is set.
+    pub fn below(parent: impl Into<String>, name: impl Into<String>) -> LinkBuilder {
+        LinkBuilder::new(name.into(), Some(parent.into()))
+    }
+}
+
+impl LinkBuilder {
+    fn new(name: String, parent: Option<String>) -> Self {
+        Self { name, parent, origin: Pose::identity(), joint: None, shapes: Vec::new() }
+    }
+
+    /// Sets the joint frame in the parent link.
+    pub fn at(mut self, origin: Pose) -> Self {
+        self.origin = origin;
+        self
+    }
+
+    /// Sets the joint between the parent and this link.
+    pub fn moved_by(mut self, joint: JointBuilder) -> Self {
+        self.joint = Some(joint);
+        self
+    }
+
+    /// Adds a collision shape, in the link frame.
+    pub fn shape(mut self, shape: Convex) -> Self {
+        self.shapes.push(shape);
+        self
+    }
+}
+
+impl RobotBuilder {
+    pub(crate) fn new(name: String) -> Self {
+        Self { name, links: Vec::new(), free: Vec::new() }
+    }
+
+    /// Adds a link.
+    pub fn link(mut self, link: LinkBuilder) -> Self {
+        self.links.push(link);
+        self
+    }
+
+    /// Leaves a pair of links unjudged, as neighbours are, and links that overlap at the middle of all joint ranges.
+    pub fn never_judged(mut self, one: impl Into<String>, other: impl Into<String>) -> Self {
+        self.free.push((one.into(), other.into()));
+        self
+    }
+
+    /// The robot whose tool is carried by the link `hand`. Its joints are numbered as their links were added.
+    ///
+    /// # Errors
+    /// No base or two of them, names that are not unique or unknown, a parent that comes after its child, axes without a
+    /// direction, limits the wrong way round, joints that follow each other in a circle.
+    pub fn build(self, hand: &str) -> Result<Robot, RobotError> {
+        let names: Vec<String> = self.links.iter().map(|l| l.name.clone()).collect();
+        let index = |name: &str, field: &str| {
+            let message = || format!("{name:?} is not a link; links: {}", names.join(", "));
+            names.iter().position(|n| n == name).ok_or_else(|| RobotError::new(field, message()))
+        };
+        let builders: Vec<JointBuilder> = self.links.iter().filter_map(|l| l.joint.clone()).collect();
+        let mut joints = Vec::with_capacity(builders.len());
+        for JointBuilder { mut joint, follows } in builders.clone() {
+            if let Some((source, multiplier, offset)) = follows {
+                let named = |b: &JointBuilder| b.joint.name == source && b.joint.name != joint.name;
+                let source = builders.iter().position(named).ok_or_else(|| {
+                    RobotError::new(format!("joint {}: mimic", joint.name), format!("{source:?} is not another joint"))
+                })?;
+                joint.mimic = Some(Mimic { source, multiplier, offset });
+            }
+            joints.push(joint);
+        }
+        mimic::compose(&mut joints)?;
+        let mut links = Vec::with_capacity(self.links.len());
+        let mut count = 0;
+        for link in self.links {
+            let parent = link.parent.map(|p| index(&p, &format!("link {}", link.name))).transpose()?;
+            let joint = link.joint.map(|_| count);
+            count += usize::from(joint.is_some());
+            links.push(Link { name: link.name, parent, origin: link.origin, joint, shapes: link.shapes });
+        }
+        let hand = index(hand, "hand")?;
+        let mut pairs = Vec::with_capacity(self.free.len());
+        for (one, other) in &self.free {
+            let (a, b) = (index(one, "never_judged")?, index(other, "never_judged")?);
+            pairs.push((a.min(b), a.max(b)));
+        }
+        Robot::of_parts(self.name, links, joints, hand, pairs)
+    }
+}

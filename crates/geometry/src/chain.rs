@@ -1,0 +1,155 @@
+//! The joints between the base and one link: forward kinematics and the Jacobian.
+
+use nalgebra::{Rotation3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::checked::checked_when_read;
+use crate::{Joint, JointCountError, JointKind, Link, Pose, RobotError, rotation_about};
+
+/// One moving joint of a chain, with the fixed transforms before it folded in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct ChainJoint {
+    joint: usize,
+    kind: JointKind,
+    axis: Vector3<f64>,
+    origin: Pose,
+}
+
+/// The moving joints between the base and one link.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+pub struct Chain {
+    joints: Vec<ChainJoint>,
+    tail: Pose,
+    link: usize,
+    /// Entries of a joint vector.
+    entries: usize,
+}
+
+/// What a forward pass along a chain leaves behind: enough for the Jacobian of any point on its last link.
+#[derive(Debug, Clone)]
+pub struct ChainFrames {
+    /// Unit axis of each chain joint, base frame.
+    pub axes: Vec<Vector3<f64>>,
+    /// A point on each axis, base frame (m).
+    pub origins: Vec<Vector3<f64>>,
+    /// Pose of the chain's link in the base frame.
+    pub tip: Pose,
+}
+
+impl Default for ChainFrames {
+    fn default() -> Self {
+        Self { axes: Vec::new(), origins: Vec::new(), tip: Pose::identity() }
+    }
+}
+
+checked_when_read!(Chain);
+
+impl Chain {
+    /// What is read names joints that joint vectors have.
+    fn check(&self) -> Result<(), RobotError> {
+        match self.joints.iter().find(|j| j.joint >= self.entries) {
+            Some(j) => Err(RobotError::new("chain", format!("names joint {} of {}", j.joint, self.entries))),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn new(links: &[Link], joints: &[Joint], link: usize) -> Self {
+        let mut path = vec![link];
+        while let Some(parent) = links[path[path.len() - 1]].parent {
+            path.push(parent);
+        }
+        path.reverse();
+        let mut chain = Self { joints: Vec::new(), tail: Pose::identity(), link, entries: joints.len() };
+        for &l in path.iter().skip(1) {
+            chain.tail *= links[l].origin;
+            if let Some(j) = links[l].joint {
+                let joint = &joints[j];
+                chain.joints.push(ChainJoint { joint: j, kind: joint.kind, axis: joint.axis, origin: chain.tail });
+                chain.tail = Pose::identity();
+            }
+        }
+        chain
+    }
+
+    /// Number of moving joints.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Whether nothing on the chain moves.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.joints.is_empty()
+    }
+
+    /// Place in the joint vector of each chain joint.
+    pub fn joint_indices(&self) -> impl Iterator<Item = usize> + '_ {
+        self.joints.iter().map(|j| j.joint)
+    }
+
+    /// Kind of chain joint `i`; `None` where the chain is shorter.
+    #[must_use]
+    pub fn kind(&self, i: usize) -> Option<JointKind> {
+        self.joints.get(i).map(|j| j.kind)
+    }
+
+    /// Forward pass at the full joint vector `q`.
+    ///
+    /// # Errors
+    /// `q` has another length than the robot's joint vectors; `out` is as it was then.
+    pub fn forward(&self, q: &[f64], out: &mut ChainFrames) -> Result<(), JointCountError> {
+        JointCountError::check(self.entries, q)?;
+        out.axes.clear();
+        out.origins.clear();
+        let mut r = Rotation3::identity();
+        let mut p = Vector3::zeros();
+        for joint in &self.joints {
+            p += r * joint.origin.translation.vector;
+            r *= joint.origin.rotation;
+            let axis = r * joint.axis;
+            out.axes.push(axis);
+            out.origins.push(p);
+            let value = q[joint.joint];
+            match joint.kind {
+                JointKind::Revolute => r *= turn(&joint.axis, value),
+                JointKind::Prismatic => p += axis * value,
+            }
+        }
+        p += r * self.tail.translation.vector;
+        r *= self.tail.rotation;
+        out.tip = Pose::from_parts(Translation3::from(p), r);
+        Ok(())
+    }
+
+    /// Linear velocity of a point fixed to the chain's link per unit of chain joint `i`; `None` where the chain, or what
+    /// a forward pass left in `frames`, is shorter.
+    #[must_use]
+    pub fn linear(&self, frames: &ChainFrames, i: usize, point: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (axis, origin) = (frames.axes.get(i)?, frames.origins.get(i)?);
+        Some(match self.kind(i)? {
+            JointKind::Revolute => axis.cross(&(point - origin)),
+            JointKind::Prismatic => *axis,
+        })
+    }
+
+    /// Angular velocity of the chain's link per unit of chain joint `i`; `None` as for [`Chain::linear`].
+    #[must_use]
+    pub fn angular(&self, frames: &ChainFrames, i: usize) -> Option<Vector3<f64>> {
+        let axis = frames.axes.get(i)?;
+        Some(match self.kind(i)? {
+            JointKind::Revolute => *axis,
+            JointKind::Prismatic => Vector3::zeros(),
+        })
+    }
+}
+
+/// Rotation about a unit axis; about z, as nearly every URDF arm writes it, without the general product.
+fn turn(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
+    if axis.x == 0.0 && axis.y == 0.0 {
+        let (s, c) = (angle * axis.z).sin_cos();
+        return Rotation3::from_matrix_unchecked(nalgebra::Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0));
+    }
+    rotation_about(axis, angle)
+}

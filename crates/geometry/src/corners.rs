@@ -1,0 +1,88 @@
+//! Corners of a hull as searches want them.
+
+use nalgebra::{Point3, Vector3};
+use parry3d_f64::shape::SupportMap;
+
+use crate::Pose;
+
+/// Coordinates up to this can be squared and added up.
+pub(crate) const FURTHEST: f64 = 1e100;
+
+/// Corners that are looked at in one go.
+const LANES: usize = 4;
+
+/// Corners of a hull, coordinate by coordinate: looking for the furthest one is what most time goes into, and this way
+/// the compiler can look at several at once.
+#[derive(Debug, Clone, Default)]
+pub struct Corners {
+    /// Blocks of x, y and z; the last one is filled up with copies of its first corner.
+    blocks: Vec<[[f64; LANES]; 3]>,
+    /// Whether a coordinate is not finite, or so large that its square is not.
+    unbounded: bool,
+}
+
+impl Corners {
+    /// The corners of points.
+    #[must_use]
+    pub fn of(points: &[Point3<f64>]) -> Self {
+        let mut corners = Self::default();
+        corners.place(points, &Pose::identity());
+        corners
+    }
+
+    /// Replaces the corners by points moved by a pose.
+    pub fn place(&mut self, points: &[Point3<f64>], pose: &Pose) {
+        self.blocks.clear();
+        // A sum keeps what is not finite, and needs no branch.
+        let mut total = [0.0; LANES];
+        let (r, t) = (pose.rotation.matrix(), &pose.translation.vector);
+        for chunk in points.chunks(LANES) {
+            let mut block = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let p = chunk.get(lane).unwrap_or(&chunk[0]);
+                let moved = r * p.coords + t;
+                for k in 0..3 {
+                    block[k][lane] = moved[k];
+                }
+            }
+            for lane in 0..LANES {
+                total[lane] += block[0][lane].abs() + block[1][lane].abs() + block[2][lane].abs();
+            }
+            self.blocks.push(block);
+        }
+        self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
+    }
+
+    /// Whether there are any, all of them measurable.
+    pub(crate) fn are_measurable(&self) -> bool {
+        !self.blocks.is_empty() && !self.unbounded
+    }
+
+    /// The corner furthest along `direction`; the first of several.
+    pub(crate) fn furthest(&self, direction: &Vector3<f64>) -> Point3<f64> {
+        let mut best = [f64::NEG_INFINITY; LANES];
+        let mut at = [0usize; LANES];
+        for (index, [x, y, z]) in self.blocks.iter().enumerate() {
+            for lane in 0..LANES {
+                let value = x[lane] * direction.x + y[lane] * direction.y + z[lane] * direction.z;
+                let further = value > best[lane];
+                best[lane] = if further { value } else { best[lane] };
+                at[lane] = if further { index } else { at[lane] };
+            }
+        }
+        let mut lane = 0;
+        for other in 1..LANES {
+            if best[other] > best[lane] || (best[other] == best[lane] && at[other] < at[lane]) {
+                lane = other;
+            }
+        }
+        let [x, y, z] = &self.blocks[at[lane]];
+        Point3::new(x[lane], y[lane], z[lane])
+    }
+}
+
+impl SupportMap for Corners {
+    fn local_support_point(&self, dir: &Vector3<f64>) -> Point3<f64> {
+        self.furthest(dir)
+    }
+}

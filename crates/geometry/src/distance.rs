@@ -1,0 +1,268 @@
+//! How far two hulls are apart, or how deep they overlap: distances come from parry's GJK, depths from its EPA.
+
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use parry3d_f64::query::epa::EPA;
+use parry3d_f64::query::gjk::{self, CSOPoint, GJKResult, VoronoiSimplex};
+
+use crate::Corners;
+use crate::corners::FURTHEST;
+
+/// The nearest, or deepest, points of two shapes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Signed distance (m): negative where the shapes overlap.
+    pub distance: f64,
+    /// Point on the first shape.
+    pub on_first: Point3<f64>,
+    /// Point on the second shape.
+    pub on_second: Point3<f64>,
+    /// Unit direction from the first shape to the second: moving the first along it shortens the distance.
+    pub normal: Vector3<f64>,
+}
+
+/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`, or one
+/// of them has no points, or a number beyond 1e100.
+///
+/// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
+/// after a small motion, it often shows at once that the two are out of reach. Any vector will do: whether and how far
+/// the two are apart does not depend on it, the depth of an overlap may a little.
+#[must_use]
+pub fn signed_distance(
+    first: (&Corners, f64),
+    second: (&Corners, f64),
+    toward: &mut Vector3<f64>,
+    reach: f64,
+) -> Option<Contact> {
+    let (a, b) = (first.0, second.0);
+    let rounding = first.1 + second.1;
+    if !(a.are_measurable() && b.are_measurable() && rounding.abs() <= FURTHEST && !reach.is_nan()) {
+        return None;
+    }
+    let reach = reach.min(FURTHEST);
+    let same = Isometry3::identity();
+    let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
+    // Their ends along any direction tell how far apart they are at least.
+    let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
+    if -extreme.point.coords.dot(&direction) > reach + rounding {
+        return None;
+    }
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(extreme);
+    let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
+        GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
+        // The search says the x axis where it ran out of rounds, which proves nothing.
+        GJKResult::NoIntersection(n) if n != Vector3::x_axis() || apart_along(a, b, &n) > reach + rounding => {
+            *toward = n.into_inner();
+            None
+        }
+        GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)),
+        GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
+    };
+    let (p, q, normal, core) = found?;
+    *toward = normal;
+    Some(Contact {
+        distance: core - rounding,
+        on_first: p + normal * first.1,
+        on_second: q - normal * second.1,
+        normal,
+    })
+}
+
+/// Directions along which nothing man-made lies.
+const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
+
+/// How far two hulls are apart along a unit direction from the first to the second: never more than their distance.
+fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
+    (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
+}
+
+/// Points, normal and signed distance of two hulls whose distance the search has not found: it is begun anew from other
+/// directions, and failing all of them, what is known to part the hulls stands in for their distance. They are never
+/// said to be further apart than they are.
+fn undecided(
+    a: &Corners,
+    b: &Corners,
+    direction: &Unit<Vector3<f64>>,
+) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
+    let same = Isometry3::identity();
+    let mut widest = (direction.into_inner(), apart_along(a, b, direction));
+    for skew in SKEW {
+        let from = Unit::new_normalize(Vector3::from(skew));
+        let mut simplex = VoronoiSimplex::new();
+        simplex.reset(CSOPoint::from_shapes(&same, a, b, &from));
+        match gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut simplex) {
+            GJKResult::ClosestPoints(p, q, n) => return (p, q, n.into_inner(), (q - p).norm()),
+            GJKResult::Proximity(_) | GJKResult::Intersection => return deepest(a, b, &simplex, direction),
+            GJKResult::NoIntersection(_) => {
+                for n in [from.into_inner(), -from.into_inner()] {
+                    let apart = apart_along(a, b, &n);
+                    if apart > widest.1 {
+                        widest = (n, apart);
+                    }
+                }
+            }
+        }
+    }
+    let (n, apart) = widest;
+    (a.furthest(&n), b.furthest(&-n), n, apart)
+}
+
+/// Points, normal and depth (negative) of two overlapping hulls; `simplex` is what shows that they overlap.
+///
+/// Where that is flat or nearly so, the expansion can end inside, with too little depth or none. Moving one hull by the
+/// depth along the normal must part them; where it does not, the expansion starts anew from directions along which
+/// nothing man-made lies. Failing all, the shortest of those ways that part them is taken.
+fn deepest(
+    a: &Corners,
+    b: &Corners,
+    simplex: &VoronoiSimplex,
+    direction: &Unit<Vector3<f64>>,
+) -> (Point3<f64>, Point3<f64>, Vector3<f64>, f64) {
+    const SLACK: f64 = 1e-7;
+    let same = Isometry3::identity();
+    let parting = |n: &Vector3<f64>| -apart_along(a, b, n);
+    let fallback = (a.furthest(direction), b.furthest(&-direction.into_inner()), direction.into_inner());
+    let mut best = (fallback, parting(direction));
+    let mut look = |simplex: &VoronoiSimplex| {
+        let Some((p, q, n)) = EPA::new().closest_points(&same, a, b, simplex) else { return false };
+        let (n, way) = (n.into_inner(), parting(&n));
+        if way < best.1 {
+            best = ((p, q, n), way);
+        }
+        way <= (p - q).dot(&n) + SLACK
+    };
+    let mut found = look(simplex);
+    for skew in SKEW {
+        if found {
+            break;
+        }
+        let mut other = VoronoiSimplex::new();
+        other.reset(CSOPoint::from_shapes(&same, a, b, &Unit::new_normalize(Vector3::from(skew))));
+        let shown = gjk::closest_points(&same, a, b, f64::INFINITY, true, &mut other);
+        found = matches!(shown, GJKResult::Intersection) && look(&other);
+    }
+    let ((p, q, n), way) = best;
+    (p, q, n, -way)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Convex, Pose};
+    use proptest::prelude::*;
+
+    fn between(a: &Convex, b: &Convex) -> Contact {
+        let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+        signed_distance((&p, a.radius()), (&q, b.radius()), &mut (b.center() - a.center()), 10.0).unwrap()
+    }
+
+    fn cube(half: f64, at: [f64; 3]) -> Convex {
+        Convex::cuboid([half; 3], &Pose::translation(at[0], at[1], at[2])).unwrap()
+    }
+
+    #[test]
+    fn cubes_apart_touching_and_inside() {
+        assert!((between(&cube(0.5, [0.0; 3]), &cube(0.5, [1.5, 0.2, 0.0])).distance - 0.5).abs() < 1e-9);
+        let c = between(&cube(0.5, [0.0; 3]), &cube(0.5, [0.9, 0.05, 0.02]));
+        assert!((c.distance + 0.1).abs() < 1e-6, "{c:?}");
+        assert!(c.normal.x > 0.99);
+    }
+
+    proptest! {
+        #[test]
+        fn balls_measure_as_balls(c in prop::array::uniform3(-1.0..1.0f64), r in 0.05..0.5f64, s in 0.05..0.5f64) {
+            let center = Point3::from(c);
+            prop_assume!(center.coords.norm() > 1e-3);
+            let a = Convex::ball(r, Point3::origin()).unwrap();
+            let b = Convex::ball(s, center).unwrap();
+            let d = between(&a, &b);
+            prop_assert!((d.distance - (center.coords.norm() - r - s)).abs() < 1e-9);
+        }
+
+        #[test]
+        fn distance_changes_along_the_normal(at in prop::array::uniform3(-0.8..0.8f64)) {
+            let a = cube(0.2, [0.0; 3]);
+            let b = cube(0.1, at);
+            let d = between(&a, &b);
+            let step = 1e-5;
+            let shift = Pose::from(nalgebra::Translation3::from(d.normal * step));
+            let e = between(&a.moved(&shift), &b);
+            prop_assert!((d.distance - e.distance - step).abs() < 1e-7, "{d:?} {e:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_direction_will_do(at in prop::array::uniform3(-0.8..0.8f64), guess in prop::array::uniform3(-1.0..1.0f64)) {
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b);
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            let mut toward = Vector3::from(guess);
+            // Twice: the second time from what the first has found.
+            for _ in 0..2 {
+                let found = signed_distance((&p, 0.0), (&q, 0.0), &mut toward, 0.2);
+                prop_assert_eq!(found.is_some(), wanted.distance <= 0.2);
+                if let Some(contact) = found {
+                    prop_assert!((contact.distance - wanted.distance).abs() < 1e-7, "{contact:?} {wanted:?}");
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn crossing_cylinders_in_one_plane_overlap(
+            turn in prop::array::uniform3(-1.5..1.5f64),
+            across in 0.3..1.5f64,
+            shift in -0.1..0.1f64,
+            guess in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            // Their centres and axes lie in one plane: what shows that they overlap is flat.
+            let plane = Pose::from_parts(Vector3::zeros().into(), nalgebra::Rotation3::new(Vector3::from(turn)));
+            let cylinder = |angle: f64, at: f64| {
+                let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle);
+                let place = plane * Pose::from_parts(Vector3::new(0.0, at, 0.0).into(), turned);
+                Convex::cylinder(0.03, 0.4, &place).unwrap()
+            };
+            let (a, b) = (cylinder(0.0, 0.0), cylinder(across, shift * 0.1));
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            for mut toward in [b.center() - a.center(), Vector3::from(guess)] {
+                let found = signed_distance((&p, 0.0), (&q, 0.0), &mut toward, 0.0).unwrap();
+                prop_assert!(found.distance < -0.01, "{found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn flat_hulls_are_measured() {
+        let flat: Vec<_> = (0..12).map(|i| Point3::new(f64::from(i % 4), f64::from(i / 4), 0.0)).collect();
+        let plate = Convex::hull(&flat).unwrap();
+        let d = between(&plate, &Convex::ball(0.1, Point3::new(1.0, 1.0, 1.0)).unwrap());
+        assert!((d.distance - 0.9).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_undecided_is_never_said_to_be_further(
+            at in prop::array::uniform3(-0.6..0.6f64), guess in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            prop_assume!(Vector3::from(guess).norm() > 1e-3);
+            let (a, b) = (cube(0.2, [0.0; 3]), cube(0.1, at));
+            let wanted = between(&a, &b).distance;
+            let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+            let (_, _, n, found) = undecided(&p, &q, &Unit::new_normalize(Vector3::from(guess)));
+            prop_assert!((found - wanted).abs() < 1e-6, "{found} {wanted}");
+            prop_assert!(apart_along(&p, &q, &n) <= wanted + 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_search_that_gives_up_does_not_mean_free() {
+        // What the search answers where it runs out of rounds is the x axis, whatever the hulls: along it these overlap.
+        let (a, b) = (cube(0.2, [0.0; 3]), cube(0.2, [0.1, 0.1, 0.1]));
+        let (p, q) = (Corners::of(a.points()), Corners::of(b.points()));
+        assert!(apart_along(&p, &q, &Vector3::x()) < 0.0);
+        let (.., found) = undecided(&p, &q, &Vector3::x_axis());
+        assert!((found + 0.3).abs() < 1e-6, "{found}");
+    }
+}

@@ -1,0 +1,185 @@
+//! Links and joints: the parts of a kinematic tree.
+
+use nalgebra::{Rotation3, Translation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::checked::checked_when_read;
+use crate::{Convex, Pose, RobotError, is_rigid, rotation_about};
+
+/// Axes have length 1 within this.
+const UNIT: f64 = 1e-6;
+/// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
+pub(crate) const FURTHEST: f64 = 1000.0;
+
+/// How a joint moves its child.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum JointKind {
+    /// Turns about its axis (rad); a continuous joint is one without limits.
+    Revolute,
+    /// Slides along its axis (m).
+    Prismatic,
+}
+
+/// A joint that follows another: `value = multiplier * source + offset`. The source follows none: what a URDF writes as
+/// a mimic of a mimic is composed when it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Mimic {
+    /// Index of the source in the joint vector; it has no mimic itself.
+    pub source: usize,
+    /// Factor.
+    pub multiplier: f64,
+    /// Summand, rad or m.
+    pub offset: f64,
+}
+
+/// A moving joint. Its place in [`Robot::joints`] is its place in joint vectors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+pub struct Joint {
+    pub(crate) name: String,
+    pub(crate) kind: JointKind,
+    pub(crate) axis: Vector3<f64>,
+    pub(crate) lower: f64,
+    pub(crate) upper: f64,
+    pub(crate) velocity: f64,
+    pub(crate) mimic: Option<Mimic>,
+}
+
+impl Joint {
+    /// Name, unique among the robot's joints.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How it moves.
+    #[inline]
+    #[must_use]
+    pub fn kind(&self) -> JointKind {
+        self.kind
+    }
+
+    /// Unit axis in the joint frame.
+    #[inline]
+    #[must_use]
+    pub fn axis(&self) -> &Vector3<f64> {
+        &self.axis
+    }
+
+    /// Lower limit (rad or m), minus infinity for a continuous joint.
+    #[inline]
+    #[must_use]
+    pub fn lower(&self) -> f64 {
+        self.lower
+    }
+
+    /// Upper limit (rad or m), infinity for a continuous joint.
+    #[inline]
+    #[must_use]
+    pub fn upper(&self) -> f64 {
+        self.upper
+    }
+
+    /// Velocity limit (rad/s or m/s), infinity where there is none.
+    #[inline]
+    #[must_use]
+    pub fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// The joint that it follows, if any.
+    #[inline]
+    #[must_use]
+    pub fn mimic(&self) -> Option<Mimic> {
+        self.mimic
+    }
+
+    /// Whether its axis has length 1 and its limits are limits.
+    pub(crate) fn check(&self) -> Result<(), RobotError> {
+        let fail = |part: &str, message: String| Err(RobotError::new(format!("joint {}: {part}", self.name), message));
+        let off = (self.axis.norm() - 1.0).abs();
+        if off.is_nan() || off > UNIT {
+            return fail("axis", format!("must be a unit vector, not {:?}", self.axis.as_slice()));
+        }
+        if self.lower.is_nan() || self.upper.is_nan() || self.lower > self.upper {
+            return fail("limit", format!("lower {} must not exceed upper {}", self.lower, self.upper));
+        }
+        if self.velocity.is_nan() || self.velocity <= 0.0 {
+            return fail("limit", format!("velocity {} must be positive", self.velocity));
+        }
+        if let Some(m) = self.mimic
+            && !(m.multiplier.is_finite() && m.offset.is_finite())
+        {
+            return fail("mimic", "comes to a factor that is not finite".to_owned());
+        }
+        Ok(())
+    }
+
+    /// Transform of the child relative to the joint frame at value `q`.
+    #[must_use]
+    pub fn motion(&self, q: f64) -> Pose {
+        match self.kind {
+            JointKind::Revolute => Pose::from_parts(Translation3::identity(), rotation_about(&self.axis, q)),
+            JointKind::Prismatic => Pose::from_parts(Translation3::from(self.axis * q), Rotation3::identity()),
+        }
+    }
+}
+
+/// A link. Links stand in an order in which parents come first; the base is link 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+pub struct Link {
+    pub(crate) name: String,
+    pub(crate) parent: Option<usize>,
+    pub(crate) origin: Pose,
+    pub(crate) joint: Option<usize>,
+    pub(crate) shapes: Vec<Convex>,
+}
+
+impl Link {
+    /// Name, unique among the robot's links.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Parent link; `None` for the base.
+    #[inline]
+    #[must_use]
+    pub fn parent(&self) -> Option<usize> {
+        self.parent
+    }
+
+    /// Joint frame in the parent link.
+    #[inline]
+    #[must_use]
+    pub fn origin(&self) -> &Pose {
+        &self.origin
+    }
+
+    /// Moving joint between parent and this link; `None` where it is fixed.
+    #[inline]
+    #[must_use]
+    pub fn joint(&self) -> Option<usize> {
+        self.joint
+    }
+
+    /// Collision shapes in the link frame.
+    #[inline]
+    #[must_use]
+    pub fn shapes(&self) -> &[Convex] {
+        &self.shapes
+    }
+
+    /// Whether it is rigidly, and not too far, from its parent.
+    pub(crate) fn check(&self) -> Result<(), RobotError> {
+        let near = self.origin.translation.vector.iter().all(|v| v.abs() <= FURTHEST);
+        if is_rigid(&self.origin) && near {
+            return Ok(());
+        }
+        let message = format!("must be a rigid transform within {FURTHEST} m");
+        Err(RobotError::new(format!("link {}: origin", self.name), message))
+    }
+}
+
+checked_when_read!(Joint, Link);

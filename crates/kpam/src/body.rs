@@ -1,0 +1,187 @@
+//! Bodies: what stands about a robot, or rides on its hand.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gensim2_geometry::{Convex, Pose, is_rigid};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::ProblemError;
+use crate::checked::checked_when_read;
+
+/// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
+const FARTHEST: f64 = 1e3;
+
+/// What the default contact rules go by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Role {
+    /// The table.
+    Table,
+    /// The part of the object that stands still.
+    ObjectBody,
+    /// The part that moves.
+    MovingLink,
+    /// Anything else.
+    Rigid,
+    /// A rigid object that the hand may touch: what it reaches for.
+    Target,
+    /// Rides on the hand; its pose is in the hand frame.
+    Attached,
+}
+
+impl Role {
+    /// Name, as in Python.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Table => "table",
+            Self::ObjectBody => "object_body",
+            Self::MovingLink => "moving_link",
+            Self::Rigid => "rigid",
+            Self::Target => "target",
+            Self::Attached => "attached",
+        }
+    }
+}
+
+/// A body of the scene: an obstacle, or what the hand reaches for or holds. Clones share its shapes.
+///
+/// ```
+/// use gensim2_geometry::{Convex, Pose};
+/// use gensim2_kpam::{Body, Role};
+/// use nalgebra::Vector3;
+///
+/// let cube = Body::builder("cube", Role::Target)
+///     .shape(Convex::cuboid([0.02; 3], &Pose::identity())?)
+///     .pose(Pose::translation(0.5, 0.0, 0.02))
+///     .keypoint("top", Vector3::new(0.0, 0.0, 0.02))
+///     .build()?;
+/// assert_eq!(cube.name(), "cube");
+/// let lost = Body::builder("cube", Role::Target).pose(Pose::translation(f64::NAN, 0.0, 0.0)).build();
+/// assert_eq!(lost.unwrap_err().field, "pose");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+pub struct Body {
+    pub(crate) name: String,
+    pub(crate) role: Role,
+    pub(crate) shapes: Arc<[Convex]>,
+    pub(crate) pose: Pose,
+    pub(crate) keypoints: BTreeMap<String, Vector3<f64>>,
+}
+
+checked_when_read!(Body);
+
+/// Builds a [`Body`]; [`BodyBuilder::build`] checks the whole.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct BodyBuilder {
+    name: String,
+    role: Role,
+    shapes: Vec<Convex>,
+    pose: Pose,
+    keypoints: BTreeMap<String, Vector3<f64>>,
+}
+
+impl Body {
+    /// A body at the base, without shapes; its name is unique in its scene.
+    pub fn builder(name: impl Into<String>, role: Role) -> BodyBuilder {
+        let (shapes, keypoints) = (Vec::new(), BTreeMap::new());
+        BodyBuilder { name: name.into(), role, shapes, pose: Pose::identity(), keypoints }
+    }
+
+    /// Unique name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Role.
+    #[must_use]
+    pub fn role(&self) -> Role {
+        self.role
+    }
+
+    /// Convex shapes in the body frame.
+    #[must_use]
+    pub fn shapes(&self) -> &[Convex] {
+        &self.shapes
+    }
+
+    /// Pose in the robot base frame; of an attached body, in the hand frame.
+    #[must_use]
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Keypoints in the body frame (m); of use to scenes.
+    #[must_use]
+    pub fn keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
+        &self.keypoints
+    }
+
+    /// The same body in another role, at another pose.
+    pub(crate) fn placed(&self, role: Role, pose: Pose) -> Result<Self, ProblemError> {
+        let body = Self { role, pose, ..self.clone() };
+        body.check().map(|()| body)
+    }
+
+    fn check(&self) -> Result<(), ProblemError> {
+        rigid("pose", &self.pose)?;
+        self.keypoints.iter().try_for_each(|(name, p)| place(&format!("keypoints[{name:?}]"), p))
+    }
+}
+
+impl BodyBuilder {
+    /// Adds a shape, in the body frame.
+    pub fn shape(mut self, shape: Convex) -> Self {
+        self.shapes.push(shape);
+        self
+    }
+
+    /// Adds shapes, in the body frame.
+    pub fn shapes(mut self, shapes: impl IntoIterator<Item = Convex>) -> Self {
+        self.shapes.extend(shapes);
+        self
+    }
+
+    /// Sets the pose in the robot base frame, or in the hand frame where the body is attached.
+    pub fn pose(mut self, pose: Pose) -> Self {
+        self.pose = pose;
+        self
+    }
+
+    /// Adds a keypoint, in the body frame (m).
+    pub fn keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
+        self.keypoints.insert(name.into(), point);
+        self
+    }
+
+    /// The body.
+    ///
+    /// # Errors
+    /// A pose that is not rigid, or a place that is not within 1,000 m.
+    pub fn build(self) -> Result<Body, ProblemError> {
+        let Self { name, role, shapes, pose, keypoints } = self;
+        let body = Body { name, role, shapes: shapes.into(), pose, keypoints };
+        body.check().map(|()| body)
+    }
+}
+
+/// A place within reach of anything.
+pub(crate) fn place(field: &str, p: &Vector3<f64>) -> Result<(), ProblemError> {
+    if p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST) {
+        return Ok(());
+    }
+    Err(ProblemError::new(field, format!("{:?} is not a finite place within {FARTHEST} m", p.as_slice())))
+}
+
+/// A rigid transform to such a place.
+pub(crate) fn rigid(field: &str, pose: &Pose) -> Result<(), ProblemError> {
+    place(field, &pose.translation.vector)?;
+    if is_rigid(pose) { Ok(()) } else { Err(ProblemError::new(field, "has a rotation that is not orthonormal")) }
+}

@@ -1,0 +1,131 @@
+//! Problems from code.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gensim2_geometry::{Pose, Robot};
+use nalgebra::Vector3;
+
+use super::KeypointProblem;
+use crate::{Bodies, ObjectJoint, Options, ProblemError, SolverConfig};
+
+/// Builds a [`KeypointProblem`]; [`KeypointProblemBuilder::build`] checks the whole.
+#[derive(Debug, Clone)]
+#[must_use]
+pub struct KeypointProblemBuilder(KeypointProblem);
+
+impl KeypointProblem {
+    /// A problem for a robot at joints `q_start` (one entry a joint of the robot), with no keypoints, joint or bodies,
+    /// object and world at the base, and default options.
+    pub fn builder(robot: Arc<Robot>, config: SolverConfig, q_start: Vec<f64>) -> KeypointProblemBuilder {
+        KeypointProblemBuilder(Self {
+            robot,
+            config,
+            q_start,
+            tool_keypoints: BTreeMap::new(),
+            object_keypoints: BTreeMap::new(),
+            object: Pose::identity(),
+            joint: None,
+            object_axis: 1,
+            object_yaw: 0.0,
+            world: Pose::identity(),
+            bodies: Bodies::default(),
+            options: Options::default(),
+        })
+    }
+
+    /// A problem that is like this one but for what is set.
+    pub fn changed(&self) -> KeypointProblemBuilder {
+        KeypointProblemBuilder(self.clone())
+    }
+}
+
+impl KeypointProblemBuilder {
+    /// Sets the joints at the start, one entry a joint of the robot.
+    pub fn q_start(mut self, q: Vec<f64>) -> Self {
+        self.0.q_start = q;
+        self
+    }
+
+    /// Sets the config.
+    pub fn config(mut self, config: SolverConfig) -> Self {
+        self.0.config = config;
+        self
+    }
+
+    /// Adds a tool keypoint, in the hand frame (m).
+    pub fn tool_keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
+        self.0.tool_keypoints.insert(name.into(), point);
+        self
+    }
+
+    /// Adds tool keypoints, in the hand frame (m).
+    pub fn tool_keypoints(mut self, points: impl IntoIterator<Item = (String, Vector3<f64>)>) -> Self {
+        self.0.tool_keypoints.extend(points);
+        self
+    }
+
+    /// Adds an object keypoint, in the base frame (m).
+    pub fn object_keypoint(mut self, name: impl Into<String>, point: Vector3<f64>) -> Self {
+        self.0.object_keypoints.insert(name.into(), point);
+        self
+    }
+
+    /// Adds object keypoints, in the base frame (m).
+    pub fn object_keypoints(mut self, points: impl IntoIterator<Item = (String, Vector3<f64>)>) -> Self {
+        self.0.object_keypoints.extend(points);
+        self
+    }
+
+    /// Sets the object frame in the base frame.
+    pub fn object(mut self, pose: Pose) -> Self {
+        self.0.object = pose;
+        self
+    }
+
+    /// Sets the object's joint; it moves the bodies with the role [`crate::Role::MovingLink`].
+    pub fn joint(mut self, joint: ObjectJoint) -> Self {
+        self.0.joint = Some(joint);
+        self
+    }
+
+    /// Sets the axis of "rotate": 0, 1 or 2 of the object frame; 1 where it is not set.
+    pub fn object_axis(mut self, axis: usize) -> Self {
+        self.0.object_axis = axis;
+        self
+    }
+
+    /// Sets the yaw (rad) that the scene's randomization drew, for the original's reading of frames.
+    pub fn object_yaw(mut self, yaw: f64) -> Self {
+        self.0.object_yaw = yaw;
+        self
+    }
+
+    /// Sets the world in the base frame.
+    pub fn world(mut self, pose: Pose) -> Self {
+        self.0.world = pose;
+        self
+    }
+
+    /// Sets the bodies: obstacles, and what rides on the hand.
+    pub fn bodies(mut self, bodies: impl Into<Bodies>) -> Self {
+        self.0.bodies = bodies.into();
+        self
+    }
+
+    /// Sets the options.
+    pub fn options(mut self, options: Options) -> Self {
+        self.0.options = options;
+        self
+    }
+
+    /// The problem.
+    ///
+    /// # Errors
+    /// The first part that does not fit, by field: numbers that are not finite, names that are not known, directions
+    /// without a length, joints outside their limits, options out of range.
+    pub fn build(self) -> Result<KeypointProblem, ProblemError> {
+        self.0.check()?;
+        Ok(self.0)
+    }
+}

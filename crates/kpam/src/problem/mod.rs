@@ -1,0 +1,140 @@
+//! The problem: a robot, a config, keypoints, the object's joint, obstacles, options.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use gensim2_geometry::{Pose, Robot};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::checked::checked_when_read;
+use crate::config::Constraint;
+use crate::world::Course;
+use crate::{Bodies, Body, ObjectJoint, Options, ProblemError, Role, Scene, SolverConfig};
+
+mod build;
+mod check;
+
+pub use build::KeypointProblemBuilder;
+
+/// A checked planning problem.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(remote = "Self")]
+pub struct KeypointProblem {
+    pub(crate) robot: Arc<Robot>,
+    pub(crate) config: SolverConfig,
+    pub(crate) q_start: Vec<f64>,
+    pub(crate) tool_keypoints: BTreeMap<String, Vector3<f64>>,
+    pub(crate) object_keypoints: BTreeMap<String, Vector3<f64>>,
+    pub(crate) object: Pose,
+    pub(crate) joint: Option<ObjectJoint>,
+    pub(crate) object_axis: usize,
+    pub(crate) object_yaw: f64,
+    pub(crate) world: Pose,
+    pub(crate) bodies: Bodies,
+    pub(crate) options: Options,
+}
+
+checked_when_read!(KeypointProblem);
+
+impl KeypointProblem {
+    /// The robot.
+    #[must_use]
+    pub fn robot(&self) -> &Arc<Robot> {
+        &self.robot
+    }
+
+    /// The config.
+    #[must_use]
+    pub fn config(&self) -> &SolverConfig {
+        &self.config
+    }
+
+    /// Joints at the start, one entry a joint of the robot.
+    #[must_use]
+    pub fn q_start(&self) -> &[f64] {
+        &self.q_start
+    }
+
+    /// Tool keypoints in the hand frame (m).
+    #[must_use]
+    pub fn tool_keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
+        &self.tool_keypoints
+    }
+
+    /// Object keypoints in the base frame (m).
+    #[must_use]
+    pub fn object_keypoints(&self) -> &BTreeMap<String, Vector3<f64>> {
+        &self.object_keypoints
+    }
+
+    /// Object frame in the base frame.
+    #[must_use]
+    pub fn object(&self) -> &Pose {
+        &self.object
+    }
+
+    /// The object's joint.
+    #[must_use]
+    pub fn joint(&self) -> Option<&ObjectJoint> {
+        self.joint.as_ref()
+    }
+
+    /// Obstacles, and what rides on the hand.
+    #[must_use]
+    pub fn bodies(&self) -> &Bodies {
+        &self.bodies
+    }
+
+    /// Options.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The same problem from another state: joints, their velocity (at rest where none is given), and the time (s).
+    ///
+    /// # Errors
+    /// As [`KeypointProblemBuilder::build`].
+    pub fn with_start(&self, q: Vec<f64>, velocity: Option<Vec<f64>>, time: f64) -> Result<Self, ProblemError> {
+        let mut out = self.clone();
+        out.q_start = q;
+        (out.options.start_velocity, out.options.start_time) = (velocity, time);
+        out.check()?;
+        Ok(out)
+    }
+
+    /// The scene that it is asked of.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        Scene::of(self)
+    }
+
+    /// Whether a body rides on the hand in some leg of the motion.
+    pub(crate) fn rides(&self, name: &str) -> bool {
+        let attached = |b: &Body| b.name == name && b.role == Role::Attached;
+        self.options.pick.iter().any(|n| n == name) || self.bodies.iter().any(attached)
+    }
+
+    /// Place in time of a label of a contact window: start, then the keyframes; `end` is one past the last.
+    pub(crate) fn window_index(&self, label: &str) -> Option<usize> {
+        let course = Course::of(&self.config);
+        match label {
+            "start" => Some(0),
+            "end" => Some(1 + course.len()),
+            _ => course.keyframe(label).map(|k| 1 + k),
+        }
+    }
+
+    /// The point of the hand frame that touches: the tool keypoint of the first point constraint, or else the origin.
+    pub(crate) fn contact_point(&self) -> Vector3<f64> {
+        self.config
+            .constraints
+            .iter()
+            .find_map(|c| match c {
+                Constraint::Point { keypoint, .. } => self.tool_keypoints.get(keypoint).copied(),
+                _ => None,
+            })
+            .unwrap_or_else(Vector3::zeros)
+    }
+}
