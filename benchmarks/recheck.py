@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 #: Rates may exceed their limits by this share.
 RATE_SLACK = 1e-6
 #: Keyframes may be missed by this, metres and entries of a rotation: where the motion rests, and where it passes on.
-REST_SLACK, PASSING_SLACK = 1e-4, 2e-3
+REST_SLACK, PASSING_SLACK = 1e-4, 1e-3
 #: Seconds between the samples that rates are taken from, and the least and largest number of those.
 SAMPLE_STEP, FEWEST, MOST = 2e-3, 400, 6000
 

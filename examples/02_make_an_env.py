@@ -1,11 +1,10 @@
 """Make an environment and step it: the same seed gives the same object, pose and openness everywhere."""
 
-import gymnasium as gym
+import gensim2
 
-from gensim2.robots import robot
-
-env = gym.make("gensim2.sim:GenSim2-OpenDrawer-v1", obs_mode="state", assets="builtin")
-hold_still = robot("panda").rest_action  # seven joint targets in rad; 1 opens the gripper
+# The same as gymnasium.make("gensim2.sim:GenSim2-OpenDrawer-v1", ...).
+env = gensim2.make_env("OpenDrawer", obs_mode="state", assets="builtin")
+hold_still = gensim2.robot("panda").rest_action  # seven joint targets in rad; 1 opens the gripper
 world = env.unwrapped
 for seed in (0, 1):
     observation, _ = env.reset(seed=seed)

@@ -27,14 +27,14 @@ def scene_of(problem: dict[str, Any], assets: Path) -> ProblemScene:
 def test_parts_are_what_triangles_connect(tmp_path: Path) -> None:
     path = tmp_path / "two.obj"
     path.write_text(SQUARE + "v 5 0 0\nv 6 0 0\nv 6 1 2\nf -3 -2 -1\n")
-    parts = load_parts(path).vertices
+    parts = load_parts(path.parent, path.name).vertices
     assert sorted(len(part) for part in parts) == [3, 4]
 
 
 def test_vertices_at_one_place_are_one(tmp_path: Path) -> None:
     path = tmp_path / "soup.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1 2/2 3/3\nf 4//1 5//1 6//1\n")
-    assert [len(part) for part in load_parts(path).vertices] == [4]
+    assert [len(part) for part in load_parts(path.parent, path.name).vertices] == [4]
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_broken_meshes_are_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.obj"
     path.write_text(text)
     with pytest.raises(InputError, match=r"broken\.obj"):
-        load_parts(path)
+        load_parts(path.parent, path.name)
 
 
 def test_flat_parts_get_a_thickness() -> None:

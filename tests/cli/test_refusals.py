@@ -31,29 +31,31 @@ json.dump({"answers": answers, "modules": sorted(sys.modules)}, sys.stdout)
 """
 
 NINES = "9" * 3000
+PULL = "strategies/pull.yaml"
 
 
 def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
     """Folders with one thing wrong each: name to (file, words of the refusal)."""
-    task, config = (LIBRARY / "task.yaml").read_text(), (LIBRARY / "solver.yaml").read_text()
+    task, config = (LIBRARY / "task.yaml").read_text(), (LIBRARY / PULL).read_text()
+    nobody, outside = (task.replace("class: drawer", f"class: {name}") for name in ("nope", "../../x"))
     cases = {
-        "unknown_field": (task, config + "speed: 3\n", "solver.yaml", "speed: is not a known field"),
-        "no_constraints": (task, config.replace("constraint_list:", "task_name:"), "solver.yaml", "given twice"),
-        "empty_config": (task, "task_name: x\n", "solver.yaml", "constraint_list: is missing"),
-        "bad_number": (task, config.replace("tolerance: 0.001", "tolerance: wide"), "solver.yaml", "tolerance: must"),
-        "unknown_class": (task.replace(": drawer", ": nope"), config, "task.yaml", "asset_class: library builtin has"),
-        "escaping_class": (task.replace(": drawer", ": ../../x"), config, "task.yaml", "asset_class: "),
+        "unknown_field": (task, config + "speed: 3\n", PULL, "speed: is not a known field"),
+        "no_constraints": (task, config.replace("constraint_list:", "task_name:"), PULL, "given twice"),
+        "empty_config": (task, "task_name: x\n", PULL, "constraint_list: is missing"),
+        "bad_number": (task, config.replace("tolerance: 0.001", "tolerance: wide"), PULL, "tolerance: must"),
+        "unknown_class": (nobody, config, "task.yaml", "objects.drawer.class: no class"),
+        "escaping_class": (outside, config, "task.yaml", "objects.drawer.class: "),
         "unknown_task_field": (task + "speed: 3\n", config, "task.yaml", "speed: unknown field"),
-        "date": (task + "extra: 2020-13-45\n", config, "task.yaml", "line 9: "),
+        "date": (task + "extra: 2020-13-45\n", config, "task.yaml", "line 16: "),
         "endless_number": (task.replace("400", "4" * 5000), config, "task.yaml", "64 bits"),
         "too_many_steps": (task.replace("400", "400000000"), config, "task.yaml", "max_episode_steps"),
-        "laughs": (task, config + "x: &a [" + "1," * 999 + "]\ny: [" + "*a," * 999 + "]\n", "solver.yaml", "20000"),
-        "binary": (task, "\0\1", "solver.yaml", "a character that no text has"),
+        "laughs": (task, config + "x: &a [" + "1," * 999 + "]\ny: [" + "*a," * 999 + "]\n", PULL, "20000"),
+        "binary": (task, "\0\1", PULL, "a character that no text has"),
     }
     for name, (task_text, config_text, _, _) in cases.items():
-        (folder / name).mkdir()
+        (folder / name / "strategies").mkdir(parents=True)
         (folder / name / "task.yaml").write_text(task_text)
-        (folder / name / "solver.yaml").write_text(config_text)
+        (folder / name / PULL).write_text(config_text)
     (folder / "no_files").mkdir()
     return {name: (file, words) for name, (_, _, file, words) in cases.items()} | {
         "no_files": ("task.yaml", "cannot read: No such file")
@@ -81,6 +83,8 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
             ([task, "OpenDrawer", "--seed", NINES], "(3000 characters)"),
             ([task, "OpenDrawer", "--seed", "x"], "--seed"),
             ([task, "OpenDrawer", "--seed", str(2**32)], "--seed"),
+            ([task, "OpenDrawer", "--physics", "newton"], "--physics"),
+            ([task, "OpenDrawer", "--robot", "r2d2"], "robot: no robot 'r2d2'"),
             ([task, "OpenDrawer", "--instances", ""], "no instance ''"),
             ([task, "OpenDrawer", "--instances", NINES], "no instance"),
             ([task, "OpenDrawer", "--instances", "-1"], "no instance '-1'"),
@@ -101,6 +105,13 @@ def _refusals(folder: Path) -> list[tuple[list[str], str]]:
         (["run-pipeline", "--episodes", "0"], "--episodes"),
         (["run-pipeline", "--target-task", "Nope"], "unknown task"),
         (["run-pipeline", "--target-task", ""], "unknown task"),
+        (
+            ["run-pipeline", "--target-task", "PlaceGolfBallIntoDrawer"],
+            "target_task: PlaceGolfBallIntoDrawer is not one",
+        ),
+        (["run-pipeline", "--stored-task", "Nope"], "unknown task 'Nope'"),
+        (["run-pipeline", "--physics", "newton"], "--physics"),
+        (["run-pipeline", "--robot", "r2d2"], "robot: no robot 'r2d2'"),
         (["run-pipeline", "--designer", "Nope"], "unknown designer"),
         (["run-pipeline", "--assets", str(folder / "nowhere")], "no such folder"),
         (["bench", "solver", "--problems", str(folder)], "Is a directory"),

@@ -179,7 +179,11 @@ class ScriptedWorld:
         }
         placed = {
             name: SimpleNamespace(
-                model=models[name], position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]), yaw=0.0
+                model=models[name],
+                position=np.zeros(3),
+                quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+                yaw=0.0,
+                default_pose="ours",
             )
             for name in self.task.objects
         }

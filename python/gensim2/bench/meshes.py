@@ -10,11 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import InputError
+from gensim2.objects.library.folder import ObjectFolder
 
 Array = npt.NDArray[np.float64]
 
 #: A part that is flatter than this (metres, at its final scale) is given this thickness: hulls need a volume.
 MINIMUM_THICKNESS = 5e-4
+SAME_PLACE = 1e-9  # units of the file
 
 
 @dataclass(frozen=True)
@@ -25,46 +27,28 @@ class Parts:
 
 
 @lru_cache(maxsize=4096)
-def load_parts(path: Path) -> Parts:
+def load_parts(folder: Path, name: str) -> Parts:
     """Read an OBJ file and split it where no triangle connects it; vertices at one place count as one.
 
-    Raises:
-        InputError: unreadable, a bad line, or a number that is not finite.
-        FileNotFoundError: no such file (callers count these).
-    """
-    vertices: list[tuple[float, float, float]] = []
-    edges: list[tuple[int, int]] = []
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        for number, line in enumerate(stream, start=1):
-            try:
-                if line.startswith("v "):
-                    _, x, y, z, *_ = line.split()
-                    vertices.append((float(x), float(y), float(z)))
-                elif line.startswith("f "):
-                    corners = [int(corner.partition("/")[0]) for corner in line.split()[1:]]
-                    # A negative index counts back from the vertices read so far.
-                    first, *others = [n if n > 0 else len(vertices) + 1 + n for n in corners]
-                    edges.extend([(first, other) for other in others])
-            except ValueError as error:
-                raise InputError(str(error), file=path, field=f"line {number}", remedy="repair the mesh") from error
-    points, place = np.unique(np.asarray(vertices, dtype=np.float64).reshape(-1, 3), axis=0, return_inverse=True)
-    if not np.isfinite(points).all():
-        raise InputError("a vertex is not finite", file=path, remedy="repair the mesh")
-    if not edges:
-        return Parts(())
-    from scipy.sparse import coo_matrix  # here: refusing a file of problems needs no SciPy
-    from scipy.sparse.csgraph import connected_components
+    Args:
+        folder: of the object.
+        name: of the file in it.
 
-    ends = np.asarray(edges) - 1
-    if ends.min() < 0 or ends.max() >= len(vertices):
-        raise InputError("a face names a vertex that does not exist", file=path, remedy="repair the mesh")
-    ends = place.reshape(-1)[ends]
-    graph = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(points), len(points)))
-    _, label = connected_components(graph, directed=False)
-    used = np.unique(ends)
-    order = used[np.argsort(label[used], kind="stable")]
-    bounds = np.flatnonzero(np.diff(label[order])) + 1
-    return Parts(tuple(points[indices] for indices in np.split(order, bounds)))
+    Raises:
+        MissingFileError: no such file (callers count these).
+        InputError: the file is no mesh, leads out of the folder, or has numbers that are not finite.
+    """
+    from gensim2.objects.library.objfile import read_obj  # here: refusing a file of problems needs no mesh work
+    from gensim2.objects.meshwork.decompose import components, weld
+
+    try:
+        meshes = read_obj(ObjectFolder(folder), name).meshes
+    except ValueError as error:
+        raise InputError(str(error), file=folder / name, remedy="repair the mesh") from error
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)])
+    return Parts(tuple(points for points, _ in components(*weld(vertices, faces, SAME_PLACE))))
 
 
 def convex_points(points: Array) -> Array | None:

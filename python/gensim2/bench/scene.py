@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,6 +13,10 @@ import numpy.typing as npt
 from gensim2.bench.meshes import convex_points, load_parts
 from gensim2.bench.problems import PlanProblem
 from gensim2.errors import InputError
+from gensim2.objects.errors import MissingFileError
+from gensim2.objects.library.folder import ObjectFolder
+from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, mesh_elements, read_urdf, unit_axis
+from gensim2.objects.shapes import transform
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -67,22 +70,6 @@ class ProblemScene:
     warnings: tuple[str, ...]
 
 
-@dataclass
-class _Link:
-    #: (pose in the link frame, mesh file), one a collision element
-    meshes: list[tuple[Array, Path]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Joint:
-    name: str
-    kind: str
-    parent: str
-    child: str
-    pose: Array
-    axis: Array
-
-
 def pose_from(position: Array | list[float], quaternion: list[float]) -> Array:
     """Return the (4, 4) pose of a position and a quaternion (w, x, y, z)."""
     from scipy.spatial.transform import Rotation  # here and below: refusing a file of problems needs no SciPy
@@ -96,87 +83,34 @@ def _pose(rotation: Rotation, position: Array | list[float]) -> Array:
     return pose
 
 
-def _numbers(element: ElementTree.Element, name: str, default: str, file: Path) -> Array:
-    text = element.get(name, default)
-    try:
-        values = np.array([float(part) for part in text.split()])
-    except ValueError as error:
-        raise InputError(f"{text!r} is not three numbers", file=file, field=name, remedy="repair the URDF") from error
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise InputError(f"{text!r} is not three finite numbers", file=file, field=name, remedy="repair the URDF")
-    return values
-
-
-def _origin(parent: ElementTree.Element, scale: float, file: Path) -> Array:
-    element = parent.find("origin")
-    if element is None:
-        return np.eye(4)
-    from scipy.spatial.transform import Rotation
-
-    rotation = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0", file))
-    return _pose(rotation, scale * _numbers(element, "xyz", "0 0 0", file))
+def _scaled(T: Array, scale: float) -> Array:
+    """A pose whose translation is in a model's units, in metres."""
+    pose = T.copy()
+    pose[:3, 3] *= scale
+    return pose
 
 
 @lru_cache(maxsize=512)
-def _read_urdf(path: Path, scale: float) -> tuple[dict[str, _Link], tuple[_Joint, ...]]:
-    try:
-        root = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise InputError(
-            f"cannot read: {error.strerror}", file=path, remedy="--assets names the folder that holds the objects"
-        ) from error
-    except ElementTree.ParseError as error:
-        raise InputError(f"not XML: {error}", file=path, remedy="repair the URDF") from error
-    links: dict[str, _Link] = {}
-    for element in root.findall("link"):
-        link = links.setdefault(element.get("name", ""), _Link())
-        for collision in element.findall("collision"):
-            mesh = collision.find("geometry/mesh")
-            if mesh is None:
-                raise InputError(
-                    "a collision element without a mesh", file=path, field=element.get("name"), remedy="give it one"
-                )
-            link.meshes.append((_origin(collision, scale, path), path.parent / mesh.get("filename", "")))
-    joints = []
-    for element in root.findall("joint"):
-        parent, child, axis = element.find("parent"), element.find("child"), element.find("axis")
-        name = element.get("name", "")
-        if parent is None or child is None:
-            raise InputError("no parent or no child", file=path, field=name, remedy="repair the URDF")
-        direction = np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis, "xyz", "1 0 0", path)
-        kind = element.get("type", "")
-        length = float(np.linalg.norm(direction))
-        if kind != "fixed" and length < 1e-9:
-            raise InputError("its axis has no length", file=path, field=name, remedy="repair the URDF")
-        joints.append(
-            _Joint(
-                name,
-                kind,
-                parent.get("link", ""),
-                child.get("link", ""),
-                _origin(element, scale, path),
-                direction / length if length > 0.0 else direction,
-            )
-        )
-    return links, tuple(joints)
+def _urdf(folder: Path) -> Urdf:
+    return read_urdf(ObjectFolder(folder))
 
 
 @lru_cache(maxsize=8192)
-def _mesh_hulls(path: Path, scale: float) -> tuple[Array, ...]:
-    hulls = (convex_points(scale * part) for part in load_parts(path).vertices)
+def _mesh_hulls(folder: Path, name: str, scale: float) -> tuple[Array, ...]:
+    hulls = (convex_points(scale * part) for part in load_parts(folder, name).vertices)
     return tuple(hull for hull in hulls if hull is not None)
 
 
-def _link_hulls(link: _Link, T_body_link: Array, scale: float, folder: Path, warnings: list[str]) -> list[Array]:
+def _link_hulls(urdf: Urdf, link: str, T_body_link: Array, scale: float, warnings: list[str]) -> list[Array]:
     hulls = []
-    for T_link_mesh, path in link.meshes:
+    for element in mesh_elements(urdf, link, "collision"):
         try:
-            parts = _mesh_hulls(path, scale)
-        except FileNotFoundError:
-            warnings.append(f"missing mesh: {path.relative_to(folder)}")
+            parts = _mesh_hulls(urdf.file.parent, element.name, scale)
+        except MissingFileError:
+            warnings.append(f"missing mesh: {element.name}")
             continue
-        pose = T_body_link @ T_link_mesh
-        hulls += [hull @ pose[:3, :3].T + pose[:3, 3] for hull in parts]
+        pose = T_body_link @ _scaled(element.T, scale)
+        hulls += [transform(pose, element.scale * hull) for hull in parts]
     return hulls
 
 
@@ -185,51 +119,39 @@ def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tup
     from scipy.spatial.transform import Rotation
 
     record = problem.objects.articulated
-    path = folder / "articulated_objs" / record.cls / record.id / "mobility.urdf"
-    links, joints = _read_urdf(path, record.scale)
-    moving = [joint for joint in joints if joint.kind != "fixed"]
-    if len(moving) != 1 or moving[0].kind not in ("revolute", "prismatic", "continuous"):
+    urdf = _urdf(folder / "articulated_objs" / record.cls / record.id)
+    moving = [joint for joint in urdf.joints if joint.type != "fixed"]
+    if len(moving) != 1 or moving[0].type not in MOVABLE:
         raise InputError(
-            f"{len(moving)} movable joints", file=path, remedy="an object has one revolute or prismatic joint"
+            f"{len(moving)} movable joints", file=urdf.file, remedy="an object has one revolute or prismatic joint"
         )
-    kind: Literal["revolute", "prismatic"] = "prismatic" if moving[0].kind == "prismatic" else "revolute"
-    value = record.qpos[0]
+    joint, axis, value, scale = moving[0], unit_axis(moving[0], urdf.file), record.qpos[0], record.scale
+    frames = fixed_frames(urdf, joint)
     T_base_root = np.linalg.inv(problem.pose("T_world_base")) @ pose_from(record.root_p, record.root_q)
-    children = {joint.child for joint in joints}
-    poses = {name: np.eye(4) for name in links if name not in children}
-    mobile: dict[str, bool] = dict.fromkeys(poses, False)
-    found: SceneJoint | None = None
-    waiting = list(joints)
-    while waiting:
-        ready = [joint for joint in waiting if joint.parent in poses]
-        if not ready:
-            raise InputError("its joints do not form a tree", file=path, remedy="repair the URDF")
-        for joint in ready:
-            waiting.remove(joint)
-            pose = poses[joint.parent] @ joint.pose
-            if joint.kind != "fixed":
-                world = T_base_root @ pose
-                lower, upper = sorted((record.close_qpos, record.open_qpos))
-                found = SceneJoint(kind, world[:3, 3], world[:3, :3] @ joint.axis, value, lower, upper)
-                motion = np.eye(4)
-                if kind == "prismatic":
-                    motion[:3, 3] = value * joint.axis
-                else:
-                    motion = _pose(Rotation.from_rotvec(value * joint.axis), np.zeros(3))
-                pose = pose @ motion
-            poses[joint.child] = pose
-            mobile[joint.child] = mobile[joint.parent] or joint.kind != "fixed"
-    assert found is not None
-    hulls: dict[bool, list[Array]] = {False: [], True: []}
-    for name, link in links.items():
-        hulls[mobile[name]] += _link_hulls(link, poses[name], record.scale, path.parent, warnings)
-    roles: tuple[tuple[str, Role, bool], ...] = (
-        ("object_body", "object_body", False),
-        ("moving_link", "moving_link", True),
+    T_root_joint = _scaled(frames["body"][joint.parent] @ joint.T, scale)
+    kind: Literal["revolute", "prismatic"] = "prismatic" if joint.type == "prismatic" else "revolute"
+    motion = (
+        _pose(Rotation.identity(), value * axis)
+        if kind == "prismatic"
+        else _pose(Rotation.from_rotvec(value * axis), np.zeros(3))
     )
-    obstacles = [
-        SceneObstacle(name, role, tuple(hulls[moves]), T_base_root) for name, role, moves in roles if hulls[moves]
-    ]
+    T_base_joint = T_base_root @ T_root_joint
+    lower, upper = sorted((record.close_qpos, record.open_qpos))
+    found = SceneJoint(kind, T_base_joint[:3, 3], T_base_joint[:3, :3] @ axis, value, lower, upper)
+    groups: tuple[tuple[Literal["body", "moving"], Role, Array], ...] = (
+        ("body", "object_body", np.eye(4)),
+        ("moving", "moving_link", T_root_joint @ motion),
+    )
+    obstacles = []
+    for group, role, T_root_group in groups:
+        links = [link for link in urdf.links if link in frames[group]]
+        hulls = [
+            hull
+            for link in links
+            for hull in _link_hulls(urdf, link, T_root_group @ _scaled(frames[group][link], scale), scale, warnings)
+        ]
+        if hulls:
+            obstacles.append(SceneObstacle(role, role, tuple(hulls), T_base_root))
     return obstacles, found
 
 
@@ -237,10 +159,9 @@ def _rigid(problem: PlanProblem, folder: Path, warnings: list[str]) -> SceneObst
     record = problem.objects.rigid
     if record is None:
         return None
-    path = folder / "rigidbody_objs" / "models" / record.cls / "collision.obj"
     try:
-        hulls = _mesh_hulls(path, record.scale)
-    except FileNotFoundError:
+        hulls = _mesh_hulls(folder / "rigidbody_objs" / "models" / record.cls, "collision.obj", record.scale)
+    except MissingFileError:
         warnings.append(f"missing mesh: {record.cls}/collision.obj")
         return None
     pose = np.linalg.inv(problem.pose("T_world_base")) @ pose_from(record.p, record.q)

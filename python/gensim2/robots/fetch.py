@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 
 from gensim2.files import cache_dir, write_atomic
-from gensim2.robots.fixed_base import fixed_base
+from gensim2.robots.fixed_base import fixed_base, never_touching
 from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Gripper, RobotFiles, RobotProfile, Workspace
 
@@ -41,7 +41,7 @@ def fetch_files() -> RobotFiles:
         tool="fetch_hand_tcp",
         tool_at=FINGERTIP,
     )
-    srdf = (source / "fetch.srdf").read_text()
+    srdf = never_touching(source / "fetch.srdf", ("wrist_roll_link", "gripper_link"))
     folder = cache_dir() / "robots" / hashlib.sha256((urdf + srdf).encode()).hexdigest()[:16]
     files = RobotFiles(folder / "fetch.urdf", folder / "fetch.srdf")
     for path, text in ((files.urdf, urdf), (files.srdf, srdf)):

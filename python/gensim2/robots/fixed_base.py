@@ -64,6 +64,14 @@ def fixed_base(
     return ET.tostring(root, encoding="unicode")
 
 
+def never_touching(srdf: Path, *pairs: tuple[str, str]) -> str:
+    """SRDF text with more pairs of links that never touch: a frame between two links makes them no neighbours."""
+    root = ET.parse(srdf).getroot()
+    for one, other in pairs:
+        ET.SubElement(root, "disable_collisions", link1=one, link2=other, reason="Default")
+    return ET.tostring(root, encoding="unicode")
+
+
 def _drop_above(root: ET.Element, base: str) -> None:
     """Remove the links and joints between the root and ``base``."""
     above = {_link(joint, "child"): joint for joint in root.findall("joint")}

@@ -14,6 +14,7 @@ from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
+from gensim2.sim.later import Later
 from gensim2.sim.objects import link_name
 from gensim2.sim.physics import JointResistance
 from gensim2.sim.randomize import placed
@@ -77,22 +78,19 @@ class ArticulatedPart:
         """Whether physics still gives numbers for its root."""
         return bool(np.isfinite(pose_row(self.articulation.root.entity)).all())
 
-    def keypoints(self) -> dict[str, Array]:
+    def keypoints(self) -> Mapping[str, Array]:
         """(3,) each, in the world, m."""
-        found: dict[str, Array] = {}
-        for link, (names, points) in self._keypoints_by_link.items():
-            pose = matrix(self._links[link].entity)
-            found.update(zip(names, points @ pose[:3, :3].T + pose[:3, 3], strict=True))
-        return {name: found[name] for name in self.model.keypoints}
+        poses = {name: self._links[name].entity.pose for name in self._keypoint_links}
+
+        def work_out() -> dict[str, Array]:
+            links = {name: as_matrix(pose) for name, pose in poses.items()}
+            return {name: _moved(links[point.link], point.position) for name, point in self.model.keypoints.items()}
+
+        return Later(work_out)
 
     @cached_property
-    def _keypoints_by_link(self) -> dict[str, tuple[list[str], Array]]:
-        """Names and (N, 3) positions of the keypoints of each link."""
-        names: dict[str, list[str]] = {}
-        for name, point in self.model.keypoints.items():
-            names.setdefault(point.link, []).append(name)
-        points = self.model.keypoints
-        return {link: (own, np.array([points[name].position for name in own])) for link, own in names.items()}
+    def _keypoint_links(self) -> frozenset[str]:
+        return frozenset(point.link for point in self.model.keypoints.values())
 
     def state(self) -> Row:
         """(15,) ManiSkill's: root pose, root velocities, qpos, qvel."""
@@ -194,10 +192,15 @@ class RigidPart:
         """Whether physics still gives numbers for it."""
         return bool(np.isfinite(pose_row(self.entity)).all())
 
-    def keypoints(self) -> dict[str, Array]:
+    def keypoints(self) -> Mapping[str, Array]:
         """(3,) each, in the world, m."""
-        pose = matrix(self.entity)
-        return {name: _moved(pose, point.position) for name, point in self.model.keypoints.items()}
+        pose = self.entity.pose
+
+        def work_out() -> dict[str, Array]:
+            body = as_matrix(pose)
+            return {name: _moved(body, point.position) for name, point in self.model.keypoints.items()}
+
+        return Later(work_out)
 
     def state(self) -> Row:
         """(13,) ManiSkill's: pose and velocities."""
@@ -233,7 +236,12 @@ def pose_row(entity: sapien.Entity) -> Row:
 
 def matrix(entity: sapien.Entity) -> Array:
     """(4, 4) pose in the world."""
-    return np.asarray(entity.pose.to_transformation_matrix(), dtype=np.float64)
+    return as_matrix(entity.pose)
+
+
+def as_matrix(pose: sapien.Pose) -> Array:
+    """(4, 4) of a pose."""
+    return np.asarray(pose.to_transformation_matrix(), dtype=np.float64)
 
 
 def articulation_state(articulation: physx.PhysxArticulation) -> Row:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 from sapien import physx
 
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
+from gensim2.sim.later import Later
 from gensim2.sim.objects import link_name
-from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, matrix
+from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, as_matrix
 from gensim2.sim.table import HALF_SIZE, corners
 from gensim2.tasks.measurement import Measurement
 
@@ -52,11 +55,12 @@ class RobotReader:
             return np.zeros(len(self.profile.reset_qpos))
         return np.asarray(self.articulation.qvel, dtype=np.float64)
 
-    def gripper(self) -> dict[str, Array]:
+    def gripper(self) -> Mapping[str, Array]:
         """Tool keypoints in the world, (3,) m."""
         if self.articulation is None:
-            return dict(self.profile.gripper_at_rest)
-        return self.profile.gripper_at(matrix(self._hand.entity))
+            return self.profile.gripper_at_rest
+        pose = self._hand.entity.pose
+        return Later(lambda: self.profile.gripper_at(as_matrix(pose)))
 
     @property
     def finger_opening(self) -> float:

@@ -1,0 +1,154 @@
+"""Where an episode's time goes: CPU milliseconds an episode, mean over the task library on generated objects.
+
+    python benchmarks/episode_cost.py --episodes 10 [--physics original] [--core 1]
+
+Pinned to one core; times are ratios in one run. Rows add up to the whole: what is left of a part after its inner parts
+is its own. PhysX is ``PhysxCpuSystem.step`` alone, the still-arm check's apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import gensim2_kpam as kpam
+from gensim2.episodes import run as running
+from gensim2.episodes.chain import ChainController
+from gensim2.episodes.run import run
+from gensim2.seeding import scene_seeds
+from gensim2.sim.lane import Lane
+from gensim2.tasks.library import load_strategies, load_task, task_names
+
+clock = time.process_time
+
+
+class Stopwatch:
+    """CPU seconds by part; a part's own time is without that of parts inside it."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.calls: dict[str, int] = defaultdict(int)
+        self._open: list[list[Any]] = []
+        self._prefix = ""
+        self.is_running = False
+
+    def timed(self, part: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The same function, its time noted."""
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            self._open.append([self._prefix + part, 0.0])
+            start = clock()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                spent = clock() - start
+                name, inner = self._open.pop()
+                if self.is_running:
+                    self.seconds[name] += spent - inner
+                    self.calls[name] += 1
+                if self._open:
+                    self._open[-1][1] += spent
+
+        return call
+
+    def rename(self, part: str) -> None:
+        """Give the part that is under way another name."""
+        self._open[-1][0] = self._prefix + part
+
+    def within(self, prefix: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The same function; parts inside it are noted under another name."""
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            before, self._prefix = self._prefix, prefix
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._prefix = before
+
+        return call
+
+
+class TimedSystem:
+    """A PhysX system whose steps are noted."""
+
+    def __init__(self, system: Any, watch: Stopwatch) -> None:
+        self._system = system
+        self.step = watch.timed("PhysX", system.step)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._system, name)
+
+
+def instrument(watch: Stopwatch) -> None:
+    """Note the time of the loop's parts."""
+    building = Lane.reset
+    met: set[tuple[str, str]] = set()
+
+    def reset(lane: Lane, *args: Any, **kwargs: Any) -> None:
+        building(lane, *args, **kwargs)
+        models = {(thing.model.asset_class, thing.model.id) for thing in lane.setup.objects.values()}
+        if not models <= met:
+            met.update(models)
+            watch.rename("reset, an object for the first time")
+        lane._system = TimedSystem(lane._system, watch)
+
+    Lane.reset = watch.timed("reset", reset)  # type: ignore[method-assign]
+    Lane.step = watch.timed("step, around PhysX", Lane.step)  # type: ignore[method-assign]
+    Lane.wait = watch.timed("step, around PhysX", Lane.wait)  # type: ignore[method-assign]
+    Lane.measure = watch.timed("measuring", Lane.measure)  # type: ignore[method-assign]
+    Lane.scene_state = watch.timed("planning, around the solver", Lane.scene_state)  # type: ignore[method-assign]
+    ChainController.reset = watch.timed("planning, around the solver", ChainController.reset)  # type: ignore[method-assign]
+    ChainController._begin = watch.timed("planning, around the solver", ChainController._begin)  # type: ignore[method-assign]
+    kpam.plan = watch.timed("planning, the solver", kpam.plan)
+    running.still_arm = watch.within("still arm: ", watch.timed("still arm: rest", running.still_arm))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--assets", default="builtin")
+    parser.add_argument("--episodes", type=int, default=10, help="of each task")
+    parser.add_argument("--physics", default="ours")
+    parser.add_argument("--core", type=int, default=0)
+    parser.add_argument("--tasks", nargs="*", default=None)
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {options.core})
+
+    single = [name for name in task_names() if load_task(name).is_single_step]
+    watch, held, steps, whole = Stopwatch(), 0, 0, 0.0
+    names = options.tasks or single
+    instrument(watch)
+    for name in names:
+        task, strategies = load_task(name), load_strategies(name)
+        lane = Lane(task, assets=options.assets, physics=options.physics)
+        seeds = scene_seeds(0, task.name, "benchmark", options.episodes + 1)
+        run(lane, ChainController(task, strategies, lane.profile), seed=seeds[-1])  # imports, caches
+        watch.is_running = True
+        start = clock()
+        for seed in seeds[:-1]:
+            episode = run(lane, ChainController(task, strategies, lane.profile), seed=seed).episode
+            held += episode.held
+            steps += episode.control_steps
+        whole += clock() - start
+        watch.is_running = False
+    count = len(names) * options.episodes
+    physx = sum(seconds for part, seconds in watch.seconds.items() if part.endswith("PhysX"))
+    rest = whole - sum(watch.seconds.values())
+    print(f"{count} episodes, {held} held, {steps / count:.0f} control steps each, {options.physics} physics\n")
+    print("| part | ms an episode | share |\n|---|---|---|")
+    for part, seconds in [*sorted(watch.seconds.items(), key=lambda item: -item[1]), ("judging and the rest", rest)]:
+        print(f"| {part} | {1e3 * seconds / count:.2f} | {seconds / whole:.0%} |")
+    print(f"| **whole** | **{1e3 * whole / count:.1f}** | {whole / physx:.2f} x PhysX |")
+    first = "reset, an object for the first time"
+    later = whole - watch.seconds[first]
+    print(f"\n{watch.calls[first]} objects were met for the first time; without these resets:")
+    print(f"{1e3 * later / count:.1f} ms an episode, {later / physx:.2f} x PhysX")
+    substeps = watch.calls["PhysX"]
+    print(f"\nPhysX: {1e6 * watch.seconds['PhysX'] / substeps:.0f} us a substep, {substeps / count:.0f} substeps")
+
+
+if __name__ == "__main__":
+    main()
