@@ -94,8 +94,8 @@ class ChainController:
         task: whose steps.
         strategies: by name, as plain data or parsed.
         profile: the robot.
-        open_loop: plan every step at the start, on the scenes that are foreseen, by its first strategy, and look at
-            nothing afterwards.
+        open_loop: plan every step at the start, on the scenes that are foreseen, by the first strategy that is planned
+            whole, and look at nothing afterwards.
         options: the solver's, for every plan.
 
     Raises:
@@ -295,18 +295,23 @@ class ChainController:
             planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
         return _Plan(name, planned, scene, at_step, self._trigger)
 
-    def _plan_ahead(self, scene: Scene) -> list[_Plan]:
-        """A plan a step, up to the first that cannot be planned whole."""
-        plans: list[_Plan] = []
+    def _plan_ahead(self, scene: Scene) -> list[list[_Plan]]:
+        """The plans of every step, a whole one last, up to the first step that has none."""
+        ahead: list[list[_Plan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number
-            plans.append(self._plan(scene, step.strategies[0], 0, None))
+            plans: list[_Plan] = []
+            for name in step.strategies:
+                plans.append(self._plan(scene, name, 0, None))
+                if plans[-1].planned.is_solved:
+                    break
+            ahead.append(plans)
             planned = plans[-1].planned
             if planned.after is None or not planned.is_solved:
                 break
             scene = planned.after
         self._at = 0
-        return plans
+        return ahead
 
     def _blind(self, observation: Observation) -> Action | None:
         while True:
@@ -317,5 +322,9 @@ class ChainController:
                 self._at += 1
             if not self._ahead:
                 return None
-            self._running = self._ahead.pop(0)
-            self._turn().plans.append(self._running)
+            plans = self._ahead.pop(0)
+            self._turn().plans.extend(plans)
+            with_motion = [plan for plan in plans if plan.planned.schedule is not None]
+            if not with_motion:
+                return None
+            self._running = with_motion[-1] if with_motion[-1].planned.is_solved else with_motion[0]
