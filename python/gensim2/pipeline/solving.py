@@ -110,9 +110,9 @@ def solve(
     Raises:
         InputError: an argument cannot be used.
     """
-    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
     if out is not None:
         check_writable(Path(out) / "plan.json")
+    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
     # Only now what takes seconds to import.
     from gensim2.sim.lane import Lane
 

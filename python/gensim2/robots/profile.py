@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -230,9 +231,13 @@ class RobotProfile:
         return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
 
 
+_MODULES = {"panda": "gensim2.robots.panda", "fetch": "gensim2.robots.fetch"}
+"""Where a function of the robot's name makes its profile; imported when asked for."""
+
+
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that there are."""
-    return tuple(_makers())
+    return tuple(_MODULES)
 
 
 @cache
@@ -242,14 +247,7 @@ def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     Raises:
         InputError: there is no such robot.
     """
-    makers = _makers()
-    if name not in makers:
-        raise InputError(f"no robot {name!r}", field="robot", remedy=f"one of {', '.join(makers)}")
-    return makers[name]()
-
-
-def _makers() -> Mapping[str, Callable[[], RobotProfile]]:
-    from gensim2.robots.fetch import fetch  # here: they need the class above
-    from gensim2.robots.panda import panda
-
-    return {"panda": panda, "fetch": fetch}
+    if name not in _MODULES:
+        raise InputError(f"no robot {name!r}", field="robot", remedy=f"one of {', '.join(_MODULES)}")
+    profile: RobotProfile = getattr(importlib.import_module(_MODULES[name]), name)()
+    return profile

@@ -10,16 +10,14 @@ import numpy as np
 from gensim2.objects.generators.blueprint import Blueprint
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.model import LinkGeometry, Model
-from gensim2.objects.shapes import Array, Solid, pose, rotation, transform
+from gensim2.objects.shapes import Array, Solid, pose, transform
 from gensim2.objects.types import Keypoint
 from gensim2.seeding import rng
 
 LICENSE = "Apache-2.0"
 
 # Model frame (y up, z front) in the root frame (z up, front towards -x), as in every PartNet-Mobility model.
-R_ROOT_MODEL = rotation((0, 0, 1), -np.pi / 2) @ rotation((1, 0, 0), np.pi / 2)
-T_ROOT_MODEL = np.eye(4)
-T_ROOT_MODEL[:3, :3] = np.round(R_ROOT_MODEL)
+T_ROOT_MODEL = np.array([[0.0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 def blueprint(asset_class: str, number: int) -> Blueprint:

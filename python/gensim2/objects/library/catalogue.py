@@ -119,15 +119,20 @@ class Library:
 
     def load_articulated(self, asset_class: str, instance_id: str) -> Instance:
         """As :meth:`load`; a rigid object is an InputError too."""
-        self._check_kind(asset_class, "articulated")
+        self.check_kind(asset_class, "articulated")
         return cast(Instance, self.load(asset_class, instance_id))
 
     def load_rigid(self, asset_class: str) -> RigidObject:
         """As :meth:`load`; an articulated object is an InputError too."""
-        self._check_kind(asset_class, "rigid")
+        self.check_kind(asset_class, "rigid")
         return cast(RigidObject, self.load(asset_class, ONLY_ID))
 
-    def _check_kind(self, asset_class: str, kind: Kind) -> None:
+    def check_kind(self, asset_class: str, kind: Kind) -> None:
+        """Whether a class is of this kind; nothing is loaded.
+
+        Raises:
+            InputError: it is not, or there is none of this name.
+        """
         if self.kind(asset_class) != kind:
             wrong = "is rigid: it has no joint" if kind == "articulated" else "has a joint: it is not rigid"
             names = self.classes(kind)

@@ -30,10 +30,10 @@ def select(
         drawn: this many more of each class, or of each class that is named: new numbers where objects are generated,
             else any of the folder's.
         seed: of ``random`` and ``drawn``.
-        kind: of what is not named.
+        kind: of all; None: both.
 
     Raises:
-        InputError: no such class or instance, or a class too small for a test split.
+        InputError: no such class or instance, one of the other kind, or a class too small for a test split.
     """
     items: dict[Item, None] = {}
     if every or not (words or drawn):
@@ -42,6 +42,8 @@ def select(
         asset_class, slash, which = word.partition("/")
         if slash and not which:
             raise InputError(f"no instance in {word!r}", field="object", remedy="write CLASS or CLASS/ID")
+        if kind is not None:
+            library.check_kind(asset_class, kind)
         for instance_id in library.choose(asset_class, which or "all", seed):
             items[asset_class, instance_id] = None
     if drawn:
