@@ -21,8 +21,10 @@ PUSHED = 0.03
 """Metres by which an object is pushed, in a drawn direction."""
 PUSHED_WITHIN = 25
 """Control steps within which it is pushed once the step that takes hold of it has its turn."""
-DROPPED_WITHIN = (5, 40)
-"""Control steps after the fingers have closed within which they are opened."""
+LIFTED = 0.01
+"""Metres above its place at which an object counts as held."""
+DROPPED_WITHIN = 40
+"""Control steps within which the fingers are opened once they hold the object."""
 OPEN_STEPS = 8
 """Control steps for which they stay open."""
 
@@ -49,7 +51,7 @@ class Disturbed:
         self._controller, self._world, self._task, self._kind = controller, world, task, kind
         random = rng(seed, f"{task.name}/disturbance/{kind}")
         self._push_at = int(random.integers(PUSHED_WITHIN))
-        self._drop_after = int(random.integers(*DROPPED_WITHIN))
+        self._drop_after = int(random.integers(DROPPED_WITHIN))
         self._direction = float(random.uniform(-math.pi, math.pi))
         self.happened_at: int | None = None
 
@@ -59,6 +61,7 @@ class Disturbed:
         rigid = {name for name, thing in scene.objects.items() if thing.is_rigid}
         self._step = next((step for step in self._task.steps if step.object in rigid), None)
         self._since: int | None = None
+        self._height: float | None = None
         self.happened_at = None
 
     def act(self, observation: Observation) -> Action | None:
@@ -79,8 +82,12 @@ class Disturbed:
         return action
 
     def _drop(self, observation: Observation, action: Action) -> Action:
-        begun = self._touched()
-        if begun is None or observation.step < begun.at_step + self._drop_after:
+        assert self._step is not None
+        height = float(observation.measurement.poses[self._step.object][2])
+        self._height = height if self._height is None else self._height
+        if self._since is None:
+            self._since = observation.step if height > self._height + LIFTED else None
+        if self._since is None or observation.step < self._since + self._drop_after:
             return action
         self.happened_at = observation.step if self.happened_at is None else self.happened_at
         if observation.step >= self.happened_at + OPEN_STEPS:
