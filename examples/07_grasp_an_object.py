@@ -21,7 +21,7 @@ def mug_at(x: float, y: float, lifted: float = 0.0) -> np.ndarray:
     return pose
 
 
-body = kpam.Body("mug", "target", [kpam.Shape.convex_hull(hull) for hull in mug.hulls], mug_at(0.5, -0.1))
+body = kpam.Body("mug", "target", [kpam.Shape.convex_hull(hull) for hull in mug.hulls["body"]], mug_at(0.5, -0.1))
 T_base_table = np.eye(4)
 T_base_table[:3, 3] = [0.615, 0.0, -0.025]
 table = kpam.Body("table", "table", [kpam.Shape.box([0.65, 0.65, 0.025])], T_base_table)

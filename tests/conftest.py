@@ -8,8 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from gensim2.objects import Library, open_library
+
+# A first example imports libraries, and machines are shared: clocks are no test.
+settings.register_profile("gensim2", deadline=None)
+settings.load_profile("gensim2")
 
 # A background job of a shell ignores Ctrl-C, and so would the commands that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

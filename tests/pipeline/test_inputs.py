@@ -119,8 +119,14 @@ def test_a_folder_of_version_1_is_read(tmp_path: Path) -> None:
 def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Episodes of this seed succeed; the last keyframe, beyond closed, cannot be reached."""
-    assert run(["solve", "CloseLaptop", "--seed", "0", "--assets", "builtin", "--out", str(tmp_path / "out")]) == 0
+    """The last keyframe, a lid pushed beyond closed, cannot be reached."""
+    push = load_strategies("CloseLaptop")["push"]
+    folder = tmp_path / "task"
+    (folder / "strategies").mkdir(parents=True)
+    (folder / "task.yaml").write_text(yaml.safe_dump(load_task("CloseLaptop").model_dump(mode="json")))
+    beyond = {**push, "post_actuation_motions": [["trace_joint_to", -0.1]]}
+    (folder / "strategies" / "push.yaml").write_text(yaml.safe_dump(beyond))
+    assert run(["solve", str(folder), "--seed", "0", "--assets", "builtin", "--out", str(tmp_path / "out")]) == 0
     shown = capfd.readouterr().out
     assert "CloseLaptop on laptop_rotate/" in shown
     assert ": partial" in shown

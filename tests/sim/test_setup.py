@@ -157,7 +157,7 @@ def test_an_option_may_name_a_generated_object_that_is_not_listed() -> None:
         ({"openness": {"drower": 0.5}}, "openness: there is no object 'drower' "),
         ({"openness": {"drawer": 1.5}}, "openness.drawer: must lie in 0..1"),
         ({"openness": {"ball": 0.5}}, "openness: golf_ball has no joint"),
-        ({"instance": {"ball": "1"}}, "instance: golf_ball has no instance '1'"),
+        ({"instance": {"ball": "1"}}, "instance: no instance '1' of golf_ball"),
         ({"pose": {"ball": [0, 0, 0, 1, 0, 0, 0]}, "offset": {"ball": [0, 0, 0]}}, "offset: give either"),
     ],
 )

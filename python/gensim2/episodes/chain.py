@@ -10,7 +10,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
-from gensim2.episodes.record import Cause, PlanRecord, StepRecord
+from gensim2.episodes.record import START, Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
 from gensim2.planning.scene import Scene
 from gensim2.planning.steps import INVALID, PLAN_OPTIONS, StepPlan, StepPlanner, Ways
@@ -20,7 +20,7 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
-START, NOT_DONE = "start", "not done"
+NOT_DONE = "not done"
 """Triggers of plans beside deviations."""
 
 MOST_ROUNDS = 8

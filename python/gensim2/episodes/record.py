@@ -11,6 +11,10 @@ from pydantic import ConfigDict, Field, FiniteFloat
 SCHEMA_VERSION: Literal[2] = 2
 
 
+START = "start"
+"""Trigger of the plans that a step begins with."""
+
+
 class Cause(StrEnum):
     """Why an episode does not count as ``held``: the first thing that went wrong and was not made good."""
 
@@ -125,8 +129,8 @@ class StepRecord:
 
     @property
     def replans(self) -> int:
-        """Plans beyond the first."""
-        return max(len(self.plans) - 1, 0)
+        """Plans that something led to after the step had begun; other strategies tried at its start are none."""
+        return sum(plan.trigger != START for plan in self.plans)
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ class Episode:
 
     @property
     def replans(self) -> int:
-        """Plans beyond the first of each step."""
+        """Plans that something led to after a step had begun."""
         return sum(step.replans for step in self.steps)
 
     def to_dict(self) -> dict[str, Any]:

@@ -34,5 +34,8 @@ class Later(Mapping[str, Array]):
     def __len__(self) -> int:
         return len(self._values)
 
+    def __repr__(self) -> str:
+        return repr(dict(self._values))
+
     def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[Mapping[str, Array]]]:
         return dict, (dict(self._values),)  # pickled as what they are
