@@ -27,8 +27,8 @@ check "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
 check "cargo test" cargo test --quiet
 check "cargo doc" env RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
 check "Rust example" cargo run --quiet -p gensim2-kpam --example reach -- "$(python -c '
-from gensim2.planning.robot import panda_folder
-print(panda_folder() / "panda_v2.urdf")')"
+from gensim2.robots import robot
+print(robot("panda").urdf)')"
 check "ruff" ruff check .
 check "ruff format" ruff format --check .
 check "mypy" mypy
