@@ -31,7 +31,7 @@ def test_numbers_that_are_none(word: str, message: str, capfd: pytest.CaptureFix
 def test_folders_that_are_none(where: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     for words in (
         ["list", "--assets", where],
-        ["rigid", "list", "--assets", where],
+        ["list", "--kind", "rigid", "--assets", where],
         ["import", where, "--class", "box_rotate", "--name", "1", "--out", str(tmp_path)],
     ):
         assert cli.run(["assets", *words]) == 2
