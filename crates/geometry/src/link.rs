@@ -32,7 +32,7 @@ pub struct Mimic {
     pub offset: f64,
 }
 
-/// A moving joint. Its place in [`Robot::joints`] is its place in joint vectors.
+/// A moving joint. Its place in [`crate::Robot::joints`] is its place in joint vectors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Joint {
