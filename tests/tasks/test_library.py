@@ -237,3 +237,16 @@ def test_a_config_file_with_nan_names_the_field(tmp_path: Path) -> None:
 def test_nan_openness_is_never_a_success(name: str) -> None:
     task = load_task(name)
     assert not all_hold(task.success, _measured(float("nan"), role=task.steps[0].object))
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_library_tasks_say_where_they_and_all_their_strategies_come_from(name: str) -> None:
+    task = load_task(name)
+    assert task.provenance is not None and set(task.provenance.strategies) == set(load_strategies(name))
+
+
+def test_provenance_of_a_strategy_that_no_step_has_is_refused() -> None:
+    data = load_task("OpenBox").model_dump(mode="json")
+    data["provenance"]["strategies"]["lft"] = {"by": "hand", "seen": "all"}
+    with pytest.raises(InputError, match="no step has a strategy 'lft'"):
+        parse_task(data)

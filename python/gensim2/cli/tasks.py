@@ -26,7 +26,14 @@ def list_tasks(json_file: str | None) -> None:
         give(
             {
                 "schema_version": 1,
-                "tasks": [{**spec.model_dump(mode="json"), "env_id": spec.env_id} for spec in specs],
+                "tasks": [
+                    {
+                        **spec.model_dump(mode="json"),
+                        "env_id": spec.env_id,
+                        "origin": None if spec.provenance is None else spec.provenance.origin,
+                    }
+                    for spec in specs
+                ],
             }
         )
 

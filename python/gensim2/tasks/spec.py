@@ -110,6 +110,30 @@ class Step(_Value):
     done: Annotated[tuple[Criterion, ...], Field(max_length=20)] = ()
 
 
+class Made(_Value):
+    """How a strategy came about.
+
+    Attributes:
+        by: ``"search"``: a designer found it; ``"hand"``: a person wrote it.
+        seen: instances that it was tried on meanwhile, as in ``--instances``; figures on others are on unseen objects.
+    """
+
+    by: Literal["search", "hand"]
+    seen: Literal["train", "all"]
+
+
+class Provenance(_Value):
+    """Where a task comes from.
+
+    Attributes:
+        origin: who proposed it: ``"paper"`` for what the paper's tables list, else the designer's name.
+        strategies: how each strategy came about, by name.
+    """
+
+    origin: Annotated[str, Field(min_length=1, max_length=100)]
+    strategies: dict[Name, Made] = {}
+
+
 class TaskSpec(_Value):
     """A task on one or several objects.
 
@@ -120,6 +144,7 @@ class TaskSpec(_Value):
         steps: in order.
         goal: what must hold at the end, all of it; None: what the last step's ``done`` says.
         max_episode_steps: control steps (20 a second) after which an episode is truncated.
+        provenance: where it comes from; None where nobody says.
     """
 
     schema_version: Literal[2] = 2
@@ -129,6 +154,7 @@ class TaskSpec(_Value):
     steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=50)]
     goal: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)] | None = None
     max_episode_steps: Annotated[int, Field(gt=0, le=10_000)] = 400
+    provenance: Provenance | None = None
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
@@ -148,6 +174,10 @@ class TaskSpec(_Value):
             for field, name in (("object", step.object), ("tool", step.tool)):
                 if name not in self.objects and not (field == "tool" and name == HAND):
                     raise ValueError(f"steps.{step.name}.{field}: there is no object {name!r}")
+        ways = {name for step in self.steps for name in step.strategies}
+        for name in () if self.provenance is None else self.provenance.strategies:
+            if name not in ways:
+                raise ValueError(f"provenance.strategies: no step has a strategy {name!r}")
         for criterion in (*self.success, *(c for step in self.steps for c in step.done)):
             for name in criterion.objects:
                 if name not in self.objects:
