@@ -12,31 +12,41 @@ if [ -z "${GENSIM2_ASSETS:-}" ]; then
     echo "check: GENSIM2_ASSETS is not set: tests on real objects will be skipped" >&2
 fi
 
-names=() outcomes=() seconds=() failed=0
+# Two lanes side by side: compilers leave a core idle half of the time. What the Rust lane says is shown when it has ended.
+work=$(mktemp -d)
+trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$work"' EXIT
 
+# check LANE NAME COMMAND...: run it, and note its outcome and its seconds.
 check() {
-    local name=$1 started=$SECONDS outcome=passed
-    shift
+    local lane=$1 name=$2 started=$SECONDS outcome=passed
+    shift 2
     printf '\n== %s\n' "$name"
-    "$@" || { outcome=FAILED failed=1; }
-    names+=("$name") outcomes+=("$outcome") seconds+=($((SECONDS - started)))
+    "$@" || outcome=FAILED
+    printf '%-14s %-8s %s\n' "$name" "$outcome" $((SECONDS - started)) >>"$work/$lane.outcomes"
 }
 
-check "cargo fmt" cargo fmt --all --check
-check "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
-check "cargo test" cargo test --quiet
-check "cargo doc" env RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
-check "Rust example" cargo run --quiet -p gensim2-kpam --example reach -- "$(python -c '
+rust_lane() {
+    check rust "cargo fmt" cargo fmt --all --check
+    check rust "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
+    check rust "cargo test" cargo test --quiet
+    check rust "cargo doc" env RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
+    check rust "Rust example" cargo run --quiet -p gensim2-kpam --example reach -- "$(python -c '
 from gensim2.robots import robot
 print(robot("panda").urdf)')"
-check "ruff" ruff check .
-check "ruff format" ruff format --check .
-check "mypy" mypy
-# One file is one process: fixtures of a module or a session are made once.
-check "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --durations 10
+}
 
+python_lane() {
+    check python "ruff" ruff check .
+    check python "ruff format" ruff format --check .
+    check python "mypy" mypy
+    # One file is one process: fixtures of a module or a session are made once.
+    check python "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --durations 10
+}
+
+rust_lane >"$work/rust.log" 2>&1 &
+python_lane
+wait
+cat "$work/rust.log"
 printf '\n%-14s %-8s %s\n' check outcome seconds
-for i in "${!names[@]}"; do
-    printf '%-14s %-8s %s\n' "${names[$i]}" "${outcomes[$i]}" "${seconds[$i]}"
-done
-exit $failed
+cat "$work/rust.outcomes" "$work/python.outcomes"
+[ "$(wc -l <"$work/rust.outcomes")" = 5 ] && ! grep -q FAILED "$work"/*.outcomes

@@ -76,8 +76,8 @@ def test_what_contains_nothing_has_none() -> None:
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("asset_class", ["drawer", "box_rotate", "refrigerator"])
-def test_real_containers_have_a_room_inside(asset_class: str, real_assets: Path) -> None:
+@pytest.mark.parametrize(("asset_class", "count"), [("drawer", 6), ("box_rotate", 4), ("refrigerator", 1)])
+def test_real_containers_have_a_room_inside(asset_class: str, count: int, real_assets: Path) -> None:
     library = open_library(real_assets)
-    for name in library.instances(asset_class):
+    for name in library.instances(asset_class)[:count]:
         assert _box(library.load(asset_class, name))[0] is not None, name
