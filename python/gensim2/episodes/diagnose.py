@@ -11,11 +11,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gensim2.episodes.controller import ACTUATION, Event
-from gensim2.episodes.measured_faults import distance_apart, drift, fault_of_criterion, released, was_left_behind
+from gensim2.episodes.measured_faults import (
+    distance_apart,
+    drift,
+    fault_of_criterion,
+    released,
+    was_left_behind,
+    was_lifted,
+)
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
 from gensim2.planning.steps import INVALID, NO_GRASP
-from gensim2.tasks.criteria import DistanceArticulatedRigid, all_hold
+from gensim2.tasks.criteria import DistanceArticulatedRigid, DistanceGripperRigid, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -109,7 +116,8 @@ class _Facts:
         if record.paper and (went_on or is_last) and not self._is_stuck(record):
             # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took. What was
             # true in passing, while the hand still held the object, is not done.
-            return self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
+            gave_up = self._given_up(step) if not went_on else None
+            return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
         noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
         if noticed:
             return Cause(noticed[-1].what), dict(noticed[-1].detail)
@@ -140,21 +148,26 @@ class _Facts:
         """Whether nothing of the step was executed for want of a motion."""
         return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
 
+    def _given_up(self, step: Step) -> Fault | None:
+        """The deviation after which the controller did not get to another actuation pose."""
+        last = next((event for event in reversed(self.events) if event.step == step.name), None)
+        return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
+
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """Whether a step that was to take up its object left it behind."""
-        used = any(later.tool == step.object for later in self.task.steps[index + 1 :])
-        if not used or not own or own[-1].last == own[-1].first:
+        """Whether a step that was to take up its object left it behind, or lost it on the way up."""
+        wanted = {later.tool for later in self.task.steps[index + 1 :]}
+        wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid)}
+        if step.object not in wanted or not own or own[-1].last == own[-1].first:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]
         distance = was_left_behind(measured, step.object)
         if distance is None:
             return None
         moved = drift(measured, self._at_actuation(step), step.object)
-        return (
-            (Cause.GRASP_MISSED, {"distance": distance})
-            if moved is None
-            else (Cause.OBJECT_DRIFTED, {"distance": moved})
-        )
+        if moved is not None:
+            return Cause.OBJECT_DRIFTED, {"distance": moved}
+        lost = was_lifted(measured, step.object)
+        return (Cause.GRASP_LOST if lost else Cause.GRASP_MISSED), {"distance": distance}
 
     def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
         """What became of an object that was where it should be only while the hand held it."""

@@ -30,6 +30,9 @@ LEFT_BEHIND = 0.03
 LEAST_OPENING = 0.002
 """Metres between the pads, or by which they open, that are none."""
 
+LIFTED = 0.01
+"""Metres above the place where it lay at which an object has been taken up."""
+
 SLIPPED = 0.08
 """Metres that the hand goes on in the object's direction after it stopped: more than it backs off by."""
 
@@ -82,6 +85,12 @@ def was_left_behind(measured: Sequence[Measurement], name: str) -> float | None:
     distances = _distances(measured, name)
     farther = distances[-1] - min(distances)
     return farther if farther > LEFT_BEHIND else None
+
+
+def was_lifted(measured: Sequence[Measurement], name: str) -> bool:
+    """Whether a rigid object was once higher than it lay, as only the hand can have had it."""
+    heights = [float(instant.poses[name][2]) for instant in measured]
+    return max(heights) > heights[0] + LIFTED
 
 
 def was_lost(measured: Sequence[Measurement], name: str) -> float | None:
