@@ -104,7 +104,7 @@ def instrument(watch: Stopwatch) -> None:
     ChainController.reset = watch.timed("planning, around the solver", ChainController.reset)  # type: ignore[method-assign]
     ChainController._begin = watch.timed("planning, around the solver", ChainController._begin)  # type: ignore[method-assign]
     kpam.plan = watch.timed("planning, the solver", kpam.plan)
-    running.still_arm = watch.within("still arm: ", watch.timed("still arm: rest", running.still_arm))
+    running.still_arm = watch.within("still arm: ", watch.timed("rest", running.still_arm))
 
 
 def main() -> None:
