@@ -111,6 +111,28 @@ def test_a_start_under_way_keeps_the_joint_limits(panda: kpam.Robot, speed: floa
     assert (q[:, :7] <= panda.upper[:7]).all()
 
 
+@pytest.mark.parametrize("avoid_collisions", [False, True])
+def test_a_turn_off_the_line_of_a_start_under_way_keeps_the_joint_limits(
+    panda: kpam.Robot, avoid_collisions: bool
+) -> None:
+    draw = np.random.default_rng(0)
+    driven = 0
+    for _ in range(300):
+        start, velocity = Q_START.copy(), np.zeros(9)
+        # Room to stop, and hardly more, in two joints.
+        for joint in (0, 2):
+            velocity[joint] = draw.uniform(0.3, 2.0)
+            start[joint] = panda.upper[joint] - draw.uniform(0.05, 0.35)
+        options = {"start_velocity": velocity, "avoid_collisions": avoid_collisions, "workspace": None}
+        plan = kpam.plan(problem(panda, q_start=start, options=options))
+        if plan.trajectory is not None:
+            driven += 1
+            q, _, _ = plan.trajectory.sample(np.linspace(0.0, plan.trajectory.duration, 500))
+            assert (q[:, :7] <= panda.upper[:7] + 1e-6).all()
+            assert (q[:, :7] >= panda.lower[:7] - 1e-6).all()
+    assert driven > 30
+
+
 @pytest.mark.parametrize(("room", "speed"), [(0.02, 1.0), (2.0, 50.0)])
 def test_what_cannot_be_stopped_is_said(panda: kpam.Robot, room: float, speed: float) -> None:
     start = Q_START.copy()

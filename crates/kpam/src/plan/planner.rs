@@ -241,10 +241,12 @@ impl<'p> Planner<'p> {
         let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
             let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
-            let way = match turn(&self.builder, &lead, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
-                Some(turned) => vec![turned.waypoints],
-                None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
-            };
+            let room = [&self.model.lower, &self.model.upper];
+            let way =
+                match turn(&self.builder, &lead, room, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
+                    Some(turned) => vec![turned.waypoints],
+                    None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+                };
             return Ok((way, hit));
         }
         // What overlaps at the start comes apart first, and then stays apart.
@@ -308,7 +310,7 @@ impl<'p> Planner<'p> {
         let (builder, model, world) = (&self.builder, self.model, &mut self.world);
         SPACINGS.into_iter().find_map(|spacing| {
             let free = |path: &Spline| curve_is_free(world, model, path, leg, margins);
-            turn(builder, lead, way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
+            turn(builder, lead, [&model.lower, &model.upper], way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
                 .map(|turned| turned.waypoints)
         })
     }

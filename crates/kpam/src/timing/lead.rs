@@ -153,11 +153,12 @@ pub(crate) struct Turned {
     pub turn: usize,
 }
 
-/// The first turn from `lead` towards `next` that the limits allow and `free` admits, with the waypoints that `rest` says
-/// follow its end.
+/// The first turn from `lead` towards `next` that stays between `lower` and `upper` (or no further out than where it
+/// begins), that the limits allow and `free` admits, with the waypoints that `rest` says follow its end.
 pub(crate) fn turn(
     builder: &Builder,
     lead: &Lead,
+    [lower, upper]: [&Row; 2],
     next: &Row,
     rest: impl Fn(&Row) -> Vec<Row>,
     mut free: impl FnMut(&Spline) -> bool,
@@ -166,10 +167,15 @@ pub(crate) fn turn(
     let velocity = lead.velocity();
     lead.turns(joints, next).into_iter().find_map(|mut waypoints| {
         let turn = waypoints.len();
-        let end = waypoints.last().copied()?;
+        let (begin, end) = (waypoints.first().copied()?, waypoints.last().copied()?);
+        let stays = |x: &Row| (0..joints).all(|v| lower[v].min(begin[v]) <= x[v] && x[v] <= upper[v].max(begin[v]));
+        if !waypoints.iter().all(stays) {
+            return None;
+        }
         waypoints.extend(rest(&end));
         let path = Spline::through(joints, &waypoints, Some(&unit(joints, &velocity)));
-        let driven = builder.clone().push(&path, &[], &velocity, None, &[]).is_ok();
+        let within = path.keeps_within(0..path.intervals(), lower, upper);
+        let driven = within && builder.clone().push(&path, &[], &velocity, None, &[]).is_ok();
         (driven && free(&path)).then_some(Turned { waypoints, turn })
     })
 }

@@ -110,8 +110,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         if from == 0
             && let Lead::Line { begin, brake, .. } = &lead
         {
-            let inside = |path: &Spline| path.keeps_within(0..path.intervals(), &lower, &upper);
-            match turn(&builder, &lead, &tail[0], |_| tail.to_vec(), inside) {
+            match turn(&builder, &lead, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
                 Some(turned) => {
                     velocity = lead.velocity();
                     way = turned.waypoints;
