@@ -242,7 +242,8 @@ def test_nan_openness_is_never_a_success(name: str) -> None:
 @pytest.mark.parametrize("name", task_names())
 def test_library_tasks_say_where_they_and_all_their_strategies_come_from(name: str) -> None:
     task = load_task(name)
-    assert task.provenance is not None and set(task.provenance.strategies) == set(load_strategies(name))
+    assert task.provenance is not None
+    assert set(task.provenance.strategies) == set(load_strategies(name))
 
 
 def test_provenance_of_a_strategy_that_no_step_has_is_refused() -> None:
