@@ -87,8 +87,8 @@ class ObjectSpec(_Value):
 
     Attributes:
         asset_class: name of its class; rigid objects are classes of their own (``golf_ball``).
-        instances: which of the class: words as in ``--instances``, or such words by where objects come from, ``real`` or
-            ``generated``. What a caller asks for is taken among these; None: among all.
+        instances: which of the class the task takes: words as in ``--instances``, or such words by where objects come
+            from (``real``, ``generated``). What a caller asks for is taken among these; None: among all.
         place: where it stands.
         randomization: of its placement and openness; ``openness_mean=None`` takes the instance's default.
     """
