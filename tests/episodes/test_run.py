@@ -86,6 +86,9 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
     library = as_library("builtin")
 
     class Slippery:
+        def source(self, asset_class: str, /) -> str:
+            return library.source(asset_class)
+
         def instances(self, asset_class: str, /) -> tuple[str, ...]:
             return library.instances(asset_class)[:1]
 

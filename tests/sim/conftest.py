@@ -32,6 +32,9 @@ class CrateLibrary:
         self._crates = {crate.id: crate for crate in crates}
         self._others = as_library("builtin")
 
+    def source(self, asset_class: str, /) -> str:
+        return "real" if asset_class == "crate" else self._others.source(asset_class)
+
     def instances(self, asset_class: str, /) -> tuple[str, ...]:
         return tuple(self._crates) if asset_class == "crate" else self._others.instances(asset_class)
 

@@ -207,6 +207,9 @@ class _Renamed:
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
 
+    def source(self, asset_class: str, /) -> str:
+        return "real"
+
     def instances(self, asset_class: str, /) -> tuple[str, ...]:
         return (self._instance.id,)
 

@@ -168,22 +168,32 @@ def test_options_of_several_objects_name_them(options: dict[str, Any], expected:
     assert expected in str(caught.value)
 
 
-def test_instances_are_the_tasks_own_the_callers_or_all() -> None:
+def test_a_caller_chooses_among_the_instances_that_a_task_takes() -> None:
     objects = {
         "first": {"class": "drawer"},
-        "second": {"class": "drawer", "instances": ["4", "5"]},
+        "second": {"class": "drawer", "instances": ["4", "8"]},
         "ball": {"class": "golf_ball"},
     }
     library, task = as_library("builtin"), _task(objects)
     everything = library.instances("drawer")
-    assert chosen_instances(library, task, "all") == {"first": everything, "second": ("4", "5"), "ball": ("0",)}
+    assert chosen_instances(library, task, "all") == {"first": everything, "second": ("4", "8"), "ball": ("0",)}
     assert chosen_instances(library, task, "7")["first"] == ("7",)
     test = library.choose("drawer", "test")
-    assert chosen_instances(library, task, "test") == {"first": test, "second": ("4", "5"), "ball": ("0",)}
-    assert len(chosen_instances(library, task, "new")["first"]) == 100
+    assert chosen_instances(library, task, "test") == {"first": test, "second": ("8",), "ball": ("0",)}
     assert chosen_instances(library, task, {"second": "7"}) == {"first": everything, "second": ("7",), "ball": ("0",)}
     with pytest.raises(InputError, match="instances: there is no object 'third'"):
         chosen_instances(library, task, {"third": "7"})
+    with pytest.raises(InputError, match="instances: the task takes 4, 8 of drawer, none of which is in new"):
+        chosen_instances(library, task, "new")
+
+
+def test_what_a_task_takes_may_differ_by_where_objects_come_from(crates: Callable[..., Any]) -> None:
+    objects = {
+        "crate": {"class": "crate", "instances": {"real": ["1"]}},
+        "drawer": {"class": "drawer", "instances": {"real": ["19179"]}},
+    }
+    chosen = chosen_instances(crates(2), _task(objects), "all")
+    assert chosen == {"crate": ("1",), "drawer": as_library("builtin").instances("drawer")}
 
 
 def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., Any]) -> None:

@@ -12,13 +12,13 @@ from pathlib import Path
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
-from gensim2.objects.library.selection import object_of_ids, words_of_objects
+from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.pipeline.setting import PHYSICS, Circumstances, Physics
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
-from gensim2.seeding import check_seed
+from gensim2.seeding import check_seed, rng
 from gensim2.tasks.library import (
     load_strategies,
     load_strategies_beside,
@@ -109,12 +109,22 @@ def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> 
         InputError: a class has no such instance or split.
     """
     if instances == "random":
-        drawn = spec.objects[object_of_ids(library.instances, _classes(spec))]
-        return library.choose(drawn.asset_class, instances, seed)[0]
-    for name, (word,) in words_of_objects(library.instances, _classes(spec), (instances,)).items():
-        if spec.objects[name].instances is None:
-            library.choose(spec.objects[name].asset_class, word)
+        drawn = object_of_ids(library.instances, _classes(spec))
+        ids = _taken(spec, library, "all")[drawn]
+        return ids[int(rng(seed, f"choose/{spec.objects[drawn].asset_class}").integers(len(ids)))]
+    _taken(spec, library, instances)
     return instances
+
+
+def _taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
+    """Ids that one word of ``--instances`` stands for, by object."""
+    asked = words_of_objects(library.instances, _classes(spec), (word,))
+    return {
+        name: taken_instances(
+            library.choose, thing.asset_class, asked[name], thing.words(library.source(thing.asset_class))
+        )
+        for name, thing in spec.objects.items()
+    }
 
 
 def has_instances(library: Library, asset_class: str, instances: str) -> bool:
@@ -179,10 +189,8 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
     """What strategies may name of one object for each of the task, of those that ``word`` stands for."""
     found: dict[str, ObjectNames] = {}
-    asked = words_of_objects(library.instances, _classes(spec), (word,))
-    for name, thing in spec.objects.items():
-        words = thing.instances or asked[name]
-        model = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
+    for name, ids in _taken(spec, library, word).items():
+        model = library.load(spec.objects[name].asset_class, ids[0])
         joint = model.joint.type if isinstance(model, Instance) else None
         found[name] = ObjectNames(tuple(model.keypoints), joint)
     return found

@@ -11,6 +11,11 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+CENTER = "rigidbody_object_center"
+"""Name in configs of a rigid object's centre of mass: the way from it to a keypoint says how the object is turned."""
+MEASURED = "rigidbody_object_measured"
+"""Name in configs of the keypoint of a rigid object that criteria go by, its last: which one depends on the object."""
+
 
 @dataclass(frozen=True)
 class SceneBody:
@@ -81,6 +86,14 @@ class SceneObject:
     def is_rigid(self) -> bool:
         """Whether it has no joint: what a hand may pick up."""
         return self.joint is None
+
+    @property
+    def points(self) -> dict[str, Array]:
+        """What configs may name, as ``keypoints``: these, and of a rigid object ``CENTER`` and ``MEASURED``."""
+        if self.center_of_mass is None:
+            return dict(self.keypoints)
+        center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]
+        return {CENTER: center, MEASURED: list(self.keypoints.values())[-1], **self.keypoints}
 
 
 @dataclass(frozen=True)

@@ -216,8 +216,8 @@ class StepPlanner:
         points: dict[str, Array] = {}
         for name, other in scene.objects.items():
             if name != scene.held:
-                points |= {f"{name}/{key}": at for key, at in other.keypoints.items()}
-        points |= thing.keypoints if thing.name != scene.held else {}
+                points |= {f"{name}/{key}": at for key, at in other.points.items()}
+        points |= thing.points if thing.name != scene.held else {}
         tool = _tool(self.profile)
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
@@ -367,10 +367,14 @@ class StepPlanner:
     def _serves(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> bool:
         """Whether a step can be planned on a scene that is foreseen, in any of its ways."""
         for strategy in strategies:
-            if isinstance(strategy, KeypointStrategy):
+            if not isinstance(strategy, KeypointStrategy):
+                continue
+            try:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
-                if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
-                    return True
+            except kpam.ProblemError:  # it is for other objects than these
+                continue
+            if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
+                return True
         return False
 
 

@@ -62,7 +62,7 @@ class PlanningWorld:
         for name, thing in scene.objects.items():
             if thing.joint is None:
                 T_body_base = np.linalg.inv(thing.bodies[0].T_base_body)
-                points = {key: T_body_base[:3, :3] @ at + T_body_base[:3, 3] for key, at in thing.keypoints.items()}
+                points = {key: T_body_base[:3, :3] @ at + T_body_base[:3, 3] for key, at in thing.points.items()}
                 bodies.append(_body(thing.bodies[0], "rigid", points))
                 continue
             bodies += [_body(body, "object_body") for body in thing.bodies]

@@ -11,7 +11,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.objects import Instance, RigidObject, open_library
-from gensim2.objects.library.selection import words_of_objects
+from gensim2.objects.library.selection import taken_instances, words_of_objects
 from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_task
@@ -22,6 +22,7 @@ from gensim2.tasks.spec import TaskSpec
 class ObjectSource(Protocol):
     """What the environment needs of an object library."""
 
+    def source(self, asset_class: str, /) -> str: ...
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
     def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject: ...
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
@@ -64,9 +65,9 @@ def chosen_instances(
 
     Args:
         library: of the objects.
-        task: an object of it may say itself which instances; the others take all.
-        instances: of objects by name, in place of what the task says; words alone are about the objects of which the
-            task does not say itself which (:func:`~gensim2.objects.library.selection.words_of_objects`).
+        task: an object of it may say which instances it takes.
+        instances: of objects by name, in place of what the task says; words alone choose among what it takes
+            (:func:`~gensim2.objects.library.selection.words_of_objects`).
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:
@@ -79,8 +80,8 @@ def chosen_instances(
         library.instances, classes, ("all",) if isinstance(instances, Mapping) else _words(instances)
     )
     for name, spec in task.objects.items():
-        words = _words(given.get(name, asked[name] if spec.instances is None else spec.instances))
-        ids = tuple(dict.fromkeys(i for word in words for i in library.choose(spec.asset_class, word)))
+        own = None if name in given or spec.instances is None else spec.words(library.source(spec.asset_class))
+        ids = taken_instances(library.choose, spec.asset_class, _words(given.get(name, asked[name])), own)
         if not ids:
             raise InputError(f"no instance of {spec.asset_class} to choose from", field="instances")
         chosen[name] = ids

@@ -45,6 +45,10 @@ Offset = Annotated[
 """Range of an offset, m; in files also one number, from minus it to it."""
 
 
+Words = Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
+"""Which instances of a class, as in ``--instances``."""
+
+
 class _Value(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, serialize_by_alias=True)
 
@@ -83,15 +87,20 @@ class ObjectSpec(_Value):
 
     Attributes:
         asset_class: name of its class; rigid objects are classes of their own (``golf_ball``).
-        instances: which of the class: words as in ``--instances``; None takes what the caller asks for.
+        instances: which of the class the task takes: words as in ``--instances``, or such words by where objects come
+            from (``real``, ``generated``). What a caller asks for is taken among these; None: among all.
         place: where it stands.
         randomization: of its placement and openness; ``openness_mean=None`` takes the instance's default.
     """
 
     asset_class: Annotated[str, Field(alias="class", max_length=100)]
-    instances: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)] | None = None
+    instances: Words | dict[Literal["generated", "real"], Words] | None = None
     place: Place = Place()
     randomization: Randomization = Randomization()
+
+    def words(self, source: str) -> tuple[str, ...] | None:
+        """Which objects of a source (``"real"`` or ``"generated"``) the task takes; None: all of the class."""
+        return self.instances.get(source) if isinstance(self.instances, dict) else self.instances  # type: ignore[call-overload]
 
 
 class Step(_Value):

@@ -88,6 +88,33 @@ def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[st
     return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
+def taken_instances(
+    choose: Callable[[str, str], Sequence[str]], asset_class: str, asked: Sequence[str], own: Sequence[str] | None
+) -> tuple[str, ...]:
+    """Ids of a class that words stand for, each once; of those that a task takes, where it says which.
+
+    Args:
+        choose: what one word stands for, by class and word.
+        asset_class: name of the class.
+        asked: words of the caller.
+        own: words of the task; None: it takes all.
+
+    Raises:
+        InputError: no such instance or split, or none that the task takes.
+    """
+    wanted = tuple(dict.fromkeys(i for word in asked for i in choose(asset_class, word)))
+    if own is None:
+        return wanted
+    takes = dict.fromkeys(i for word in own for i in choose(asset_class, word))
+    found = tuple(i for i in wanted if i in takes)
+    if not found:
+        raise InputError(
+            f"the task takes {', '.join(takes)} of {asset_class}, none of which is in {', '.join(asked)}",
+            field="instances",
+        )
+    return found
+
+
 def wanted_classes(
     libraries: Sequence[Library], classes: Sequence[str] | None
 ) -> list[tuple[Library, tuple[str, ...]]]:
