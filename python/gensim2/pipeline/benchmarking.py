@@ -12,14 +12,13 @@ from gensim2.episodes.disturbance import KINDS, Kind
 from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, read_task_input
+from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, of_these_objects, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.setting import Physics
 from gensim2.pipeline.tally import Tally, interval
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import PAPER
 
 
@@ -144,20 +143,11 @@ def benchmark(
     if disturbance is not None and disturbance not in KINDS:
         raise InputError(f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(KINDS)}")
     library = open_library(assets)
+    wanted, skipped = (tuple(tasks), {}) if tasks else of_these_objects(assets)
     given: list[TaskInput] = []
-    skipped: dict[str, str] = {}
-    for task in tasks or task_names():
-        if not tasks:
-            lacking = [
-                o.asset_class for o in load_task(task).objects.values() if o.asset_class not in library.classes()
-            ]
-            if lacking:
-                skipped[task] = f"{library.location} has no {', '.join(lacking)}"
-                continue
+    for task in wanted:
         one = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
         given.append(replace(one, circumstances=replace(one.circumstances, disturbance=disturbance)))
-    if not given:
-        raise InputError("no task of the library can be run on these objects", field="assets")
     names = [one.spec.name for one in given]
     if len(set(names)) < len(names):
         raise InputError("a task is named twice", field="tasks")

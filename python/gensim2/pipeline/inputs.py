@@ -17,7 +17,7 @@ from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
-from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
+from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file, task_names
 from gensim2.tasks.spec import TaskSpec
 
 #: Seconds; no job needs eleven days, and infinity is no time to wait.
@@ -89,6 +89,23 @@ def read_task_input(
         files,
     )
     return TaskInput(spec, strategies, library, word, Circumstances(library.location, physics, robot, open_loop))
+
+
+def of_these_objects(assets: str | Path | None) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Names of the library's tasks that these objects do for, and why the others are left out.
+
+    Raises:
+        InputError: the folder cannot be used, or no task is left.
+    """
+    library = open_library(assets)
+    skipped = {}
+    for name in task_names():
+        classes = dict.fromkeys(thing.asset_class for thing in load_task(name).objects.values())
+        if lacking := [each for each in classes if each not in library.classes()]:
+            skipped[name] = f"{library.location} has no {', '.join(lacking)}"
+    if not (names := tuple(name for name in task_names() if name not in skipped)):
+        raise InputError("no task of the library can be run on these objects", field="assets")
+    return names, skipped
 
 
 def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
