@@ -174,7 +174,7 @@ def _turns(name: str, episodes: Sequence[Episode]) -> dict[str, Any]:
         "paper": sum(turn.paper for turn in turns),
         "partial": sum(turn.partial for turn in turns),
         "replans": sum(turn.replans for turn in turns),
-        "strategies": ", ".join(f"{strategy} {count}" for strategy, count in strategies.most_common()),
+        "strategies": ", ".join(f"{name_in_words(strategy)} {count}" for strategy, count in strategies.most_common()),
     }
 
 
