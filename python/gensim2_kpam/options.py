@@ -65,6 +65,9 @@ class Options(TypedDict, total=False):
     """Further start values where none of those allows the motion, at most 100,000 (200)."""
     samples: int
     """Most samples of the free-space planner a pose, at most 1,000,000 (2,000)."""
+    seed: int
+    """Which start values and samples are drawn, 0 to 1,000,000 (0): other ones lead to other motions where there are
+    several."""
     contacts: Sequence[ContactWindow] | None
     """Windows in place of the default contact rules."""
     pick: Sequence[str]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from gensim2.episodes.video import Film
 from gensim2.errors import GenSim2Error, InputError
-from gensim2.pipeline import shelf, tasks_gallery, worker
+from gensim2.pipeline import gallery, shelf, tasks_gallery, worker
 from gensim2.pipeline.gallery import TasksGallery
 from gensim2.sim import rendering
 
@@ -141,10 +142,7 @@ def test_a_machine_without_pictures_is_told_before_anything_is_written(
 def test_tasks_that_a_folder_has_no_objects_for_are_named(
     tmp_path: Path, camera: Camera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gensim2.pipeline import gallery, inputs
-
-    monkeypatch.setattr(inputs, "task_names", lambda: ("OpenDrawer", "OpenSafe"))
-    library = inputs.open_library("builtin")
-    few = tuple(name for name in library.classes() if name != "safe_rotate")
-    monkeypatch.setattr(type(library), "classes", lambda self, kind=None: few)
-    assert gallery.of_these_objects("builtin") == (("OpenDrawer",), {"OpenSafe": "builtin has no safe_rotate"})
+    monkeypatch.setattr(gallery, "of_these_objects", lambda assets, tasks: (("OpenDrawer",), {"OpenSafe": "no safe"}))
+    result = made(tmp_path / "out", tasks=())
+    assert result.skipped == {"OpenSafe": "no safe"}
+    assert re.search(r"OpenSafe\s+<span class=\"dim\">no safe", result.index.read_text())

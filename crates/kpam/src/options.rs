@@ -125,6 +125,8 @@ pub struct Options {
     pub harvest: usize,
     /// Most samples of the free-space planner a candidate: at most 1,000,000.
     pub samples: usize,
+    /// Which start values and samples are drawn, 0 to 1,000,000: other ones lead to other motions where there are several.
+    pub seed: usize,
     /// Whether collisions decide. Without, they are only reported.
     pub avoid_collisions: bool,
     /// Contact windows in place of the default rules; null for those.
@@ -163,6 +165,7 @@ impl Default for Options {
             candidates: 40,
             harvest: 200,
             samples: 2000,
+            seed: 0,
             avoid_collisions: true,
             contacts: None,
             pick: Vec::new(),
@@ -191,6 +194,7 @@ impl Options {
             ("candidates", self.candidates, 1..=1000),
             ("harvest", self.harvest, 0..=100_000),
             ("samples", self.samples, 0..=1_000_000),
+            ("seed", self.seed, 0..=1_000_000),
         ];
         for (name, value, range) in counts {
             within(name, value, &range)?;

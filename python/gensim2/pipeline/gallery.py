@@ -70,7 +70,7 @@ def tasks_gallery(
         NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
     """
     check_workers(time_limit, jobs_per_worker=1)
-    names, skipped = (tuple(tasks), {}) if tasks else of_these_objects(assets)
+    names, skipped = of_these_objects(assets, tasks)
     given = [read_task_input(name, assets, "all", seed, physics=physics) for name in names]
     if len({one.spec.name for one in given}) < len(given):
         raise InputError("a task is named twice", field="tasks")

@@ -14,6 +14,7 @@ from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.setting import Physics
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlan
@@ -88,6 +89,7 @@ def solve(
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
 ) -> SolveResult:
@@ -102,7 +104,7 @@ def solve(
         seed: of the scene.
         assets: as for ``demo``.
         instances: as for ``demo``; the seed draws one of several.
-        physics, robot: as for ``demo``.
+        physics, robot, randomization: as for ``demo``.
         open_loop: the first strategy of each step only, as open-loop episodes do.
         out: folder in which to leave ``plan.json``.
         view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
@@ -112,11 +114,20 @@ def solve(
     """
     if out is not None:
         check_writable(Path(out) / "plan.json")
-    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
+    given = read_task_input(
+        task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop, randomization=randomization
+    )
     # Only now what takes seconds to import.
     from gensim2.sim.lane import Lane
 
-    lane = Lane(given.spec, assets=given.library, instances=given.instances, physics=physics, robot=robot)
+    lane = Lane(
+        given.spec,
+        assets=given.library,
+        instances=given.instances,
+        physics=physics,
+        robot=robot,
+        randomization=randomization,
+    )
     lane.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
