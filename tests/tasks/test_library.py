@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,8 @@ from gensim2.tasks.library import (
     load_strategy_file,
     load_task,
     load_task_file,
+    strategy_files,
+    task_folder,
     task_names,
 )
 from gensim2.tasks.measurement import Measurement
@@ -160,6 +164,32 @@ def test_strategies_lie_beside_their_task_and_a_missing_one_is_named(tmp_path: P
         assert found["pry"] == {"gripper": "open"}
 
 
+def test_a_strategy_that_is_not_beside_its_task_is_one_that_tasks_share(tmp_path: Path) -> None:
+    (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grasp]"))
+    folder = tmp_path / "strategies"
+    folder.mkdir()
+    for name in ("lift", "pry"):
+        (folder / f"{name}.yaml").write_text("gripper: open\n")
+    task = load_task_file(tmp_path)
+    assert load_strategies_beside(tmp_path, task)["grasp"] == {"grasp": "antipodal"}
+    (folder / "grasp.yaml").write_text("gripper: grasp\n")  # its own comes first
+    assert load_strategies_beside(tmp_path, task)["grasp"] == {"gripper": "grasp"}
+    (folder / "grasp.yaml").rename(folder / "other.yaml")
+    (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grapsp]"))
+    with pytest.raises(InputError, match=r"'grapsp' .*did you mean 'grasp'"):
+        load_strategies_beside(tmp_path, load_task_file(tmp_path))
+
+
+def test_shared_strategies_are_shared_and_no_task_has_a_file_of_its_own_by_such_a_name() -> None:
+    library = task_folder("OpenDrawer").parent  # type: ignore[attr-defined]
+    shared = {file.name for file in (library / "strategies").iterdir()}
+    files = [file for name in task_names() for file in strategy_files(task_folder(name), load_task(name)).values()]
+    named = Counter(file.name for file in files if file.parent == library / "strategies")  # type: ignore[attr-defined]
+    assert shared == set(named)
+    assert not {file.name for file in library.glob("*/strategies/*.yaml")} & shared
+    assert min(named.values()) > 1, "a way of one task lies beside it"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -251,3 +281,25 @@ def test_provenance_of_a_strategy_that_no_step_has_is_refused() -> None:
     data["provenance"]["strategies"]["lft"] = {"by": "hand", "seen": "all"}
     with pytest.raises(InputError, match="no step has a strategy 'lft'"):
         parse_task(data)
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_scenes_of_the_papers_tasks_have_the_originals_ranges(name: str) -> None:
+    task = load_task(name)
+    if task.provenance is None or task.provenance.origin != "paper":
+        return
+    long, third = not task.is_single_step, math.pi / 6
+    for index, thing in enumerate(task.objects.values()):
+        ranges, place = thing.randomization, thing.place
+        if index > 0:  # what is put into the first
+            at, turned = (-0.2, -0.45), -math.pi / 2 if thing.asset_class == "mug" else 0.0
+            assert (ranges.x, ranges.y, ranges.yaw) == ((-0.1, 0.1), (-0.1, 0.1), third)
+            assert (place.on, place.at, place.yaw) == ("table", at, turned)
+            continue
+        # Suitcases are turned about an axis of their own that looks down in the original's default poses.
+        turn = -third if thing.asset_class.startswith("suitcase") else third
+        starts_closed = name in ("RelocateSuitcase", "PushToasterForward", "MoveBagForward")
+        mean, spread = (0.0, 0.0) if starts_closed else (0.5 if long else None, 0.15)
+        assert (ranges.x, ranges.y) == (((-0.05, 0.05), (0.0, 0.05)) if long else ((-0.1, 0.1), (-0.1, 0.1)))
+        assert (ranges.yaw, ranges.openness_mean, ranges.openness_spread) == (turn, mean, spread)
+        assert (place.on, place.at, place.yaw) == ("table", None, 0.0)

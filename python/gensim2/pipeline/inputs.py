@@ -19,7 +19,15 @@ from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
-from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file, task_names
+from gensim2.tasks.library import (
+    load_strategies,
+    load_strategies_beside,
+    load_task,
+    load_task_file,
+    strategy_files,
+    task_folder,
+    task_names,
+)
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
@@ -82,7 +90,7 @@ def read_task_input(
             file = folder / "task.yaml" if folder else None
             raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
     word = chosen_word(spec, library, instances, seed)
-    files = {name: _strategy_file(folder or Path(spec.name), name) for name in strategies}
+    files = {name: str(file) for name, file in strategy_files(folder or task_folder(spec.name), spec).items()}
     check_strategies(
         spec,
         {name: parse_strategy(data, files[name]) for name, data in strategies.items()},
@@ -166,12 +174,6 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
     folder = Path(task)
     spec = load_task_file(folder)
     return spec, load_strategies_beside(folder, spec)
-
-
-def _strategy_file(folder: Path, name: str) -> Path:
-    """Where a strategy was read from, for messages; a folder of version 1 has it beside ``task.yaml``."""
-    former = folder / f"{name}.yaml"
-    return former if former.is_file() else folder / "strategies" / f"{name}.yaml"
 
 
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:

@@ -129,6 +129,7 @@ class StageRecord(Record):
     episodes: Annotated[int, Field(ge=0)]
     successes: float
     causes: dict[str, int]
+    strict: float = 0.0
 
 
 class CandidateRecord(Record):
@@ -231,7 +232,13 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
         "steps": result.candidate.steps,
         "provenance": result.candidate.provenance,
         "stages": [
-            {"name": s.name, "episodes": s.trials, "successes": s.score * s.trials, "causes": s.causes}
+            {
+                "name": s.name,
+                "episodes": s.trials,
+                "successes": s.score * s.trials,
+                "causes": s.causes,
+                "strict": s.strict * s.trials,
+            }
             for s in result.stages
         ],
         "cause": causes.most_common(1)[0][0] if causes else None,

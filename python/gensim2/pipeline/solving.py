@@ -96,8 +96,9 @@ def solve(
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
     Each step after the first is planned on the scene that the plans before it foresee. Where the whole motion of a step
-    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it; where there is none, the
-    next strategy is tried, and after the last one the result ends with that step.
+    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it. Strategies are tried in order
+    until one is planned whole without touching anything early, and the best is taken; without a motion the result ends
+    with that step.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.
@@ -151,13 +152,15 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
     ways = [(step, [strategies[name] for name in step.strategies]) for step in given.spec.steps]
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
+        tried: list[SolvedStep] = []
         for name in step.strategies[:1] if given.circumstances.open_loop else step.strategies:
             found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
-            solved = SolvedStep(step.name, name, scene, found)
-            if found.status in FOUND:
+            tried.append(SolvedStep(step.name, name, scene, found))
+            if found.rank == 0:
                 break
-        steps.append(solved)
-        if found.status not in FOUND or found.after is None:
+        best = min(tried, key=lambda solved: solved.found.rank)
+        steps.append(best)
+        if best.found.status not in FOUND or best.found.after is None:
             break
-        scene = found.after
+        scene = best.found.after
     return steps
