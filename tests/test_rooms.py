@@ -82,6 +82,12 @@ def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 
+def test_pages_know_of_no_room() -> None:
+    for path in sources("gensim2.pages"):
+        for name in imports(path.read_text()):
+            assert not lies_in(name, "gensim2"), f"{path}: {name}"
+
+
 def test_rooms_of_objects_depend_in_one_direction() -> None:
     top = PYTHON / "gensim2" / "objects"
     for path in sources("gensim2.objects"):

@@ -272,7 +272,7 @@ def test_nothing_is_written_where_it_may_not_be(tmp_path: Path) -> None:
 def test_a_film_shows_the_recorded_episode(store: TrajectoryStore, tmp_path: Path) -> None:
     import imageio.v2 as imageio
 
-    from gensim2.episodes.video import film
+    from gensim2.episodes.video import Replay, film
 
     short = TrajectoryStore(tmp_path)
     result = record(0)
@@ -283,13 +283,18 @@ def test_a_film_shows_the_recorded_episode(store: TrajectoryStore, tmp_path: Pat
     cut = {name: getattr(recording, name)[:8] for name in ("actions", "rewards", "terminated", "truncated", "success")}
     short.add(0, dataclasses.replace(recording, **cut), result.episode)
     trajectory = short.merge(_provenance(), _digests(short))
-    result = film(trajectory, tmp_path / "video.mp4", still=tmp_path / "still.png")
-    assert result.frames == 9
+    replay = Replay.stored(trajectory)
+    film_of_it = film(replay, tmp_path / "video.mp4", still=tmp_path / "still.png")
+    assert film_of_it.frames == 9
     frames = [np.asarray(frame) for frame in imageio.get_reader(tmp_path / "video.mp4")]
     assert len(frames) == 9
     assert frames[0].shape == (480, 640, 3)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 30  # the arm has moved
     assert imageio.imread(tmp_path / "still.png").shape == (480, 640, 3)
+    assert film(replay, tmp_path / "quick.mp4", still=tmp_path / "still.webp", stride=4, speed=2).frames == 3
+    told = imageio.get_reader(tmp_path / "quick.mp4").get_meta_data()
+    assert told["fps"] == 10  # twice as fast as five a second
+    assert "yuv420p" in told["pix_fmt"]  # what every browser plays
+    assert imageio.imread(tmp_path / "still.webp").shape == (480, 640, 3)
     with pytest.raises(InputError, match="no episode 7"):
-        film(trajectory, tmp_path / "none.mp4", episode=7)
-    assert not (tmp_path / "none.mp4").exists()
+        Replay.stored(trajectory, episode=7)

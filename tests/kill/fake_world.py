@@ -7,7 +7,7 @@ in ``gensim2.pipeline.worker``, and run in worker processes as they do.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,17 +50,25 @@ def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
 def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
     time.sleep(EPISODE_SECONDS)
     random = seeding.rng(seed, "episode")
-    (thing,) = setting.task.objects.values()
+    (name, thing), *rest = setting.task.objects.items()
     library = open_library(setting.circumstances.assets)
     words = (setting.instances,) if isinstance(setting.instances, str) else setting.instances
-    ids = [each for word in words for each in library.choose(thing.asset_class, word)]
-    model = library.load(thing.asset_class, ids[int(random.integers(len(ids)))])
+    listed = [each for word in words for each in library.choose(thing.asset_class, word)]
+    model = library.load(thing.asset_class, listed[int(random.integers(len(listed)))])
     held, start, end = bool(random.random() < 0.75), float(random.random()), float(random.random())
+    others = {role: library.load(each.asset_class, library.instances(each.asset_class)[0]) for role, each in rest}
     found = episode_of(
-        setting.task, seed, held=held, instance=model.id, content_hash=model.content_hash, start=start, end=end
+        setting.task,
+        seed,
+        held=held,
+        instance=model.id,
+        content_hash=model.content_hash,
+        start=start,
+        end=end,
+        others={role: (other.id, other.content_hash) for role, other in others.items()},
     )
-    (name,) = setting.task.objects
-    return found, recording(seed, {name: model.id}, random) if held else None
+    ids = {name: model.id, **{role: other.id for role, other in others.items()}}
+    return found, recording(seed, ids, random) if held else None
 
 
 def episode_of(
@@ -73,24 +81,32 @@ def episode_of(
     content_hash: str = "ab12",
     start: float = 0.5,
     end: float | None = 0.9,
+    others: Mapping[str, tuple[str, str]] = {},
 ) -> Episode:
-    """The record of an episode of a task with one object: whole in all its parts, with nothing behind it."""
-    ((name, thing),) = task.objects.items()
+    """The record of an episode: whole in all its parts, with nothing behind it.
+
+    Args:
+        instance, content_hash, start, end: of the first object.
+        others: id and content hash of the other objects, by name.
+    """
+    first, *_ = task.objects
+    chosen = {first: (instance, content_hash), **others}
     step = task.steps[0]
     plan = PlanRecord(strategy=step.strategies[0], status="solved", reason="", at_step=0, trigger="start", ran=5)
     return Episode(
         seed=seed,
         objects={
             name: ObjectRecord(
-                asset_class=thing.asset_class,
-                id=instance,
+                asset_class=task.objects[name].asset_class,
+                id=each,
                 source="generated",
-                content_hash=content_hash,
+                content_hash=found,
                 pose=[0.1, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0],
                 yaw=0.1,
-                openness_start=start,
-                openness_end=end,
+                openness_start=start if name == first else None,
+                openness_end=end if name == first else None,
             )
+            for name, (each, found) in chosen.items()
         },
         placement_draws=1,
         steps=[StepRecord(name=step.name, plans=[plan], paper=held, done=held)],

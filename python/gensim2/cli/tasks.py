@@ -7,7 +7,8 @@ from typing import Any
 import click
 
 from gensim2.cli import options
-from gensim2.cli.output import report, table
+from gensim2.cli.output import line, report, table
+from gensim2.cli.tasks_gallery import gallery
 
 
 @click.group("tasks")
@@ -15,11 +16,14 @@ def tasks() -> None:
     """The task library."""
 
 
+tasks.add_command(gallery)
+
+
 @tasks.command("list", cls=options.Command)
 @options.json_file
 def list_tasks(json_file: str | None) -> None:
     """List the tasks of the library."""
-    with report(json_file, _show) as (_, give):
+    with report(json_file, _show_list) as (_, give):
         from gensim2.tasks.library import load_task, task_names
 
         specs = [load_task(name) for name in task_names()]
@@ -38,7 +42,25 @@ def list_tasks(json_file: str | None) -> None:
         )
 
 
-def _show(result: dict[str, Any]) -> None:
+@tasks.command("show", cls=options.Command)
+@click.argument("task")
+@options.json_file
+def show(task: str, json_file: str | None) -> None:
+    """Tell everything of TASK, a task of the library or a folder that holds task.yaml and strategies/.
+
+    Its sentence, objects, steps, strategies and where they come from, its goal, and how often it succeeds: in the
+    paper, with the original's release, and here.
+    """
+    with report(json_file, _show_task) as (_, give):
+        from gensim2.objects import open_library
+        from gensim2.pipeline.description import description_of
+        from gensim2.pipeline.inputs import task_and_strategies
+
+        spec, strategies = task_and_strategies(task)
+        give({"schema_version": 1, **description_of(spec, strategies, open_library("builtin"))})
+
+
+def _show_list(result: dict[str, Any]) -> None:
     rows = [
         (
             task["name"],
@@ -50,3 +72,53 @@ def _show(result: dict[str, Any]) -> None:
         for task in result["tasks"]
     ]
     table(("task", "objects", "steps", "what", "environment"), rows)
+
+
+def _show_task(task: dict[str, Any]) -> None:
+    line(f"{task['name']}: {task['description']}")
+    origin = "" if task["origin"] is None else f", origin: {task['origin']}"
+    line(f"{task['type']}, {task['env_id']}, at most {task['max_episode_steps']} control steps{origin}")
+    line(f"goal: {task['goal']}\n")
+    rows = [(thing["name"], thing["class"], thing["place"], thing["randomization"]) for thing in task["objects"]]
+    table(("object", "class", "stands", "randomization"), rows)
+    line("")
+    table(("", "step", "acts on", "with", "strategies, in order", "until"), _steps(task["steps"]))
+    line("")
+    _show_figures(task["figures"])
+
+
+def _steps(steps: list[dict[str, Any]]) -> list[tuple[object, ...]]:
+    return [
+        (
+            number,
+            step["name"],
+            step["object"],
+            step["tool"] or "the hand",
+            "\n".join(_strategy(strategy) for strategy in step["strategies"]),
+            step["done"],
+        )
+        for number, step in enumerate(steps, 1)
+    ]
+
+
+def _strategy(strategy: dict[str, Any]) -> str:
+    made = "" if strategy["by"] is None else f" (by {strategy['by']}, seen: {strategy['seen']})"
+    return f"{strategy['name']}: {strategy['kind']}{made}"
+
+
+def _show_figures(figures: dict[str, Any]) -> None:
+    rows: list[tuple[object, ...]] = []
+    if (paper := figures["paper"]) is not None:
+        rows.append(("the paper", "", f"{paper['mean']:.2f} ± {paper['deviation']:.2f}", "", ""))
+    if (original := figures["original"]) is not None:
+        rate = original["successes"] / original["episodes"]
+        rows.append(("the original's release, as measured", original["episodes"], f"{rate:.2f}", "", ""))
+    for row in figures["measured"]:
+        (low, high), rates = row["rates"]["held"]["interval"], row["rates"]
+        held = f"{rates['held']['mean']:.2f} ({low:.2f} to {high:.2f})"
+        words = (f"{rates['paper']['mean']:.2f}", held, f"{rates['strict']['mean']:.2f}")
+        rows.append((row["in_words"], row["episodes"], *words))
+    if rows:
+        table(("figures", "episodes", "paper", "held (95 %)", "strict"), [tuple(map(str, row)) for row in rows])
+    else:
+        line("no figures: nobody has measured it")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,60 @@ import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.episodes.trajectory import JSON_NAME
+from gensim2.episodes.recording import Recording
+from gensim2.episodes.trajectory import JSON_NAME, env_kwargs
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
+from gensim2.tasks.spec import TaskSpec
 
 Frame = npt.NDArray[np.uint8]
 
-FRAMES_PER_SECOND = 20
-"""The control frequency: a video runs in real time."""
+CONTROL_STEPS_PER_SECOND = 20
 
 LONG = 200
 """Control steps beyond which every second one is shown: a picture without a GPU takes a quarter of a second."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the states of an episode follow from.
+
+    Attributes:
+        env_id, env_kwargs: of the environment, for ``gymnasium.make``.
+        reset_kwargs: seed and options of the reset.
+        actions: (T, m + 1), one a control step.
+    """
+
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    reset_kwargs: Mapping[str, Any]
+    actions: npt.NDArray[np.float32]
+
+    @staticmethod
+    def stored(trajectory: Path, episode: int = 0) -> Replay:
+        """Return that of an episode of ``trajectory.h5``, by its number; the JSON file lies beside it.
+
+        Raises:
+            InputError: the file or the episode is not there.
+        """
+        info, entry = _entry(trajectory, episode)
+        with h5py.File(trajectory, "r") as file:
+            actions = file[f"traj_{episode}"]["actions"][:]
+        return Replay(info["env_id"], info["env_kwargs"], entry["reset_kwargs"], actions)
+
+    @staticmethod
+    def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
+        """Return that of an episode that was just recorded.
+
+        Args:
+            assets: ``"builtin"``, or a folder.
+            environment: further arguments of the environment.
+        """
+        from gensim2.sim.registration import env_id
+
+        chosen = {name: [each] for name, each in recording.instances.items()}
+        reset = {"seed": recording.seed, "options": recording.reset_options}
+        return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions)
 
 
 @dataclass(frozen=True)
@@ -39,32 +82,29 @@ class Film:
     success: bool
 
 
-def film(trajectory: Path, video: Path, *, episode: int = 0, still: Path | None = None) -> Film:
-    """Replay one episode of ``trajectory.h5`` and write it as an mp4: H.264, 640 x 480, 20 frames a second or 10.
+def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
+    """Replay an episode and write it as an mp4: H.264, which browsers play, 640 x 480.
 
     Needs 2.2 GB of memory and, once a process, 10 s for shaders: run it in a worker process.
 
     Args:
-        trajectory: the h5 file; its JSON file lies beside it.
         video: file to write, atomically.
-        episode: number in the file.
-        still: also write a PNG of the moment when a keypoint of an object is farthest from where it began.
+        still: also write a picture of the moment when a keypoint of an object is farthest from where it began; its
+            suffix says in which format.
+        stride: control steps from one frame to the next; None: every one, or every second one of a long episode.
+        speed: 1 plays in real time, 2 twice as fast.
 
     Raises:
-        InputError: the file or the episode is not there.
         GenSim2Error: no Vulkan driver works on this machine.
     """
     from gensim2.sim import rendering
 
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
-    info, entry = _entry(trajectory, episode)
-    with h5py.File(trajectory, "r") as file:
-        actions = file[f"traj_{episode}"]["actions"][:]
     shown = _Shown()
-    stride = 1 if len(actions) <= LONG else 2
+    stride = stride or (1 if len(replay.actions) <= LONG else 2)
     with replacing(video) as path:
-        _write_video(path, _replay(info, entry, actions, shown, stride), FRAMES_PER_SECOND // stride)
+        _write_video(path, _frames(replay, shown, stride), speed * CONTROL_STEPS_PER_SECOND / stride)
     if still is not None:
         with replacing(still) as path:
             imageio.imwrite(path, shown.farthest)
@@ -105,12 +145,10 @@ def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, An
     raise InputError(f"there is no episode {episode}", file=path, field="episodes")
 
 
-def _replay(
-    info: dict[str, Any], entry: dict[str, Any], actions: npt.NDArray[np.float32], shown: _Shown, stride: int
-) -> Iterator[Frame]:
+def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
     import gymnasium as gym
 
-    env = gym.make(info["env_id"], **{**info["env_kwargs"], "obs_mode": "none", "render_mode": "rgb_array"})
+    env = gym.make(replay.env_id, **{**replay.env_kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
 
     def see(outcome: dict[str, Any]) -> Frame:
         frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
@@ -120,18 +158,20 @@ def _replay(
         return frame
 
     try:
-        yield see(env.reset(**entry["reset_kwargs"])[1])
-        for number, action in enumerate(actions, 1):
+        yield see(env.reset(**replay.reset_kwargs)[1])
+        for number, action in enumerate(replay.actions, 1):
             outcome = env.step(action)[4]
-            if number % stride == 0 or number == len(actions):
+            if number % stride == 0 or number == len(replay.actions):
                 yield see(outcome)
     finally:
         env.close()
 
 
-def _write_video(path: Path, frames: Iterable[Frame], frames_per_second: int) -> None:
+def _write_video(path: Path, frames: Iterable[Frame], frames_per_second: float) -> None:
     # ImageIO's plugin types do not say that a writer can append.
-    writer: Any = imageio.get_writer(path, fps=frames_per_second, codec="libx264", quality=7)
+    # "faststart": a browser shows the first frame before it has the whole file.
+    start: dict[str, Any] = {"pixelformat": "yuv420p", "output_params": ["-movflags", "+faststart"]}
+    writer: Any = imageio.get_writer(path, fps=frames_per_second, codec="libx264", quality=7, **start)
     with writer:
         for frame in frames:
             writer.append_data(frame)

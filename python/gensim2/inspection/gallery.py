@@ -10,8 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
-
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.inspection import pictures
@@ -21,6 +19,7 @@ from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.selection import wanted_classes
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.types import Instance
+from gensim2.pages import template
 from gensim2.progress import NULL_PROGRESS, Progress
 
 if TYPE_CHECKING:
@@ -29,14 +28,6 @@ if TYPE_CHECKING:
 VIEWS = 8
 SIZE = 176  # pixels, edge of one view
 FORMAT_VERSION = "1"  # of the sheets: another one makes all pictures anew
-
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.PackageLoader("gensim2.inspection", "templates"),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 
 
 @dataclass(frozen=True)
@@ -119,7 +110,7 @@ def build_gallery(
             shown = f"{library.name}, rigid" if kind == "rigid" else library.name
             sections.append({"library": shown, "license": terms, "cards": cards, "rigid": kind == "rigid"})
     describe = {name: library.describe(name) for library, names in wanted for name in names}
-    page = _TEMPLATES.get_template("gallery.html.j2").render(
+    page = template("gensim2.inspection", "objects.html.j2").render(
         sections=sections,
         classes=sorted(describe),
         describe=describe,

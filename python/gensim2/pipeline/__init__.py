@@ -11,11 +11,12 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.pipeline.benchmarking import benchmark
+    from gensim2.pipeline.gallery import tasks_gallery
     from gensim2.pipeline.run import run_pipeline
     from gensim2.pipeline.single import demo
     from gensim2.pipeline.solving import solve
 
-__all__ = ["benchmark", "demo", "run_pipeline", "solve"]
+__all__ = ["benchmark", "demo", "run_pipeline", "solve", "tasks_gallery"]
 
 __getattr__ = lazy_names(
     __name__,
@@ -24,5 +25,6 @@ __getattr__ = lazy_names(
         "demo": "gensim2.pipeline.single",
         "run_pipeline": "gensim2.pipeline.run",
         "solve": "gensim2.pipeline.solving",
+        "tasks_gallery": "gensim2.pipeline.gallery",
     },
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
 from gensim2.episodes.trajectory import Provenance, TrajectoryStore
-from gensim2.episodes.video import film
+from gensim2.episodes.video import Replay, film
 from gensim2.errors import GenSim2Error
 from gensim2.objects import Library
 from gensim2.pipeline import worker
@@ -184,4 +184,4 @@ def _film(folder: Path, task: TaskSpec, evaluator: PoolEvaluator, progress: Prog
 
 def film_job(trajectory: Path, video: Path, still: Path) -> int:
     """Film the first episode; return the number of frames."""
-    return film(trajectory, video, still=still).frames
+    return film(Replay.stored(trajectory), video, still=still).frames

@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gensim2.episodes.record import Episode, StrictMiss
 from gensim2.episodes.trajectory import JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
+from gensim2.pages import template
 from gensim2.pipeline.attempts import ATTEMPTS, read_log
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
@@ -26,30 +26,12 @@ from gensim2.pipeline.records import (
 )
 from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
 from gensim2.pipeline.tally import Tally, interval
-from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import Step, TaskSpec
-
-if TYPE_CHECKING:
-    from jinja2 import Template
+from gensim2.tasks.wording import criteria_in_words, name_in_words
 
 #: Candidates shown of a design; the rest are counted.
 SHOWN_CANDIDATES = 12
-
-
-@cache
-def _template() -> Template:
-    import jinja2  # here: refusing arguments needs no page
-
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("gensim2.pipeline", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    templates.filters["openness"] = lambda value: "no number" if value is None else f"{value:.2f}"
-    return templates.get_template("report.html.j2")
 
 
 def write_report(run_dir: Path) -> Path:
@@ -66,7 +48,7 @@ def write_report(run_dir: Path) -> Path:
     reasons = {entry.name: entry.reason for entry in result.rejected}
     for task in rejected:
         task["reason"] = reasons.pop(task["name"], None) or _why_rejected(task)
-    page = _template().render(
+    page = template("gensim2.pipeline", "report.html.j2").render(
         run=run.model_dump(),
         asked=summary.arguments,
         command=" ".join(["gensim2", *run.command_line]),
@@ -112,7 +94,7 @@ def _task(folder: Path) -> dict[str, Any]:
         "name": spec.name if spec is not None else folder.name,
         "spec": spec,
         "classes": list(dict.fromkeys(thing.asset_class for thing in spec.objects.values())) if spec else [],
-        "goal": " and ".join(_said(criterion) for criterion in spec.success) if spec else "",
+        "goal": criteria_in_words(spec.success) if spec else "",
         "steps": [_step(step) for step in spec.steps] if spec and not spec.is_single_step else [],
         "texts": [(path.name, _text(path)) for path in (source, *sorted(folder.glob("strategies/*.yaml")))],
         "verification": _verification(verification, spec),
@@ -126,22 +108,13 @@ def _task(folder: Path) -> dict[str, Any]:
     }
 
 
-def _said(criterion: Criterion) -> str:
-    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
-        sign = ">" if isinstance(criterion, ArticulatedOpen) else "<"
-        return f"openness of {criterion.object} {sign} {criterion.threshold:g}"
-    between = " and ".join(name for name in criterion.objects)
-    near = between if len(criterion.objects) > 1 else f"the hand and {between}"
-    return f"{near} within {100 * criterion.threshold:g} cm"
-
-
 def _step(step: Step) -> dict[str, Any]:
     return {
-        "name": step.name.replace("_", " "),
+        "name": name_in_words(step.name),
         "object": step.object,
         "tool": step.tool,
         "strategies": list(step.strategies),
-        "done": " and ".join(_said(criterion) for criterion in step.done),
+        "done": criteria_in_words(step.done),
     }
 
 
@@ -196,12 +169,12 @@ def _turns(name: str, episodes: Sequence[Episode]) -> dict[str, Any]:
     turns = [step for episode in episodes for step in episode.steps if step.name == name]
     strategies = Counter(turn.plans[-1].strategy for turn in turns if turn.plans)
     return {
-        "name": name.replace("_", " "),
+        "name": name_in_words(name),
         "begun": len(turns),
         "paper": sum(turn.paper for turn in turns),
         "partial": sum(turn.partial for turn in turns),
         "replans": sum(turn.replans for turn in turns),
-        "strategies": ", ".join(f"{strategy} {count}" for strategy, count in strategies.most_common()),
+        "strategies": ", ".join(f"{name_in_words(strategy)} {count}" for strategy, count in strategies.most_common()),
     }
 
 

@@ -51,8 +51,25 @@ class Condition(_Value):
     @property
     def is_plain(self) -> bool:
         """Whether it is the paper's protocol: its ranges, all instances, closed loop, one attempt, undisturbed."""
-        plain = (self.robot, self.instances, self.randomization, self.attempts) == ("panda", "all", "paper", 1)
-        return plain and not self.open_loop and self.disturbance is None
+        return not self._deviations()
+
+    @property
+    def in_words(self) -> str:
+        """Whose physics, which objects, and what else is not the paper's protocol."""
+        physics = "our physics" if self.physics == "ours" else "the original's physics"
+        return ", ".join([physics, f"{self.objects} objects", *self._deviations()])
+
+    def _deviations(self) -> list[str]:
+        """What is not the paper's protocol, in words."""
+        found = {
+            f"robot {self.robot}": self.robot != "panda",
+            f"instances {self.instances}": self.instances != "all",
+            f"ranges {self.randomization}": self.randomization != "paper",
+            f"{self.attempts} attempts": self.attempts > 1,
+            "open loop": self.open_loop,
+            f"disturbed: {self.disturbance}": self.disturbance is not None,
+        }
+        return [words for words, deviates in found.items() if deviates]
 
 
 class Figure(_Value):

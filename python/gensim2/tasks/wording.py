@@ -30,10 +30,12 @@ def name_in_words(name: str) -> str:
 def place_in_words(thing: ObjectSpec) -> str:
     """Where an object stands before its randomization."""
     where = "on the table" if thing.place.on == TABLE else f"in or on the {_said(thing.place.on)}"
+    turned = f", turned by {math.degrees(thing.place.yaw):.0f}°" if thing.place.yaw else ""
     if thing.place.at is None:
-        return f"{where}, at its usual place" if thing.place.on == TABLE else f"{where}, in the middle"
+        usual = "at its usual place" if thing.place.on == TABLE else "in the middle"
+        return f"{where}, {usual}{turned}"
     x, y = thing.place.at
-    return f"{where} at ({x:g}, {y:g}) m"
+    return f"{where} at ({x:g}, {y:g}) m{turned}"
 
 
 def randomization_in_words(thing: ObjectSpec, *, with_joint: bool) -> str:

@@ -1,0 +1,99 @@
+"""Pages of every kind, made without simulator and renderer, and the browser that opens them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import browser as opened
+import numpy as np
+import pytest
+import run_folders
+from PIL import Image
+from playwright.sync_api import Browser
+from run_folders import fake_world
+
+from gensim2.episodes import video
+from gensim2.episodes.video import Film
+from gensim2.inspection import pictures
+from gensim2.inspection.gallery import build_gallery
+from gensim2.objects import Library
+from gensim2.pipeline import shelf, tasks_gallery, worker
+from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
+from gensim2.pipeline.report import write_report
+from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.sim import rendering
+from gensim2.tasks.library import load_strategies, load_task
+
+LONG = "PlaceGolfBallIntoDrawer"
+
+
+def draw_film(path: Path, still: Path, frames: int = 12) -> None:
+    """A square on its way, in the project's own video format."""
+    drawn = np.full((frames, 480, 640, 3), 200, np.uint8)
+    for number, frame in enumerate(drawn):
+        frame[200:280, 20 + 40 * number : 100 + 40 * number] = (30, 120, 90)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    video._write_video(path, drawn, 10)
+    Image.fromarray(drawn[frames // 2]).save(still)
+
+
+@pytest.fixture
+def report_page(tmp_path: Path) -> Path:
+    """The report of a run with a short task in a film, a long one, and some that were rejected."""
+    folder = run_folders.run_folder(tmp_path / "run")
+    short = folder / "tasks" / "OpenDemo"
+    draw_film(short / "video.mp4", short / "still.png")
+    files, task = TaskFolder(folder / "tasks" / LONG), load_task(LONG)
+    files.write_task(task)
+    files.write_strategies(load_strategies(LONG))
+    log = AttemptLog(files.path / "attempts.jsonl", range(12))
+    for seed in range(12):
+        log.add(LoggedEpisode.of(fake_world.episode_of(task, seed, held=seed % 4 > 0), seed))
+    return write_report(folder)
+
+
+@pytest.fixture
+def objects_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The gallery of a few objects of both kinds, one of them with a finding."""
+
+    def stripes(rows: int, views: int) -> Image.Image:
+        return Image.fromarray(np.tile(np.uint8([[[90, 120, 160]], [[200, 210, 220]]]), (88 * rows, 176 * views, 1)))
+
+    monkeypatch.setattr(pictures, "Studio", lambda size: None)
+    monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: stripes(3, views))
+    monkeypatch.setattr(pictures, "rigid_turntable", lambda studio, model, views: stripes(1, views))
+    finding = {"check": "overlap of the meshes while the joint moves, mm", "value": 2.5, "limit": 1.0}
+    found = tmp_path / "findings.json"
+    found.write_text(json.dumps({"objects": [{"class": "switch", "id": "0", "findings": [finding]}]}))
+    classes = ["switch", "suitcase_rotate", "mug", "cracker_box"]
+    return build_gallery([library], tmp_path / "objects", classes=classes, findings=[found]).index
+
+
+@pytest.fixture
+def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The gallery of two tasks, of one and of four steps."""
+
+    def filmed(replay: Any, path: Path, *, still: Path, **_: Any) -> Film:
+        draw_film(path, still)
+        return Film(12, True)
+
+    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate"):
+        monkeypatch.setattr(worker, name, getattr(worker, name))
+    fake_world.install()
+    monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
+    monkeypatch.setattr(shelf, "film", filmed)
+    monkeypatch.setattr(rendering, "can_render", lambda: True)
+    return tasks_gallery(["OpenDrawer", LONG], out=tmp_path / "tasks", assets="builtin", workers=0).index
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A real one, headless."""
+    executable = opened.installed()
+    if executable is None:
+        pytest.skip(f"no browser is installed: none of {', '.join(opened.NAMES)} (GENSIM2_BROWSER names another)")
+    with opened.started(executable) as found:
+        yield found

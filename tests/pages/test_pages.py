@@ -1,0 +1,49 @@
+"""Every page of the project in a real browser: it works, it is whole, and people can read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from browser import WIDTHS, faults
+from playwright.sync_api import Browser
+
+PAGES = ("report_page", "objects_page", "tasks_page")
+
+GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><h1 id="top">Page</h1>
+<p>Something to read, <a href="#top">up</a>, <a href="there.txt">there</a>.</p>{}</body></html>"""
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_page_has_no_faults(kind: str, width: int, browser: Browser, request: pytest.FixtureRequest) -> None:
+    assert faults(browser, request.getfixturevalue(kind), width) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ("<script>console.log('left from debugging')</script>", "console: left from debugging"),
+        ("<script>missing()</script>", "error: missing is not defined"),
+        ("<img src='none.png'>", "picture does not load: none.png"),
+        ("<i style='background-image: url(none.webp)'></i>", "picture does not load"),
+        ("<video src='there.txt'></video>", "video does not play: there.txt"),
+        ("<video poster='none.png'></video>", "poster does not load"),
+        ("<img src='http://localhost:9/a.png'>", "asks for http://localhost:9/a.png"),
+        ("<a href='none.html'>gone</a>", "link to a file that is not there: none.html"),
+        ("<a href='#none'>gone</a>", "link to a place that is not there: #none"),
+        ("<a href='https://example.org'>away</a>", "link out of the folder"),
+        ("<p style='font-size: 9px'>small print</p>", "text of 9.0 px: small print"),
+        ("<svg viewBox='0 0 4000 100' width='300'><text y='50' font-size='40'>tiny</text></svg>", "px: tiny"),
+        ("<p style='width: 1500px'>wide</p>", "px wide where there are 400"),
+        ("<div style='overflow: hidden'><p style='margin-left: 390px'>cutoff</p></div>", "over the right edge: cutoff"),
+        ("<details><p style='font-size: 9px'>hidden</p></details>", "unfolded: text of 9.0 px: hidden"),
+    ],
+)
+def test_each_fault_is_found(content: str, fault: str, browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "there.txt").write_text("no film")
+    page = tmp_path / "page.html"
+    page.write_text(GOOD.format(""))
+    assert faults(browser, page, 400) == []
+    page.write_text(GOOD.format(content))
+    assert any(fault in found for found in faults(browser, page, 400))

@@ -1,0 +1,128 @@
+"""The one file of figures, and how it comes from the episodes of a benchmark."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from run_folders import fake_world
+
+from gensim2.errors import InputError
+from gensim2.pipeline.figures import rows_of
+from gensim2.tasks.figures import Condition, Figures, figures, figures_of, read_figures
+from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.published import MEASURED, PAPER
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "figures.py"
+
+
+def document(**arguments: Any) -> dict[str, Any]:
+    """What a benchmark of OpenDrawer prints: 2 runs of 4 episodes, 4 and 2 of them held."""
+    task = load_task("OpenDrawer")
+    held = [True] * 4 + [True, False, True, False]
+    records = [fake_world.episode_of(task, seed, held=each).to_dict() for seed, each in enumerate(held)]
+    given = {
+        "seed": 9,
+        "runs": 2,
+        "episodes": 4,
+        "assets": "builtin",
+        "physics": "ours",
+        "robot": "panda",
+        "instances": "all",
+        "randomization": "paper",
+        "attempts": 1,
+        "open_loop": False,
+        "disturbance": None,
+    }
+    # The rates are wrong on purpose: what counts are the episodes.
+    row = {"name": "OpenDrawer", "held_mean": 0.123, "records": records}
+    return {"schema_version": 1, "arguments": {**given, **arguments}, "tasks": [row]}
+
+
+def written(path: Path, value: Any) -> Path:
+    path.write_text(json.dumps(value))
+    return path
+
+
+def test_a_row_is_counted_from_the_episodes(tmp_path: Path) -> None:
+    (row,) = rows_of(written(tmp_path / "a.json", document()))
+    assert (row.task, row.seed, row.runs, row.episodes) == ("OpenDrawer", 9, 2, 8)
+    assert (row.paper, row.held, row.strict) == (6, 6, 4)
+    assert row.deviation == 0.25  # 1.0 and 0.5
+    assert row.causes == {"object did not move": 2}
+    assert row.condition.is_plain
+    assert row.condition.in_words == "our physics, generated objects"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"assets": "/some/folder"}, "our physics, real objects"),
+        ({"physics": "original"}, "the original's physics, generated objects"),
+        ({"instances": "test"}, "our physics, generated objects, instances test"),
+        ({"randomization": "wide", "attempts": 8}, "our physics, generated objects, ranges wide, 8 attempts"),
+        ({"open_loop": True, "disturbance": "push"}, "our physics, generated objects, open loop, disturbed: push"),
+    ],
+)
+def test_a_condition_says_what_is_not_the_papers_protocol(
+    tmp_path: Path, arguments: dict[str, Any], words: str
+) -> None:
+    (row,) = rows_of(written(tmp_path / "a.json", document(**arguments)))
+    assert row.condition.in_words == words
+    assert row.condition.is_plain == ("," not in words.split("objects")[1])
+
+
+def test_episodes_that_were_left_out_are_no_figure(tmp_path: Path) -> None:
+    short = document()
+    del short["tasks"][0]["records"][3]
+    with pytest.raises(InputError, match="OpenDrawer has 7 episodes, not 2 x 4"):
+        rows_of(written(tmp_path / "a.json", short))
+    with pytest.raises(InputError, match="arguments"):
+        rows_of(written(tmp_path / "b.json", {"tasks": []}))
+
+
+def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+
+    def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, SCRIPT, *words, "--out", out]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    ours = written(tmp_path / "a.json", document())
+    original = written(tmp_path / "b.json", document(physics="original"))
+    again = written(tmp_path / "c.json", document(seed=10))
+    assert run(ours, original).returncode == 0
+    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("original", 9), ("ours", 9)]
+    assert run(again).returncode == 0
+    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("original", 9), ("ours", 10)]
+    twice = run(ours, again)
+    assert twice.returncode == 1
+    assert "same task under the same condition" in twice.stderr
+    assert run(ours, "--only").returncode == 0
+    assert [row.seed for row in read_figures(out).rows] == [9]
+
+
+def test_damaged_figures_are_named(tmp_path: Path) -> None:
+    (row,) = rows_of(written(tmp_path / "a.json", document()))
+    whole = Figures(schema_version=1, rows=(row,)).model_dump(mode="json")
+    assert read_figures(written(tmp_path / "whole.json", whole)).rows == (row,)
+    for field, value in (("held", 7), ("strict", 9), ("paper", 9), ("causes", {})):
+        damaged = {**whole, "rows": [{**whole["rows"][0], field: value}]}
+        with pytest.raises(InputError, match=r"damaged\.json: rows\.0: "):
+            read_figures(written(tmp_path / "damaged.json", damaged))
+    with pytest.raises(InputError, match="two rows of the same condition"):
+        read_figures(written(tmp_path / "twice.json", {**whole, "rows": whole["rows"] * 2}))
+    with pytest.raises(InputError, match="cannot be read"):
+        read_figures(tmp_path / "none.json")
+
+
+def test_figures_that_travel_are_of_tasks_that_there_are() -> None:
+    assert {row.task for row in figures().rows} <= set(task_names())
+    assert figures_of("NoSuchTask") == ()
+    assert set(MEASURED) <= set(PAPER)
+    assert all(0 <= successes <= episodes for successes, episodes in MEASURED.values())
+    assert set(Condition.model_fields) >= {"objects", "physics", "instances", "randomization", "attempts"}
