@@ -256,7 +256,8 @@ class ChainController:
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
         turn = self._turn()
-        scene = replace(observation.scene(), held=self._holds)
+        width = None if self._held is None else self._held.width
+        scene = replace(observation.scene(), held=self._holds, held_width=width)
         found: list[_Plan] = []
         for name in self._untried(turn):
             former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import Acts, Schedule, schedule
+from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
@@ -204,17 +204,23 @@ class StepPlanner:
             q[self._fingers] = self.profile.gripper.open
         return q
 
-    def _acts(self, scene: Scene, strategy: Strategy, opening: float = OPEN, gently: bool = False) -> Acts:
+    def _acts(
+        self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
+    ) -> Acts:
         present = self._command(float(scene.q[self._fingers[0]]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
             # What is held is pressed; bare fingers stay where they are.
-            command = CLOSED if scene.held is not None else present
+            command = present if scene.held is None else self._grip(scene.held_width)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
         # Fingers that only come nearer to what they will grasp do so on the way.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
-        return Acts(fingers, command, opening, gently, before, strategy.let_go is not None)
+        return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
+
+    def _grip(self, width: float | None) -> float:
+        """The command that holds what keeps the pads ``width`` (m) apart."""
+        return CLOSED if width is None else grip_on(width, self.profile)
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
@@ -306,9 +312,9 @@ class StepPlanner:
         plan = kpam.plan(problem)
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
-        acts = self._acts(scene, strategy, self._command(grasp.opening / 2), gently=True)
+        acts = self._acts(scene, strategy, self._command(grasp.opening / 2), self._grip(grasp.width), gently=True)
         rows = schedule(plan, acts, self.profile)
-        after = self._after(scene, step, problem, plan, rows, step.object)
+        after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
 
     def _serves(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> bool:
