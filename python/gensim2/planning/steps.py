@@ -13,6 +13,7 @@ import gensim2_kpam as kpam
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
+from gensim2.planning.reaching import REACH_CLEARANCES, reach
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
@@ -51,6 +52,7 @@ class StepPlan:
         after: the scene as it will be; None without a motion.
         picks: the object that is taken up, or None.
         width: distance of the finger pads that hold it, m.
+        touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
     """
 
     status: str
@@ -60,16 +62,27 @@ class StepPlan:
     after: Scene | None
     picks: str | None = None
     width: float | None = None
+    touches: str | None = None
 
     @property
     def is_solved(self) -> bool:
         """Whether the whole motion was found."""
         return self.status == "solved"
 
+    @property
+    def rank(self) -> int:
+        """The lower, the better: whole and gentle, whole, a part, no motion at all."""
+        if self.schedule is None:
+            return 3
+        return 2 if not self.is_solved else 0 if self.touches is None else 1
+
     def detail(self) -> dict[str, Any]:
-        """What stands in the way of the whole: residuals missed, the keyframe not reached, bodies that collide."""
+        """What stands in the way of the whole: residuals missed, the keyframe not reached, bodies that collide; and of
+        one that touches nothing before the actuation pose.
+        """
+        touches = {} if self.touches is None else {"touches": self.touches}
         if self.plan is None or self.is_solved:
-            return {}
+            return touches
         found: dict[str, Any] = {
             "residuals": [
                 {"name": each["name"], "residual": each["residual"], "tolerance": each["tolerance"]}
@@ -82,7 +95,7 @@ class StepPlan:
                 for each in self.plan.collisions
             ],
         }
-        return {name: value for name, value in found.items() if value}
+        return {name: value for name, value in found.items() if value} | touches
 
 
 #: A step and its strategies, in order of preference.
@@ -131,11 +144,24 @@ class StepPlanner:
         if isinstance(strategy, GraspStrategy):
             return self._grasp(scene, step, strategy, following)
         try:
-            problem = self.problem(scene, step, strategy)
+            found = reach(
+                lambda options: self.problem(scene, step, strategy, options),
+                self._clearances(scene, step, strategy),
+                None if former is None else former.plan,
+                explain,
+            )
         except kpam.ProblemError as error:
             return StepPlan(INVALID, str(error), None, None, None)
-        plan = kpam.plan(problem, former=former.plan if former is not None else None, explain=explain)
-        return self._planned(scene, step, strategy, problem, plan)
+        return replace(self._planned(scene, step, strategy, found.problem, found.plan), touches=found.touches)
+
+    def _clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
+        """Those to be kept from what the hand reaches for, in order of preference."""
+        if "reach_clearance" in self._options:
+            return (self._options["reach_clearance"],)
+        reaches = strategy.fingers != "release" and (
+            not scene.objects[step.object].is_rigid or (strategy.fingers == "grasp" and scene.held is None)
+        )
+        return REACH_CLEARANCES if reaches else (None,)
 
     def problem(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
