@@ -14,6 +14,7 @@ from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
 from gensim2.planning.reaching import REACH_CLEARANCES, reach
+from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
@@ -198,7 +199,9 @@ class StepPlanner:
         for name, other in scene.objects.items():
             if name != scene.held:
                 points |= {f"{name}/{key}": at for key, at in other.keypoints.items()}
-        points |= thing.keypoints if thing.name != scene.held else {}
+        if thing.name != scene.held:
+            points |= thing.keypoints
+            points[FLOOR] = floor(scene, thing.name)
         tool = _tool(self.profile)
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
