@@ -97,4 +97,4 @@ def _object(name: str, names: ObjectNames, x: float) -> SceneObject:
     if names.joint is not None:
         axis = np.array([0.0, 0.0, 1.0])
         joint = JointState(names.joint, np.array([x, -0.5, 0.0]), axis, 0.5, 0.0, 1.0, (name,))
-    return SceneObject(name, (body,), pose, points, joint)
+    return SceneObject(name, (body,), pose, points, joint, center_of_mass=np.zeros(3) if joint is None else None)

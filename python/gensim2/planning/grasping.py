@@ -24,7 +24,7 @@ AT, ALONG = 0.001, 0.02
 def grasps_of(
     world: kpam.Scene, scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy
 ) -> list[kpam.Grasp]:
-    """Grasps of a rigid object as it lies among all else, best first, those that lean too far left out.
+    """Grasps of a rigid object as it lies among all else, best first, those that lean too far or too little left out.
 
     Args:
         world: ``scene`` as the solver's own.
@@ -39,7 +39,8 @@ def grasps_of(
             "up": np.linalg.inv(scene.T_world_base)[:3, 2],
         },
     )
-    return [grasp for grasp in found if grasp.quality["tilt"] <= strategy.tilt][: strategy.candidates]
+    leaning = [grasp for grasp in found if strategy.least_tilt <= grasp.quality["tilt"] <= strategy.tilt]
+    return leaning[: strategy.candidates]
 
 
 def grasp_config(

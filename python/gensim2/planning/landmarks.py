@@ -34,11 +34,7 @@ def floor(scene: Scene, name: str) -> Array:
     up = T_base_world[:3, 2]
     point = list(scene.objects[name].keypoints.values())[-1]
     level = float((scene.T_world_base @ np.append(point, 1.0))[2])
-    spans = sorted(
-        span
-        for body in (*scene.objects[name].bodies, *scene.fixtures)
-        for span in _spans(body, point, up)
-    )
+    spans = sorted(span for body in (*scene.objects[name].bodies, *scene.fixtures) for span in _spans(body, point, up))
     surfaces = [-level]
     for _, top in spans:
         free = all(low >= top + ROOM or high <= top for low, high in spans)

@@ -11,6 +11,11 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+CENTER = "rigidbody_object_center"
+"""Name in configs of a rigid object's centre of mass: the way from it to a keypoint says how the object is turned."""
+MEASURED = "rigidbody_object_measured"
+"""Name in configs of the keypoint that criteria go by, a rigid object's last: which one that is depends on the object."""
+
 
 @dataclass(frozen=True)
 class SceneBody:
@@ -76,11 +81,20 @@ class SceneObject:
     object_axis: Literal["x", "y", "z"] = "y"
     yaw: float = 0.0
     center_of_mass: Array | None = None
+    mass: float | None = None
 
     @property
     def is_rigid(self) -> bool:
         """Whether it has no joint: what a hand may pick up."""
         return self.joint is None
+
+    @property
+    def points(self) -> dict[str, Array]:
+        """What configs may name, (3,) each as ``keypoints``: these; of a rigid object ``CENTER`` and ``MEASURED`` too."""
+        if self.center_of_mass is None:
+            return dict(self.keypoints)
+        center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]
+        return {CENTER: center, MEASURED: list(self.keypoints.values())[-1], **self.keypoints}
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,7 @@ class GraspStrategy(BaseModel):
         approach: straight way of the open hand to it, m.
         lift: way up with the object, m; in strides of 6 cm, the config language's ``move-up``.
         tilt: most (rad) by which the approach leans away from straight down.
+        least_tilt: the least; to lay down what stands, the hand comes from the side.
         friction: coefficient between pads and object.
         candidates: most grasps that are tried, each with the fingers either way round.
     """
@@ -88,6 +89,7 @@ class GraspStrategy(BaseModel):
     approach: Annotated[float, Field(gt=0, le=0.3)] = 0.08
     lift: Annotated[float, Field(gt=0, le=0.5)] = 0.12
     tilt: Annotated[float, Field(ge=0, le=1.6)] = 1.1
+    least_tilt: Annotated[float, Field(ge=0, le=1.6)] = 0.0
     friction: Annotated[float, Field(gt=0, le=5)] = 1.0
     candidates: Annotated[int, Field(ge=1, le=1000)] = 24
 

@@ -65,7 +65,7 @@ class PlanningWorld:
             if thing.joint is None:
                 T_body_base = np.linalg.inv(thing.bodies[0].T_base_body)
                 upright = next(iter(thing.keypoints.values())) + UPRIGHT_HEIGHT * T_base_world[:3, 2]
-                named = {**thing.keypoints, UPRIGHT: upright}
+                named = {**thing.points, UPRIGHT: upright}
                 points = {key: T_body_base[:3, :3] @ at + T_body_base[:3, 3] for key, at in named.items()}
                 bodies.append(_body(thing.bodies[0], "rigid", points))
                 continue
