@@ -49,8 +49,9 @@ class Options(TypedDict, total=False):
     margin: float
     """Clearance wished for on the free approach, 0 to 0.2 m (0.005)."""
     reach_clearance: float | None
-    """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the actuation
-    pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with ``contacts``."""
+    """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the
+    actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with
+    ``contacts``."""
     avoid_collisions: bool
     """False only reports them (True)."""
     allow_partial: bool

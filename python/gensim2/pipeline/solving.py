@@ -96,9 +96,9 @@ def solve(
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
     Each step after the first is planned on the scene that the plans before it foresee. Where the whole motion of a step
-    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it. Strategies are tried in order
-    until one is planned whole without touching anything early, and the best is taken; without a motion the result ends
-    with that step.
+    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it. Strategies are tried in
+    order until one is planned whole without touching anything early, and the best is taken; without a motion the result
+    ends with that step.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.

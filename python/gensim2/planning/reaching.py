@@ -21,11 +21,13 @@ class Reach:
     Attributes:
         problem: that it solves.
         plan: the planner's.
+        clearance: that was asked for, m.
         touches: what stands in the way of one that touches nothing before the actuation pose; None: this one does not.
     """
 
     problem: kpam.KeypointProblem
     plan: kpam.Plan
+    clearance: float | None
     touches: str | None
 
 
@@ -37,9 +39,10 @@ def reach(
 ) -> Reach:
     """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
 
-    The clearances are asked for in turn; the first whole motion is taken. Where none of them allows one, the last (None)
-    lets hand and fingers touch what they reach for in the last leg before the actuation pose: a motion that gets it done
-    comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest parts is taken.
+    The clearances are asked for in turn; the first whole motion is taken. Where none of them allows one, the last
+    (None) lets hand and fingers touch what they reach for in the last leg before the actuation pose: a motion that gets
+    it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest parts is
+    taken.
 
     Args:
         problem_with: the problem with options that take the place of its own.
@@ -51,7 +54,8 @@ def reach(
     best: Reach | None = None
     for clearance in clearances:
         problem = problem_with({"reach_clearance": clearance})
-        found = Reach(problem, kpam.plan(problem, former=former, explain=explain), None if clearance else lacks)
+        plan = kpam.plan(problem, former=former, explain=explain)
+        found = Reach(problem, plan, clearance, None if clearance else lacks)
         if found.plan.status == "solved":
             return found
         if lacks is None:

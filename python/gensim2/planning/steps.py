@@ -14,8 +14,9 @@ from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
 from gensim2.planning.landmarks import FLOOR, floor
-from gensim2.planning.reaching import REACH_CLEARANCES, reach
+from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
 from gensim2.planning.scene import Scene
+from gensim2.planning.shortening import shortened
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import CLOSED, OPEN, RobotProfile
@@ -54,6 +55,7 @@ class StepPlan:
         picks: the object that is taken up, or None.
         width: distance of the finger pads that hold it, m.
         touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
+        whole: where ``plan`` is the longest part of a motion and then lets go: the plan that says what the rest lacks.
     """
 
     status: str
@@ -64,6 +66,7 @@ class StepPlan:
     picks: str | None = None
     width: float | None = None
     touches: str | None = None
+    whole: kpam.Plan | None = None
 
     @property
     def is_solved(self) -> bool:
@@ -82,18 +85,19 @@ class StepPlan:
         one that touches nothing before the actuation pose.
         """
         touches = {} if self.touches is None else {"touches": self.touches}
-        if self.plan is None or self.is_solved:
+        plan = self.whole or self.plan
+        if plan is None or self.is_solved:
             return touches
         found: dict[str, Any] = {
             "residuals": [
                 {"name": each["name"], "residual": each["residual"], "tolerance": each["tolerance"]}
-                for each in self.plan.residuals
+                for each in plan.residuals
                 if not each["satisfied"]
             ],
-            "unreached": next((frame["label"] for frame in self.plan.keyframes if not frame["reached"]), None),
+            "unreached": next((frame["label"] for frame in plan.keyframes if not frame["reached"]), None),
             "collisions": [
                 {"bodies": list(each["bodies"]), "distance": each["distance"], "toward": each["toward"]}
-                for each in self.plan.collisions
+                for each in plan.collisions
             ],
         }
         return {name: value for name, value in found.items() if value} | touches
@@ -151,9 +155,24 @@ class StepPlanner:
                 None if former is None else former.plan,
                 explain,
             )
+            part = self._letting_go(scene, step, strategy, found)
         except kpam.ProblemError as error:
             return StepPlan(INVALID, str(error), None, None, None)
+        if part is not None:
+            planned = self._planned(scene, step, strategy, part.problem, part.plan)
+            whole = found.plan
+            return replace(planned, status=whole.status, reason=whole.reason, touches=found.touches, whole=whole)
         return replace(self._planned(scene, step, strategy, found.problem, found.plan), touches=found.touches)
+
+    def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
+        """The longest part of a motion, after which the hand lets go as after the whole; None where there is none."""
+        joint = scene.objects[step.object].joint
+        config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
+        if config is None:
+            return None
+        shorter = KeypointStrategy(config)
+        part = reach(lambda options: self.problem(scene, step, shorter, options), (found.clearance,), found.plan)
+        return part if part.plan.status == "solved" else None
 
     def _clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
         """Those to be kept from what the hand reaches for, in order of preference."""
