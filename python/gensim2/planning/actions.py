@@ -16,8 +16,9 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger as it closes on a thing that can be pushed away, m/s.
 CLOSING_SPEED = 0.06
 
-#: Force (N) with which each finger presses on what was taken up: pressed harder, a ball of a few grams is shot away.
-GRIP_FORCE = 3.0
+#: Force (N) with which each finger presses on what was taken up. Pressed harder, in physics a ball of a few grams is
+#: shot out of the fingers, and a cup between them spins.
+GRIP_FORCE = 2.0
 
 #: Weights of what was taken up by which each finger presses at least: friction carries it, and what its lever adds.
 GRIP_WEIGHTS = 6.0

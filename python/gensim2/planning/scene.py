@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 CENTER = "rigidbody_object_center"
 """Name in configs of a rigid object's centre of mass: the way from it to a keypoint says how the object is turned."""
 MEASURED = "rigidbody_object_measured"
-"""Name in configs of the keypoint that criteria go by, a rigid object's last: which one that is depends on the object."""
+"""Name in configs of the keypoint of a rigid object that criteria go by, its last: which one depends on the object."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class SceneObject:
 
     @property
     def points(self) -> dict[str, Array]:
-        """What configs may name, (3,) each as ``keypoints``: these; of a rigid object ``CENTER`` and ``MEASURED`` too."""
+        """What configs may name, as ``keypoints``: these, and of a rigid object ``CENTER`` and ``MEASURED``."""
         if self.center_of_mass is None:
             return dict(self.keypoints)
         center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]
