@@ -14,6 +14,7 @@ import gensim2_kpam as kpam
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import COMPARED, grasp_config, grasps_of
+from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
 from gensim2.planning.scene import Scene
 from gensim2.planning.shortening import shortened
@@ -218,7 +219,8 @@ class StepPlanner:
         for name, other in scene.objects.items():
             if name != scene.held:
                 points |= {f"{name}/{key}": at for key, at in other.points.items()}
-        points |= thing.points if thing.name != scene.held else {}
+        if thing.name != scene.held:
+            points |= {**thing.points, FLOOR: floor(scene, thing.name)}
         tool = _tool(self.profile)
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
@@ -259,16 +261,16 @@ class StepPlanner:
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
             # What is held is pressed; bare fingers stay where they are.
-            command = present if scene.held is None else self._grip(scene.held_width)
+            command = present if scene.held is None else self._grip(scene.held_width, scene.objects[scene.held].mass)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
         # Fingers that only come nearer to what they will grasp do so on the way.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
-    def _grip(self, width: float | None) -> float:
-        """The command that holds what keeps the pads ``width`` (m) apart."""
-        return CLOSED if width is None else grip_on(width, self.profile)
+    def _grip(self, width: float | None, mass: float | None) -> float:
+        """The command that holds what keeps the pads ``width`` (m) apart and weighs ``mass`` (kg)."""
+        return CLOSED if width is None else grip_on(width, mass or 0.0, self.profile)
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
@@ -370,7 +372,13 @@ class StepPlanner:
         plan = kpam.plan(problem)
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
-        acts = self._acts(scene, strategy, self._command(grasp.opening / 2), self._grip(grasp.width), gently=True)
+        acts = self._acts(
+            scene,
+            strategy,
+            self._command(grasp.opening / 2),
+            self._grip(grasp.width, scene.objects[step.object].mass),
+            gently=True,
+        )
         rows = schedule(plan, acts, self.profile)
         after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
