@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.planning.actions import CLOSED, OPEN, Acts, schedule
+from gensim2.planning.actions import CLOSED, GRAVITY, GRIP_FORCE, GRIP_WEIGHTS, OPEN, Acts, grip_on, schedule
 from gensim2.robots import RobotProfile, robot
 
 pytest.importorskip("mani_skill")
@@ -108,6 +108,16 @@ def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers
     assert rows.actions[rows.released - 1, 7] == CLOSED
 
 
+def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
+    gripper, width = panda.gripper, 0.033
+    command = grip_on(width, 0.002, panda)
+    finger = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
+    assert (width / 2 - finger) * gripper.stiffness == pytest.approx(GRIP_FORCE)
+    rows = schedule(plan(), Acts("grasp", OPEN, grip=command, gently=True), panda)
+    assert rows.actions[:, 7].min() == pytest.approx(command)
+    assert rows.actions[-1, 7] == pytest.approx(command)
+
+
 def test_closed_fingers_back_off_closed(panda: RobotProfile) -> None:
     rows = schedule(plan(let_go=True), Acts("closed", CLOSED, lets_go=True), panda)
     assert (rows.actions[:, 7] == CLOSED).all()
@@ -123,3 +133,12 @@ def test_a_part_of_a_motion_that_ends_before_letting_go_keeps_its_grasp(panda: R
 def test_a_plan_without_a_trajectory_is_refused(panda: RobotProfile) -> None:
     with pytest.raises(ValueError, match="no trajectory: out of reach"):
         schedule(SimpleNamespace(trajectory=None, reason="out of reach"), Acts("open", OPEN), panda)  # type: ignore[arg-type]
+
+
+def test_what_weighs_more_is_pressed_harder(panda: RobotProfile) -> None:
+    """A bar of gold of 256 g slips from fingers that hold a ball of a few grams."""
+    light, ball, bar = (grip_on(0.03, mass, panda) for mass in (0.0, 0.004, 0.256))
+    assert light == ball > bar
+    gripper = panda.gripper
+    pressed = 0.015 - (0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * bar)
+    assert pressed * gripper.stiffness == pytest.approx(GRIP_WEIGHTS * 0.256 * GRAVITY)

@@ -34,6 +34,9 @@ LINEAR_SPEED, ANGULAR_SPEED = 0.01, 0.05
 DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
 """Openness and metres by which the way to the first actuation pose may move things."""
 
+INSIDE = "inside"
+"""In the name of the measured point of what contains."""
+
 OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 """Metres and rad by which things may move that the task is not about."""
 
@@ -110,12 +113,24 @@ def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float
 
 
 def _outside(world: World) -> dict[str, str]:
-    """Rigid objects whose centre is not in the container that the goal has them in, with its name."""
-    pairs = [(c.articulated, c.rigid) for c in world.task.success if isinstance(c, DistanceArticulatedRigid)]
+    """Rigid objects whose centre is not in the container that the goal has them in, with its name.
+
+    What is no container by the name of its measured point (a faucet: the place under it) is near enough where it is.
+    """
+    pairs = [
+        (c.articulated, c.rigid)
+        for c in world.task.success
+        if isinstance(c, DistanceArticulatedRigid)
+        and INSIDE in list(world.setup.objects[c.articulated].model.keypoints)[-1]
+    ]
     if not pairs:
         return {}
     scene = world.scene_state()
     return {rigid: container for container, rigid in pairs if not _is_inside(world, scene, container, rigid)}
+
+
+def _contains(world: World, name: str) -> bool:
+    return INSIDE in list(world.setup.objects[name].model.keypoints)[-1]
 
 
 def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:

@@ -20,6 +20,12 @@ CLOSING_SPEED = 0.06
 #: shot out of the fingers, and a cup between them spins.
 GRIP_FORCE = 2.0
 
+#: Weights of what was taken up by which each finger presses at least: friction carries it, and what its lever adds.
+GRIP_WEIGHTS = 6.0
+
+#: m/s².
+GRAVITY = 9.81
+
 #: Seconds for which the last target is held, so that the arm arrives.
 HOLD_SECONDS = 0.2
 
@@ -71,10 +77,14 @@ class Schedule:
         return len(self.actions)
 
 
-def grip_on(pad_distance: float, profile: RobotProfile) -> float:
-    """The command, -1 to 1, that presses by ``GRIP_FORCE`` on what keeps the pads so far (m) apart."""
+def grip_on(pad_distance: float, mass: float, profile: RobotProfile) -> float:
+    """The command, -1 to 1, that presses on what keeps the pads so far (m) apart and weighs ``mass`` (kg).
+
+    By ``GRIP_FORCE``, or by ``GRIP_WEIGHTS`` times its weight where that is more.
+    """
     gripper = profile.gripper
-    target = pad_distance / len(gripper.joints) - GRIP_FORCE / gripper.stiffness
+    force = max(GRIP_FORCE, GRIP_WEIGHTS * mass * GRAVITY)
+    target = pad_distance / len(gripper.joints) - force / gripper.stiffness
     return float(np.clip(gripper.command(target), CLOSED, OPEN))
 
 

@@ -81,6 +81,7 @@ class SceneObject:
     object_axis: Literal["x", "y", "z"] = "y"
     yaw: float = 0.0
     center_of_mass: Array | None = None
+    mass: float | None = None
 
     @property
     def is_rigid(self) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.planning.landmarks import UPRIGHT, UPRIGHT_HEIGHT
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import RobotProfile
 
@@ -57,12 +58,15 @@ class PlanningWorld:
         return np.asarray(np.clip(scene.q, model.lower, model.upper), dtype=np.float64)
 
     def _build(self, scene: Scene) -> kpam.Scene:
+        T_base_world = np.linalg.inv(scene.T_world_base)
         bodies = [_body(body, "table" if body.name == TABLE else "rigid") for body in scene.fixtures]
         joints = []
         for name, thing in scene.objects.items():
             if thing.joint is None:
                 T_body_base = np.linalg.inv(thing.bodies[0].T_base_body)
-                points = {key: T_body_base[:3, :3] @ at + T_body_base[:3, 3] for key, at in thing.points.items()}
+                upright = next(iter(thing.keypoints.values())) + UPRIGHT_HEIGHT * T_base_world[:3, 2]
+                named = {**thing.points, UPRIGHT: upright}
+                points = {key: T_body_base[:3, :3] @ at + T_body_base[:3, 3] for key, at in named.items()}
                 bodies.append(_body(thing.bodies[0], "rigid", points))
                 continue
             bodies += [_body(body, "object_body") for body in thing.bodies]

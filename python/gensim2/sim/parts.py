@@ -221,6 +221,7 @@ class RigidPart:
             keypoints={name: _moved(pose, point.position) for name, point in self.model.keypoints.items()},
             yaw=self.thing.yaw,
             center_of_mass=self.model.center_of_mass,
+            mass=float(self.body.mass),
         )
 
 

@@ -10,13 +10,16 @@ from gensim2.objects.shapes import Solid, ball, box, cone, rod, tray
 
 GAP = 0.0015
 
+SHELF = 0.66
+"""Share of the compartment's height at which its shelf lies: below it stands what is 13 cm tall."""
+
 
 def _food(
     rng: np.random.Generator, inner: float, depth: float, bottom: float, split: float, wall: float
 ) -> list[Solid]:
     """Bottles, boxes and fruit on the shelves, to look at, in the back half."""
     parts: list[Solid] = []
-    for level in (0.0, 0.36, 0.66):
+    for level in (0.0, SHELF):
         floor = bottom + (wall if level == 0 else 0.0025) + level * (split - bottom)
         for k in range(4):
             at = np.array([(k - 1.5) * inner / 4.4, floor, -0.22 * depth])
@@ -53,9 +56,8 @@ def build(rng: np.random.Generator) -> Blueprint:
     handle_x = left + 0.9 * width
     upper = np.array([handle_x, split + 0.5 * (top - split), z + door + reach])
     body += c.bar_handle(upper, 0.55 * (top - split), "y", reach, 0.006, metal)
-    for level in (0.36, 0.66):
-        y = bottom + level * (split - bottom)
-        body.append(box((0, y, -0.02), (width - 2 * wall, 0.005, 0.75 * depth), c.GLASS, 0.0))
+    shelf = bottom + SHELF * (split - bottom)
+    body.append(box((0, shelf, -0.02), (width - 2 * wall, 0.005, 0.75 * depth), c.GLASS, 0.0))
     body += _food(c.extra(rng), width - 2 * wall, depth, bottom, split, wall)
     plate = np.array([0.0, split + 0.80 * (top - split), z + door])
     body.append(box(plate, (0.24 * width, 0.010, 0.0015), metal, 0.0005).visual_only())
@@ -82,7 +84,7 @@ def build(rng: np.random.Generator) -> Blueprint:
         keypoints={
             "articulated_object_head": (at, "the middle of the refrigerator's door handle"),
             "articulated_object_inside_base": (
-                (0, bottom + 0.51 * (split - bottom), 0),
+                (0, bottom + wall + 0.10, 0),
                 "the point inside the refrigerator to place an object",
             ),
         },
