@@ -165,6 +165,9 @@ class ScriptedWorld:
     def observation(self) -> npt.NDArray[np.float32]:
         return np.zeros(1, np.float32)
 
+    measured_point = "inside"
+    """Name of the drawer's last keypoint."""
+
     @property
     def setup(self) -> Any:
         point = SimpleNamespace(link="tray", position=np.array([0.0, 0.0, 0.1]))
@@ -172,7 +175,7 @@ class ScriptedWorld:
         common = {"id": "0", "source": "generated", "content_hash": "ab"}
         models = {
             "drawer": SimpleNamespace(
-                asset_class="drawer", joint=joint, keypoints={"head": point, "inside": point}, **common
+                asset_class="drawer", joint=joint, keypoints={"head": point, self.measured_point: point}, **common
             ),
             "ball": SimpleNamespace(asset_class="golf_ball", joint=None, keypoints={}, **common),
             "cup": SimpleNamespace(asset_class="cup", joint=None, keypoints={}, **common),

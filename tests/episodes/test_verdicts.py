@@ -76,6 +76,16 @@ def test_a_little_of_it_is_let_pass(end: dict[str, Any]) -> None:
     assert _put(**end).strict_misses == []
 
 
+def test_what_is_no_container_need_not_have_it_inside() -> None:
+    """A mug stands under a faucet, not in it: the measured point's name tells a container."""
+    for name, misses in (("inside", [StrictMiss.NOT_INSIDE]), ("bottom_base", [])):
+        course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (40, PLACED))
+        course.append(instant(**{**PLACED, "ball": (-0.1, 0.0, 0.2)}))
+        world = ScriptedWorld(PUT_BALL_AWAY, course)
+        world.measured_point = name
+        assert _put(world).strict_misses == misses
+
+
 def test_a_hand_that_still_holds_the_ball_has_not_let_go() -> None:
     course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED))
     episode = _put(ScriptedWorld(PUT_BALL_AWAY, course, touches=frozenset({"ball", "cup"})))

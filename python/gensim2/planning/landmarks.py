@@ -31,7 +31,7 @@ def floor(scene: Scene, name: str) -> Array:
     table, z = 0 in the world, where there is none.
     """
     T_base_world = np.linalg.inv(scene.T_world_base)
-    up = T_base_world[:3, 2]
+    up = np.asarray(T_base_world[:3, 2], dtype=np.float64)
     point = list(scene.objects[name].keypoints.values())[-1]
     level = float((scene.T_world_base @ np.append(point, 1.0))[2])
     spans = sorted(span for body in (*scene.objects[name].bodies, *scene.fixtures) for span in _spans(body, point, up))

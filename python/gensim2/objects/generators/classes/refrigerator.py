@@ -11,7 +11,7 @@ from gensim2.objects.shapes import Solid, ball, box, cone, rod, tray
 GAP = 0.0015
 
 SHELF = 0.66
-"""Share of the compartment's height at which its shelf lies: below it stands what is 13 cm tall."""
+"""Share of the compartment's height at which its shelf lies: what is 8 cm tall stands below it with room for a hand."""
 
 
 def _food(
