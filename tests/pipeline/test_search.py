@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import fake_world
 
 from gensim2 import seeding
-from gensim2.designers import Affordance, Candidate, CandidateResult
+from gensim2.designers import Affordance, Candidate, CandidateResult, StageResult
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Cause, Episode
 from gensim2.pipeline.search import Budget, Search
@@ -109,6 +110,31 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
     assert design.chosen is not None
     assert number(design.chosen) % 1 == 0.5
     assert sum(stage.trials for stage in design.results[0].stages if stage.name == "physics") >= 14
+
+
+def test_of_what_holds_equally_often_the_strict_one_wins() -> None:
+    class Rough(FakeWorld):
+        """All but one of the candidates hold always; only number 7 does it as the strict verdict asks."""
+
+        def _one(self, n: float, seed: int) -> Episode:
+            episode = fake_world.episode_of(TASK, seed, held=n != 3)
+            return replace(episode, strict=episode.held and n == 7)
+
+    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Rough(), seed=0).run()
+    assert design.chosen is not None
+    assert number(design.chosen) == 7
+    stages = [stage for stage in design.to_dict()["candidates"][0]["stages"] if stage["name"] == "physics"]
+    assert stages
+    assert all(stage["strict"] == stage["episodes"] for stage in stages)
+
+
+def test_what_holds_far_more_often_comes_before_what_is_strict() -> None:
+    def known(label: str, held: float, strict: float) -> CandidateResult:
+        return CandidateResult(candidate(label, 1), (StageResult("physics", 20, held, {}, strict),))
+
+    often, strict, nearly = known("often", 1.0, 0.1), known("strict", 0.6, 0.6), known("nearly", 0.95, 0.9)
+    assert Search._sorted([strict, often]) == [often, strict]
+    assert Search._sorted([often, nearly, strict]) == [nearly, often, strict]
 
 
 def test_it_is_repeatable() -> None:

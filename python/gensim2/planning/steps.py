@@ -32,8 +32,8 @@ SAME_COMMAND = 0.1
 #: Joint speed (rad/s) below which the arm is at rest.
 AT_REST = 0.01
 
-INVALID = "invalid"
-"""Status of a step whose strategy names what these objects have not."""
+#: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
+STARTS_AT_MOST = 0.45
 
 NO_GRASP = "no_grasp"
 """Status of a step whose object has no grasp that serves."""
@@ -222,7 +222,9 @@ class StepPlanner:
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
         q = self._start(scene, fingers)
-        velocity = scene.qvel.copy()
+        # The arm may swing faster than its limits, from which no motion that keeps them could begin.
+        fastest = STARTS_AT_MOST * self.profile.model.velocity
+        velocity = np.clip(scene.qvel, -fastest, fastest)
         velocity[self._fingers] = 0.0
         if np.abs(velocity).max() > AT_REST:
             options = {**options, "start_velocity": velocity}
