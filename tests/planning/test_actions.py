@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.planning.actions import CLOSED, OPEN, Acts, schedule
+from gensim2.planning.actions import CLOSED, GRIP_FORCE, OPEN, Acts, grip_on, schedule
 from gensim2.robots import RobotProfile, robot
 
 pytest.importorskip("mani_skill")
@@ -106,6 +106,16 @@ def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers
     assert (rows.actions[rows.released - LAG : rows.released + FINGERS, 0] == POST).all()
     assert (rows.actions[rows.released :, 7] == OPEN).all()
     assert rows.actions[rows.released - 1, 7] == CLOSED
+
+
+def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
+    gripper, width = panda.gripper, 0.033
+    command = grip_on(width, panda)
+    finger = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
+    assert (width / 2 - finger) * gripper.stiffness == pytest.approx(GRIP_FORCE)
+    rows = schedule(plan(), Acts("grasp", OPEN, grip=command, gently=True), panda)
+    assert rows.actions[:, 7].min() == pytest.approx(command)
+    assert rows.actions[-1, 7] == pytest.approx(command)
 
 
 def test_closed_fingers_back_off_closed(panda: RobotProfile) -> None:

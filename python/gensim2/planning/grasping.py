@@ -17,6 +17,10 @@ Array = npt.NDArray[np.float64]
 #: Height (m) by which the config language's ``move-up`` raises the hand.
 STRIDE = 0.06
 
+#: Grasps that are compared, from the first that serves on: the one is taken with which the next step can be done by the
+#: first of its strategies.
+COMPARED = 6
+
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
-from gensim2.planning.grasping import grasp_config, grasps_of
+from gensim2.planning.grasping import COMPARED, grasp_config, grasps_of
 from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
 from gensim2.planning.scene import Scene
 from gensim2.planning.shortening import shortened
@@ -329,17 +330,27 @@ class StepPlanner:
         found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, strategy)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
-        for grasp in found:
-            for swapped in (False, True):
-                taken = self._take(scene, step, strategy, grasp, swapped)
-                if not taken.is_solved:
-                    best = best if best is not None else taken
-                    continue
-                assert taken.after is not None
-                if use is None or self._serves(taken.after, *use):
-                    return taken
-                if best is None or not best.is_solved:
-                    best = taken
+        serving: StepPlan | None = None
+        ways: Sequence[Strategy] = () if use is None else use[1]  # in which it is yet to serve
+        compared = 0
+        for grasp, swapped in product(found, (False, True)):
+            taken = self._take(scene, step, strategy, grasp, swapped)
+            if not taken.is_solved:
+                best = best if best is not None else taken
+                continue
+            assert taken.after is not None
+            if use is None:
+                return taken
+            way = self._way(taken.after, use[0], ways)
+            if way is not None:
+                serving, ways = taken, ways[:way]
+            elif best is None or not best.is_solved:
+                best = taken
+            compared += serving is not None
+            if serving is not None and (not ways or compared == COMPARED):
+                break
+        if serving is not None:
+            return serving
         if best is None:
             return StepPlan(NO_GRASP, f"{thing.name} cannot be held between the fingers as it lies", None, None, None)
         if best.is_solved:
@@ -364,9 +375,9 @@ class StepPlanner:
         after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
 
-    def _serves(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> bool:
-        """Whether a step can be planned on a scene that is foreseen, in any of its ways."""
-        for strategy in strategies:
+    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> int | None:
+        """Which is the first of the strategies by which a step can be planned on a scene that is foreseen."""
+        for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy):
                 continue
             try:
@@ -374,8 +385,8 @@ class StepPlanner:
             except kpam.ProblemError:  # it is for other objects than these
                 continue
             if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
-                return True
-        return False
+                return number
+        return None
 
 
 def _tool(profile: RobotProfile) -> dict[str, Array]:
