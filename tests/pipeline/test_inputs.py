@@ -23,12 +23,19 @@ SIMULATOR = True
 
 def _config() -> dict[str, Any]:
     """The strategy of the task that these tests bend."""
-    (config,) = load_strategies("OpenDrawer").values()
-    return config
+    return load_strategies("OpenDrawer")["open_drawer_from_above"]
+
+
+def _copy(path: Path) -> Path:
+    """A folder of the library's task, the strategies that it shares beside it."""
+    TaskFolder(path).write_strategies(load_strategies("OpenDrawer"))
+    TaskFolder(path).write_task(load_task("OpenDrawer"))
+    return path
 
 
 def _folder(path: Path, config: dict[str, Any], **task: Any) -> Path:
-    fields = load_task("OpenDrawer").model_dump(mode="json", exclude_none=True) | task
+    fields = load_task("OpenDrawer").model_dump(mode="json", exclude_none=True) | {"provenance": None} | task
+    fields["steps"][0]["strategies"] = ["pull"]
     TaskFolder(path).write_strategies({"pull": config})
     (path / "task.yaml").write_text(yaml.safe_dump(fields))
     return path
@@ -108,7 +115,7 @@ def test_physics_robots_and_randomizations_that_there_are_not(field: str, word: 
 
 
 def test_a_name_and_a_folder_are_read_alike(tmp_path: Path) -> None:
-    folder = _folder(tmp_path / "task", _config())
+    folder = _copy(tmp_path / "task")
     assert task_and_strategies(str(folder)) == task_and_strategies("OpenDrawer")
 
 
@@ -149,7 +156,7 @@ def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
 
 
 def test_solve_of_a_folder_is_solve_of_the_task(tmp_path: Path) -> None:
-    folder = _folder(tmp_path / "task", _config())
+    folder = _copy(tmp_path / "task")
     by_folder = solve(str(folder), seed=1, assets="builtin").to_dict()
     by_name = solve("OpenDrawer", seed=1, assets="builtin").to_dict()
     for result in (by_folder, by_name):
