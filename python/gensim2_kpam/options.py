@@ -48,6 +48,10 @@ class Options(TypedDict, total=False):
     """[[x, y, z], [x, y, z]] (m) that holds the hand's origin at the actuation pose; None for no bounds."""
     margin: float
     """Clearance wished for on the free approach, 0 to 0.2 m (0.005)."""
+    reach_clearance: float | None
+    """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the
+    actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with
+    ``contacts``."""
     avoid_collisions: bool
     """False only reports them (True)."""
     allow_partial: bool
@@ -65,6 +69,9 @@ class Options(TypedDict, total=False):
     """Further start values where none of those allows the motion, at most 100,000 (200)."""
     samples: int
     """Most samples of the free-space planner a pose, at most 1,000,000 (2,000)."""
+    seed: int
+    """Which start values and samples are drawn, 0 to 1,000,000 (0): other ones lead to other motions where there are
+    several."""
     contacts: Sequence[ContactWindow] | None
     """Windows in place of the default contact rules."""
     pick: Sequence[str]

@@ -104,7 +104,7 @@ def run_dir(tmp_path: Path) -> Path:
     write_json(
         run_dir / "run.json",
         {
-            "schema_version": 3,
+            "schema_version": 4,
             "arguments": {
                 "command": "run-pipeline",
                 "seed": 0,
@@ -112,6 +112,7 @@ def run_dir(tmp_path: Path) -> Path:
                 "physics": "ours",
                 "robot": "panda",
                 "open_loop": False,
+                "randomization": "paper",
             },
             "identity": {"objects": "0123456789abcdef"},
             "command_line": ["run-pipeline", "--num-tasks", "3"],

@@ -184,10 +184,12 @@ class ScriptedWorld:
                 quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
                 yaw=0.0,
                 default_pose="ours",
+                factors=SimpleNamespace(mass=1.0, contact_friction=1.0, joint_friction=1.0),
             )
             for name in self.task.objects
         }
-        return SimpleNamespace(objects=placed, draws=1)
+        start = self.profile.reset_qpos
+        return SimpleNamespace(objects=placed, draws=1, start=start, randomization="paper")
 
     def scene_state(self) -> Scene:
         measured = self.measure()

@@ -51,6 +51,7 @@ ARGUMENTS = {
     "physics": "ours",
     "robot": "panda",
     "open_loop": False,
+    "randomization": "paper",
     "target_task": TASK,
     "episodes": 2,
 }

@@ -15,7 +15,8 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.objects import Library, listing, open_library
-from gensim2.objects.library.selection import select
+from gensim2.objects.library.catalogue import SETS
+from gensim2.objects.library.selection import select, words_of_objects
 
 
 def test_default_is_the_environment_then_builtin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -69,6 +70,27 @@ def test_one_word_stands_for_instances(library: Library) -> None:
     assert len(drawn) > 5
     assert all(len(ids) == 1 and ids[0] in library.instances("drawer") for ids in drawn)
     assert library.choose("drawer", "random", 3) == library.choose("drawer", "random", 3)
+
+
+def test_new_ones_are_a_hundred_that_no_list_has(library: Library, tmp_path: Path) -> None:
+    for name in library.classes("articulated"):
+        new = library.choose(name, "new")
+        assert len(set(new)) == 100
+        assert not set(new) & set(library.instances(name))
+    assert library.load("drawer", new[0]).id == new[0]
+    urdf = tmp_path / "drawer" / "7" / "mobility.urdf"
+    urdf.parent.mkdir(parents=True)
+    urdf.write_text("<robot/>")
+    with pytest.raises(InputError, match=r"drawer is real: there are no new ones .*builtin"):
+        open_library(tmp_path).choose("drawer", "new")
+
+
+def test_a_set_is_said_of_every_object_and_an_id_of_one(library: Library) -> None:
+    classes = {"ball": "golf_ball", "drawer": "drawer", "box": "box_rotate"}
+    for word in SETS:
+        assert words_of_objects(library.instances, classes, (word,)) == dict.fromkeys(classes, (word,))
+    assert words_of_objects(library.instances, classes, ("3",)) == {"ball": ("all",), "drawer": ("3",), "box": ("all",)}
+    assert words_of_objects(library.instances, {"ball": "golf_ball"}, ("0",)) == {"ball": ("0",)}
 
 
 @pytest.mark.parametrize("name", ["toilet", "oven"])

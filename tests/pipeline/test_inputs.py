@@ -73,6 +73,17 @@ def test_random_is_one_object_drawn_by_the_seed() -> None:
     assert len(set(words)) > 1
 
 
+def test_a_word_means_the_same_of_tasks_with_rigid_objects() -> None:
+    task = "PlaceGolfBallIntoDrawer"
+    for word in ("all", "train", "test", "new", "3"):
+        assert read_task_input(task, "builtin", word, 0).instances == word
+    assert read_task_input(task, "builtin", "random", 4).instances in read_task_input(
+        task, "builtin", "all", 4
+    ).library.instances("drawer")
+    with pytest.raises(InputError, match="no instance 'x' of drawer"):
+        read_task_input(task, "builtin", "x", 0)
+
+
 def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
     for number, (config, words) in enumerate(
         [
@@ -90,8 +101,8 @@ def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
         assert words in str(caught.value)
 
 
-@pytest.mark.parametrize(("field", "word"), [("physics", "newtonian"), ("robot", "r2d2")])
-def test_physics_and_robots_that_there_are_not(field: str, word: str) -> None:
+@pytest.mark.parametrize(("field", "word"), [("physics", "newtonian"), ("robot", "r2d2"), ("randomization", "none")])
+def test_physics_robots_and_randomizations_that_there_are_not(field: str, word: str) -> None:
     with pytest.raises(InputError, match=f"{field}: no {field} .*{word}"):
         read_task_input("OpenDrawer", "builtin", "all", 0, **{field: word})
 

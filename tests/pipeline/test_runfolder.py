@@ -72,6 +72,7 @@ def test_a_finished_run_is_not_begun_again(record: Record) -> None:
         ({"instances": "train"}, "arguments.instances"),
         ({"physics": "original"}, "arguments.physics"),
         ({"open_loop": True}, "arguments.open_loop"),
+        ({"randomization": "wide"}, "arguments.randomization"),
     ],
 )
 def test_other_arguments_are_refused(record: Record, change: dict[str, Any], field: str) -> None:
@@ -176,8 +177,8 @@ def test_damage_is_one_clear_error(tmp_path: Path, record: Record, name: str, da
     ("fields", "field"),
     [
         ({"schema_version": 99}, "schema_version"),
-        ({"schema_version": 2}, "schema_version"),
-        ({"schema_version": "3"}, "schema_version"),
+        ({"schema_version": 3}, "schema_version"),
+        ({"schema_version": "4"}, "schema_version"),
         ({"arguments": []}, "arguments"),
         ({"assets": {"drawer/0": 1}}, "assets.drawer/0"),
         ({"identity": None}, "identity"),

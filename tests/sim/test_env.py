@@ -22,6 +22,7 @@ from gensim2.sim.env import GenSim2Env, make_env
 from gensim2.sim.randomize import Draw, draw_object
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
+from gensim2.tasks.presets import preset
 from gensim2.tasks.spec import TaskSpec
 
 RESET_QPOS, BASE_POSITION = robot("panda").reset_qpos, robot("panda").base_position
@@ -153,7 +154,7 @@ def test_other_processes_and_earlier_episodes_change_nothing() -> None:
 def _draws(name: str, seeds: int, ids: list[str]) -> list[Draw]:
     task = load_task(name)
     (spec,) = task.objects.values()
-    return [draw_object(rng(seed, task.name), spec.randomization, ids) for seed in range(seeds)]
+    return [draw_object(rng(seed, task.name), spec.randomization, preset("paper"), ids) for seed in range(seeds)]
 
 
 def test_randomization_stays_in_its_ranges_and_fills_them() -> None:

@@ -105,7 +105,7 @@ def test_a_tall_object_keeps_clear_of_the_hand_at_rest_and_all_of_the_base() -> 
             "golf_ball": {"class": "golf_ball", "place": {"at": [-0.5, 0.0]}, "randomization": {"x": 0.3, "y": 0.3}},
         }
     )
-    hand = PANDA.gripper_at_rest["tool_head"]
+    hand = PANDA.gripper_with(PANDA.reset_qpos)["tool_head"]
     below = 0
     for seed in range(40):
         setup = _set_up(task, seed)
@@ -178,6 +178,9 @@ def test_instances_are_the_tasks_own_the_callers_or_all() -> None:
     everything = library.instances("drawer")
     assert chosen_instances(library, task, "all") == {"first": everything, "second": ("4", "5"), "ball": ("0",)}
     assert chosen_instances(library, task, "7")["first"] == ("7",)
+    test = library.choose("drawer", "test")
+    assert chosen_instances(library, task, "test") == {"first": test, "second": ("4", "5"), "ball": ("0",)}
+    assert len(chosen_instances(library, task, "new")["first"]) == 100
     assert chosen_instances(library, task, {"second": "7"}) == {"first": everything, "second": ("7",), "ball": ("0",)}
     with pytest.raises(InputError, match="instances: there is no object 'third'"):
         chosen_instances(library, task, {"third": "7"})

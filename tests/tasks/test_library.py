@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,8 @@ from gensim2.tasks.library import (
     load_strategy_file,
     load_task,
     load_task_file,
+    strategy_files,
+    task_folder,
     task_names,
 )
 from gensim2.tasks.measurement import Measurement
@@ -160,6 +163,32 @@ def test_strategies_lie_beside_their_task_and_a_missing_one_is_named(tmp_path: P
         assert found["pry"] == {"gripper": "open"}
 
 
+def test_a_strategy_that_is_not_beside_its_task_is_one_that_tasks_share(tmp_path: Path) -> None:
+    (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grasp]"))
+    folder = tmp_path / "strategies"
+    folder.mkdir()
+    for name in ("lift", "pry"):
+        (folder / f"{name}.yaml").write_text("gripper: open\n")
+    task = load_task_file(tmp_path)
+    assert load_strategies_beside(tmp_path, task)["grasp"] == {"grasp": "antipodal"}
+    (folder / "grasp.yaml").write_text("gripper: grasp\n")  # its own comes first
+    assert load_strategies_beside(tmp_path, task)["grasp"] == {"gripper": "grasp"}
+    (folder / "grasp.yaml").rename(folder / "other.yaml")
+    (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grapsp]"))
+    with pytest.raises(InputError, match=r"'grapsp' .*did you mean 'grasp'"):
+        load_strategies_beside(tmp_path, load_task_file(tmp_path))
+
+
+def test_shared_strategies_are_shared_and_no_task_has_a_file_of_its_own_by_such_a_name() -> None:
+    library = task_folder("OpenDrawer").parent  # type: ignore[attr-defined]
+    shared = {file.name for file in (library / "strategies").iterdir()}
+    files = [file for name in task_names() for file in strategy_files(task_folder(name), load_task(name)).values()]
+    named = Counter(file.name for file in files if file.parent == library / "strategies")  # type: ignore[attr-defined]
+    assert shared == set(named)
+    assert not {file.name for file in library.glob("*/strategies/*.yaml")} & shared
+    assert min(named.values()) > 1, "a way of one task lies beside it"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -242,7 +271,8 @@ def test_nan_openness_is_never_a_success(name: str) -> None:
 @pytest.mark.parametrize("name", task_names())
 def test_library_tasks_say_where_they_and_all_their_strategies_come_from(name: str) -> None:
     task = load_task(name)
-    assert task.provenance is not None and set(task.provenance.strategies) == set(load_strategies(name))
+    assert task.provenance is not None
+    assert set(task.provenance.strategies) == set(load_strategies(name))
 
 
 def test_provenance_of_a_strategy_that_no_step_has_is_refused() -> None:

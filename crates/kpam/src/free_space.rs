@@ -56,8 +56,9 @@ fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
 pub(crate) struct Draws(u64);
 
 impl Draws {
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
+    /// For a purpose, with the seed of a problem.
+    fn of(purpose: u64, seed: usize) -> Self {
+        Self(purpose ^ ((seed as u64) << 32))
     }
 
     /// Uniform in 0..1.
@@ -80,6 +81,15 @@ pub(crate) enum NoWay {
     NotFound(Hit),
 }
 
+/// What a search for a free motion draws.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sampling {
+    /// Most samples.
+    pub most: usize,
+    /// Which of them.
+    pub seed: usize,
+}
+
 /// Corners of a free joint path from `a` to `b`, both included.
 pub(crate) fn connect(
     world: &mut World<'_>,
@@ -88,7 +98,7 @@ pub(crate) fn connect(
     b: &Row,
     leg: Leg,
     margins: &Margins,
-    samples: usize,
+    sampling: Sampling,
 ) -> Result<Vec<Row>, NoWay> {
     for end in [b, a] {
         if let Some(hit) = world.hit_at(State::still(end), leg, margins) {
@@ -97,10 +107,10 @@ pub(crate) fn connect(
     }
     let Some(hit) = world.sweep(a, b, leg, margins) else { return Ok(vec![*a, *b]) };
     let n = model.n();
-    let mut draws = Draws::new(0x6b70_616d);
+    let mut draws = Draws::of(0x6b70_616d, sampling.seed);
     let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
     let mut active = 0;
-    for _ in 0..samples {
+    for _ in 0..sampling.most {
         if world.is_over() {
             break;
         }
@@ -133,9 +143,9 @@ pub(crate) fn connect(
 }
 
 /// Where the start overlaps something: a pose near it that is free, straight to which the overlap only lessens.
-pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg) -> Option<Row> {
+pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg, seed: usize) -> Option<Row> {
     let n = model.n();
-    let mut draws = Draws::new(0x6578_6974);
+    let mut draws = Draws::of(0x6578_6974, seed);
     let free = Margins::plain(2.0 * TOUCH).parted();
     for k in 0..EXITS {
         let length = EDGE * (k + 1) as f64 / EXITS as f64;

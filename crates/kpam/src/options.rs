@@ -114,6 +114,10 @@ pub struct Options {
     pub workspace: Option<[[f64; 3]; 2]>,
     /// Clearance kept on the free approach (m), 0 to 0.2. Where start or goal are nearer to something, that is kept instead.
     pub margin: f64,
+    /// Clearance (m) that robot and held bodies keep from what the hand reaches for (the moving link, targets, what it
+    /// picks) on the way to the actuation pose and at it, 0 to 0.05. By default hand and fingers may touch it in the
+    /// last leg before the actuation pose, and a target always.
+    pub reach_clearance: Option<f64>,
     /// Take the longest part of the motion where the whole is out of reach or blocked after the actuation pose.
     pub allow_partial: bool,
     /// Value of the finger joints (those below the hand) during the motion (m or rad), within their limits; mimic joints
@@ -125,6 +129,8 @@ pub struct Options {
     pub harvest: usize,
     /// Most samples of the free-space planner a candidate: at most 1,000,000.
     pub samples: usize,
+    /// Which start values and samples are drawn, 0 to 1,000,000: other ones lead to other motions where there are several.
+    pub seed: usize,
     /// Whether collisions decide. Without, they are only reported.
     pub avoid_collisions: bool,
     /// Contact windows in place of the default rules; null for those.
@@ -158,11 +164,13 @@ impl Default for Options {
             descents: 3,
             workspace: Some([[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]]),
             margin: 0.005,
+            reach_clearance: None,
             allow_partial: false,
             finger_width: None,
             candidates: 40,
             harvest: 200,
             samples: 2000,
+            seed: 0,
             avoid_collisions: true,
             contacts: None,
             pick: Vec::new(),
@@ -191,6 +199,7 @@ impl Options {
             ("candidates", self.candidates, 1..=1000),
             ("harvest", self.harvest, 0..=100_000),
             ("samples", self.samples, 0..=1_000_000),
+            ("seed", self.seed, 0..=1_000_000),
         ];
         for (name, value, range) in counts {
             within(name, value, &range)?;
@@ -216,6 +225,9 @@ impl Options {
             for (j, value) in list.iter().enumerate() {
                 within(&format!("{name}[{j}]"), *value, &range)?;
             }
+        }
+        if let Some(clearance) = self.reach_clearance {
+            within("reach_clearance", clearance, &(0.0..=0.05))?;
         }
         if let Some(speed) = self.contact_speed {
             within("contact_speed", speed, &(1e-3..=1e3))?;

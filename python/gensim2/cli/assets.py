@@ -76,7 +76,7 @@ def _show(result: dict[str, Any]) -> None:
 def show(object_: str, assets: str | None, seed: int, json_file: str | None) -> None:
     """Say what is known of one object: joint or grip, keypoints, mass, where it stands, where its files are.
 
-    WHICH is an id, train, test, all or random, of which the first counts; without it the first of the class.
+    WHICH is an id, train, test, new, all or random, of which the first counts; without it the first of the class.
     """
     with report(json_file, _show_object) as (progress, give):
         from gensim2.objects import open_library

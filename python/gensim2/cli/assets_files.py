@@ -42,7 +42,7 @@ def export(
 ) -> None:
     """Write articulated objects in the layout of the GenSim2 release, which other tools load.
 
-    WHICH is an id, train, test, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with
+    WHICH is an id, train, test, new, all or random. Each object becomes articulated_objs/CLASS/ID in LIBRARY with
     mobility.urdf, textured_objs/ and info.json, in metres.
     """
     if not objects and not every:

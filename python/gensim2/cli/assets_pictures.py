@@ -27,8 +27,8 @@ def render(
 ) -> None:
     """Draw one object at openness 0, 0.5 and 1, or a rigid one from three sides, its keypoints named.
 
-    Of several, one picture each on one sheet. WHICH is an id, train, test, all or random, of which the first counts;
-    without it the first of the class.
+    Of several, one picture each on one sheet. WHICH is an id, train, test, new, all or random, of which the first
+    counts; without it the first of the class.
     """
     with report(json_file, lambda result: line(result["picture"])) as (_, give):
         import io

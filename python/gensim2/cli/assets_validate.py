@@ -47,7 +47,7 @@ def validate(
 ) -> None:
     """Check that objects are whole, stay where they are left, move as they should and can be reached.
 
-    WHICH is an id, train, test, all or random. Prints one line an object; ends with 1 where one is not sound.
+    WHICH is an id, train, test, new, all or random. Prints one line an object; ends with 1 where one is not sound.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.objects import open_library

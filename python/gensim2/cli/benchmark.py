@@ -19,6 +19,7 @@ from gensim2.cli.output import line, report, table
 @options.assets
 @options.instances
 @options.physics
+@options.randomization
 @options.robot
 @options.open_loop
 @click.option(

@@ -13,6 +13,7 @@ from gensim2.cli.output import line, report
 
 if TYPE_CHECKING:
     from gensim2.pipeline.setting import Physics
+    from gensim2.tasks.presets import PresetName
 
 
 @click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 @options.assets
 @options.instances
 @options.physics
+@options.randomization
 @options.robot
 @options.open_loop
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
@@ -40,6 +42,7 @@ def demo(
     assets: str | None,
     instances: str,
     physics: Physics,
+    randomization: PresetName,
     robot: str,
     open_loop: bool,
     out: Path | None,
@@ -66,6 +69,7 @@ def demo(
             assets=assets,
             instances=instances,
             physics=physics,
+            randomization=randomization,
             robot=robot,
             open_loop=open_loop,
             out=out,

@@ -90,6 +90,14 @@ physics = click.option(
     show_default=True,
     help="Joint friction, densities, materials and default poses: ours, or those of the original GenSim2.",
 )
+randomization = click.option(
+    "--randomization",
+    type=click.Choice(("paper", "paper-half", "wide")),
+    default="paper",
+    show_default=True,
+    help="Ranges of the scenes: the task's own, half of them, or wider ones, with the objects' friction and mass and "
+    "the robot's start drawn, too.",
+)
 robot = click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Who does it.")
 open_loop = click.option(
     "--open-loop",
@@ -120,6 +128,7 @@ instances = click.option(
     "instances",
     default="all",
     show_default=True,
-    metavar="all|train|test|random|ID",
-    help="Objects to draw from; random is one of them, drawn by --seed.",
+    metavar="all|train|test|new|random|ID",
+    help="Objects to draw from; new are generated ones beyond the listed ones, random is one of the listed, drawn by "
+    "--seed.",
 )

@@ -12,6 +12,7 @@ from gensim2.cli.output import line, report, table
 
 if TYPE_CHECKING:
     from gensim2.pipeline.setting import Physics
+    from gensim2.tasks.presets import PresetName
 
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
 @click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
 @options.seed
 @options.assets
+@options.instances
 @options.physics
+@options.randomization
 @options.robot
 @options.open_loop
 @options.out("Run folder.  [default: runs/<date>-<time>]")
@@ -52,7 +55,9 @@ def run_pipeline(
     designer: str,
     seed: int,
     assets: str | None,
+    instances: str,
     physics: Physics,
+    randomization: PresetName,
     robot: str,
     open_loop: bool,
     out: Path | None,
@@ -85,6 +90,8 @@ def run_pipeline(
                 target_task=target_task,
                 stored_tasks=stored_tasks,
                 physics=physics,
+                randomization=randomization,
+                instances=instances,
                 robot=robot,
                 open_loop=open_loop,
                 resume=resume,

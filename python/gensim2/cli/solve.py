@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from gensim2.pipeline.setting import Physics
     from gensim2.planning.scene import Scene
     from gensim2.robots import RobotProfile
+    from gensim2.tasks.presets import PresetName
     from gensim2_kpam import Plan
 
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 @options.assets
 @options.instances
 @options.physics
+@options.randomization
 @options.robot
 @options.open_loop
 @options.out("Folder to write the plan to.  [default: written nowhere]")
@@ -37,6 +39,7 @@ def solve(
     assets: str | None,
     instances: str,
     physics: Physics,
+    randomization: PresetName,
     robot: str,
     open_loop: bool,
     out: Path | None,
@@ -58,6 +61,7 @@ def solve(
             assets=assets,
             instances=instances,
             physics=physics,
+            randomization=randomization,
             robot=robot,
             open_loop=open_loop,
             out=out,

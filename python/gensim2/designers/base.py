@@ -84,12 +84,21 @@ class Candidate:
 
 @dataclass(frozen=True)
 class StageResult:
-    """How a candidate fared in one stage of the search; ``causes`` counts what went wrong."""
+    """How a candidate fared in one stage of the search.
+
+    Attributes:
+        name: of the stage.
+        trials: scenes planned, or episodes.
+        score: share of them that were planned whole, or held.
+        causes: counts of what went wrong.
+        strict: share of the episodes that meet the strict verdict as well; 0 where none was run.
+    """
 
     name: Literal["plan", "physics"]
     trials: int
     score: float
     causes: dict[str, int]
+    strict: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +111,31 @@ class CandidateResult:
     @property
     def physics_score(self) -> float:
         """Share of physics episodes that held over all stages, shrunk towards zero where few were run."""
-        physics = [stage for stage in self.stages if stage.name == "physics"]
-        trials = sum(stage.trials for stage in physics)
-        held = sum(stage.score * stage.trials for stage in physics)
-        return held / (trials + 1)
+        return self.held / (self.episodes + 1)
+
+    @property
+    def strict_score(self) -> float:
+        """The same of episodes that meet the strict verdict."""
+        return self.strict / (self.episodes + 1)
+
+    @property
+    def episodes(self) -> int:
+        """Physics episodes over all stages."""
+        return sum(stage.trials for stage in self._physics)
+
+    @property
+    def held(self) -> float:
+        """How many of them held."""
+        return sum(stage.score * stage.trials for stage in self._physics)
+
+    @property
+    def strict(self) -> float:
+        """How many of them meet the strict verdict."""
+        return sum(stage.strict * stage.trials for stage in self._physics)
+
+    @property
+    def _physics(self) -> list[StageResult]:
+        return [stage for stage in self.stages if stage.name == "physics"]
 
     @property
     def plan_score(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -256,18 +256,17 @@ class ChainController:
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
         turn = self._turn()
-        scene = replace(observation.scene(), held=self._holds)
+        width = None if self._held is None else self._held.width
+        scene = replace(observation.scene(), held=self._holds, held_width=width)
         found: list[_Plan] = []
         for name in self._untried(turn):
             former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
             plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
             found.append(plan)
-            if plan.planned.is_solved:
+            if plan.planned.rank == 0:
                 break
-        with_motion = [plan for plan in found if plan.planned.schedule is not None]
-        whole = [plan for plan in with_motion if plan.planned.is_solved]
-        self._running = next(iter(whole or with_motion), None)
+        self._running = _best(found)
         return self._running is not None
 
     @property
@@ -303,13 +302,13 @@ class ChainController:
             plans: list[_Plan] = []
             for name in step.strategies:
                 plans.append(self._plan(scene, name, 0, None))
-                if plans[-1].planned.is_solved:
+                if plans[-1].planned.rank == 0:
                     break
             ahead.append(plans)
-            planned = plans[-1].planned
-            if planned.after is None or not planned.is_solved:
+            best = _best(plans)
+            if best is None or best.planned.after is None or not best.planned.is_solved:
                 break
-            scene = planned.after
+            scene = best.planned.after
         self._at = 0
         return ahead
 
@@ -324,7 +323,13 @@ class ChainController:
                 return None
             plans = self._ahead.pop(0)
             self._turn().plans.extend(plans)
-            with_motion = [plan for plan in plans if plan.planned.schedule is not None]
-            if not with_motion:
+            self._running = _best(plans)
+            if self._running is None:
                 return None
-            self._running = with_motion[-1] if with_motion[-1].planned.is_solved else with_motion[0]
+
+
+def _best(plans: Sequence[_Plan]) -> _Plan | None:
+    """The first of the best that have a motion."""
+    return min(
+        (plan for plan in plans if plan.planned.schedule is not None), key=lambda p: p.planned.rank, default=None
+    )

@@ -8,6 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat
 
+from gensim2.tasks.presets import DEFAULT_PRESET
+
 SCHEMA_VERSION: Literal[2] = 2
 
 
@@ -63,6 +65,7 @@ class ObjectRecord:
         openness_start, openness_end: of its joint; None of a rigid object, or where it is no number any more.
         pose_end: (7,) of a rigid object at the end; None of an articulated one or where it is no number any more.
         default_pose: whose default pose the draw started from, ``"ours"`` or ``"original"``; None: its pose was given.
+        mass_factor, contact_friction_factor, joint_friction_factor: by what its physics was multiplied.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -77,6 +80,9 @@ class ObjectRecord:
     openness_end: FiniteFloat | None
     pose_end: list[FiniteFloat] | None = None
     default_pose: str | None = None
+    mass_factor: FiniteFloat = 1.0
+    contact_friction_factor: FiniteFloat = 1.0
+    joint_friction_factor: FiniteFloat = 1.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,26 @@ class StepRecord:
 
 
 @dataclass(frozen=True)
+class AttemptRecord:
+    """One of several attempts from the same start.
+
+    Attributes:
+        seed: of the solver.
+        first: strategy that a step began with in place of its own first one, by step.
+        paper, held, strict, cause: as of an episode.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
+    seed: Annotated[int, Field(ge=0)]
+    first: dict[str, str]
+    paper: bool
+    held: bool
+    strict: bool
+    cause: Cause | None
+
+
+@dataclass(frozen=True)
 class Episode:
     """One episode: one reset, whatever was planned and tried inside it.
 
@@ -151,6 +177,10 @@ class Episode:
         truncated: the episode was longer than the task allows.
         cause: why it does not count as held; None where it does.
         diagnosis: numbers beside the cause and beside each miss of the strict verdict, for a designer and a report.
+        randomization: name of the preset that the scene was drawn with.
+        start: (n,) all active joints of the robot at the start.
+        attempts: where several were allowed, all that were made from this start, in order; everything else is of one of
+            them (:mod:`gensim2.episodes.attempts`).
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
@@ -169,6 +199,9 @@ class Episode:
     truncated: bool
     cause: Cause | None
     diagnosis: dict[str, Any] = field(default_factory=dict)
+    randomization: str = DEFAULT_PRESET
+    start: list[FiniteFloat] = field(default_factory=list)
+    attempts: list[AttemptRecord] = field(default_factory=list)
 
     @property
     def partial(self) -> bool:

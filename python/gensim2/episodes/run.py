@@ -86,7 +86,8 @@ def run(
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])
     # All that is asked of the world before it is reset once more.
-    objects, draws = _object_records(world.setup, trace[0], trace[-1]), world.setup.draws
+    setup = world.setup
+    objects = _object_records(setup, trace[0], trace[-1])
     recording = motion.recording()
     lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
     by_itself: StillResult | None = None
@@ -111,7 +112,7 @@ def run(
     episode = Episode(
         seed=seed,
         objects=objects,
-        placement_draws=draws,
+        placement_draws=setup.draws,
         steps=history,
         control_steps=steps,
         paper=outcome.stable and paper_verdict(world.task, turns),
@@ -123,6 +124,8 @@ def run(
         truncated=truncated,
         cause=cause,
         diagnosis=numbers,
+        randomization=setup.randomization,
+        start=list(map(float, setup.start)),
     )
     return EpisodeResult(episode, recording)
 
@@ -204,6 +207,9 @@ def _object_records(setup: Setup, start: Measurement, end: Measurement) -> dict[
             openness_end=_number(end.openness.get(name)),
             pose_end=_numbers(end.poses.get(name)),
             default_pose=placed.default_pose,
+            mass_factor=placed.factors.mass,
+            contact_friction_factor=placed.factors.contact_friction,
+            joint_friction_factor=placed.factors.joint_friction,
         )
     return records
 

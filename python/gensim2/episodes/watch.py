@@ -20,7 +20,7 @@ MOST_DRIFT = 0.005
 MOST_OPENNESS_DRIFT = 0.02
 """Openness by which a joint may move before the hand is to touch it."""
 MOST_SLIP = 0.03
-"""Metres by which a held object may move in the hand."""
+"""Metres by which an object may lie otherwise in the hand than planned, or move in it."""
 LEAST_OPENING = 0.002
 """Metres between the pads below which they hold nothing."""
 LEAST_SHARE = 0.4
@@ -51,9 +51,14 @@ class Held:
 
 def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
     """What the hand holds once the fingers have closed; None: they have closed on nothing."""
-    if plan.picks is None or measured.finger_opening < _least_opening(plan.width):
+    if plan.picks is None or plan.after is None or measured.finger_opening < _least_opening(plan.width):
         return None
-    return Held(plan.picks, in_hand(profile, q, measured, plan.picks), plan.width)
+    T_hand_base = np.linalg.inv(profile.model.forward_kinematics(plan.after.q))
+    planned = T_hand_base @ plan.after.objects[plan.picks].T_base_object
+    T_hand_object = in_hand(profile, q, measured, plan.picks)
+    if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MOST_SLIP:
+        return None  # fingers that press gently do not close when there is nothing
+    return Held(plan.picks, T_hand_object, plan.width)
 
 
 def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -> Array:

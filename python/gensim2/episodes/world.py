@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +17,17 @@ from gensim2.tasks.spec import TaskSpec
 Array = npt.NDArray[np.float64]
 Tree = dict[str, Any]
 """Arrays by name, nested; leaves are numpy arrays."""
+
+
+class Factors(Protocol):
+    """By what an object's physics is multiplied; docs/simulation.md."""
+
+    @property
+    def mass(self) -> float: ...
+    @property
+    def contact_friction(self) -> float: ...
+    @property
+    def joint_friction(self) -> float: ...
 
 
 class Placed(Protocol):
@@ -44,6 +55,11 @@ class Placed(Protocol):
         """Whose default pose it was put from, ``"ours"`` or ``"original"``; None: its pose was given."""
         ...
 
+    @property
+    def factors(self) -> Factors:
+        """By what its physics is multiplied."""
+        ...
+
 
 class Setup(Protocol):
     """What a reset drew."""
@@ -56,6 +72,16 @@ class Setup(Protocol):
     @property
     def draws(self) -> int:
         """Draws until all stood apart and within reach."""
+        ...
+
+    @property
+    def start(self) -> Sequence[float]:
+        """(n,) all active joints of the robot."""
+        ...
+
+    @property
+    def randomization(self) -> str:
+        """Name of the preset that it was drawn with."""
         ...
 
 

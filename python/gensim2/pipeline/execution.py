@@ -12,7 +12,7 @@ from gensim2.errors import InputError
 from gensim2.objects import Instance, Library
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.inputs import TaskInput
+from gensim2.pipeline.inputs import TaskInput, chosen_word, has_instances
 from gensim2.pipeline.records import PipelineResult, TaskOutcome
 from gensim2.pipeline.report import write_report
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
@@ -47,12 +47,13 @@ class Execution:
         evaluator: PoolEvaluator,
         seed: int,
         episodes: int,
+        instances: str,
         video: bool,
         budget: Budget,
         progress: Progress,
     ) -> None:
         self.library, self.designer, self.folder, self.evaluator = library, designer, folder, evaluator
-        self.seed, self.episodes, self.video = seed, episodes, video
+        self.seed, self.episodes, self.instances, self.video = seed, episodes, instances, video
         self.budget, self.progress = budget, progress
         self.notes: list[str] = []
         self._affordances: dict[str, Affordance] = {}
@@ -84,7 +85,9 @@ class Execution:
 
     def _proposals(self, known: list[TaskSpec]) -> Iterator[TaskSpec]:
         """The designer's proposals over the library's classes in a seeded order."""
-        classes = list(self.library.classes("articulated"))
+        classes = [
+            name for name in self.library.classes("articulated") if has_instances(self.library, name, self.instances)
+        ]
         order = seeding.rng(self.seed, "classes").permutation(len(classes))
         affordances = (self._affordance(classes[index]) for index in order)
         return iter(self.designer.propose((a for a in affordances if a is not None), known, self.seed))
@@ -168,7 +171,7 @@ class Execution:
                 self.folder,
                 self.evaluator,
                 self.library,
-                "all",
+                chosen_word(task, self.library, self.instances, self.seed),
                 episodes=self.episodes,
                 seed=self.seed,
                 video=self.video,

@@ -5,19 +5,30 @@ First what costs nothing (files, fields, names), then what needs one object of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
+from gensim2.objects.library.selection import object_of_ids, words_of_objects
 from gensim2.pipeline.setting import PHYSICS, Circumstances, Physics
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed
-from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
+from gensim2.tasks.library import (
+    load_strategies,
+    load_strategies_beside,
+    load_task,
+    load_task_file,
+    strategy_files,
+    task_folder,
+    task_names,
+)
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
 #: Seconds; no job needs eleven days, and infinity is no time to wait.
@@ -32,7 +43,7 @@ class TaskInput:
         spec: the task.
         strategies: by name, as plain data.
         library: where its objects come from.
-        instances: which of them, one word: ``"all"``, ``"train"``, ``"test"`` or an id.
+        instances: which of them, one word: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
         circumstances: of its episodes.
     """
 
@@ -52,22 +63,23 @@ def read_task_input(
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
 ) -> TaskInput:
     """Read and check a task.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``; of the task's first
-            object, where the task does not say itself which.
+        instances: ``all``, ``train``, ``test``, ``new`` (generated ones beyond the listed ones), an id, or ``random``:
+            one, drawn by ``seed``; where the task does not say itself which.
         seed: of the run.
-        physics, robot, open_loop: as in :class:`~gensim2.pipeline.setting.Circumstances`.
+        physics, robot, open_loop, randomization: as in :class:`~gensim2.pipeline.setting.Circumstances`.
 
     Raises:
         InputError: names the file and the field, or the argument.
     """
     seed = check_seed(seed)
-    check_circumstances(physics, robot)
+    check_circumstances(physics, robot, randomization)
     spec, strategies = task_and_strategies(task)
     folder = Path(task) if _is_folder(task) else None
     library = open_library(assets)
@@ -77,10 +89,8 @@ def read_task_input(
         except InputError as error:
             file = folder / "task.yaml" if folder else None
             raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
-    first = next(iter(spec.objects.values()))
-    chosen = library.choose(first.asset_class, instances, seed)
-    word = chosen[0] if instances == "random" else instances
-    files = {name: _strategy_file(folder or Path(spec.name), name) for name in strategies}
+    word = chosen_word(spec, library, instances, seed)
+    files = {name: str(file) for name, file in strategy_files(folder or task_folder(spec.name), spec).items()}
     check_strategies(
         spec,
         {name: parse_strategy(data, files[name]) for name, data in strategies.items()},
@@ -88,7 +98,69 @@ def read_task_input(
         profile(robot),
         files,
     )
-    return TaskInput(spec, strategies, library, word, Circumstances(library.location, physics, robot, open_loop))
+    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
+    return TaskInput(spec, strategies, library, word, circumstances)
+
+
+def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
+    """What ``--instances`` says of a task, ``random`` replaced by what the seed draws.
+
+    Raises:
+        InputError: a class has no such instance or split.
+    """
+    if instances == "random":
+        drawn = spec.objects[object_of_ids(library.instances, _classes(spec))]
+        return library.choose(drawn.asset_class, instances, seed)[0]
+    for name, (word,) in words_of_objects(library.instances, _classes(spec), (instances,)).items():
+        if spec.objects[name].instances is None:
+            library.choose(spec.objects[name].asset_class, word)
+    return instances
+
+
+def has_instances(library: Library, asset_class: str, instances: str) -> bool:
+    """Whether a class has what ``--instances`` says."""
+    try:
+        return bool(library.choose(asset_class, instances))
+    except InputError:
+        return False
+
+
+def _classes(spec: TaskSpec) -> dict[str, str]:
+    return {name: thing.asset_class for name, thing in spec.objects.items()}
+
+
+def of_these_objects(
+    assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all"
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Tasks that these objects do for, and why the others are left out.
+
+    Args:
+        assets: as for :func:`read_task_input`.
+        tasks: names of library tasks, or folders; none: the whole library.
+        instances: as for :func:`read_task_input`.
+
+    Raises:
+        InputError: the folder cannot be used, a task is none, or no task is left.
+    """
+    library = open_library(assets)
+    skipped: dict[str, InputError] = {}
+    named = tuple(tasks) or task_names()
+    for name in named:
+        spec = load_task_file(Path(name)) if _is_folder(name) else load_task(name)
+        lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
+        try:
+            if lacking:
+                raise InputError(f"{library.location} has no {', '.join(lacking)}", field="assets")
+            chosen_word(spec, library, instances, 0)
+        except InputError as error:
+            skipped[name] = error
+    if len(skipped) == len(named):
+        name, error = next(iter(skipped.items()))
+        raise InputError(
+            f"no task can be run on these objects; {name}: {error.message}", field=error.field, remedy=error.remedy
+        )
+    reasons = {name: error.message for name, error in skipped.items()}
+    return tuple(name for name in named if name not in skipped), reasons
 
 
 def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
@@ -104,17 +176,12 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
     return spec, load_strategies_beside(folder, spec)
 
 
-def _strategy_file(folder: Path, name: str) -> Path:
-    """Where a strategy was read from, for messages; a folder of version 1 has it beside ``task.yaml``."""
-    former = folder / f"{name}.yaml"
-    return former if former.is_file() else folder / "strategies" / f"{name}.yaml"
-
-
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
-    """What strategies may name of one object for each of the task; the first is one that ``word`` stands for."""
+    """What strategies may name of one object for each of the task, of those that ``word`` stands for."""
     found: dict[str, ObjectNames] = {}
-    for index, (name, thing) in enumerate(spec.objects.items()):
-        words = thing.instances or (("all",) if index else (word,))
+    asked = words_of_objects(library.instances, _classes(spec), (word,))
+    for name, thing in spec.objects.items():
+        words = thing.instances or asked[name]
         model = library.load(thing.asset_class, library.choose(thing.asset_class, words[0])[0])
         joint = model.joint.type if isinstance(model, Instance) else None
         found[name] = ObjectNames(tuple(model.keypoints), joint)
@@ -128,16 +195,17 @@ def _is_folder(task: str) -> bool:
         raise InputError(f"cannot read: {error.strerror}", file=task) from error
 
 
-def check_circumstances(physics: str, robot: str) -> None:
+def check_circumstances(physics: str, robot: str, randomization: str) -> None:
     """Refuse what there is not.
 
     Raises:
-        InputError: no such physics, or no such robot.
+        InputError: no such physics, robot or randomization.
         MissingExtraError: the robot's model comes with a package that is not installed.
     """
     if physics not in PHYSICS:
         raise InputError(f"no physics {physics!r}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
     profile(robot)
+    preset(randomization)
 
 
 def check_workers(time_limit: float, jobs_per_worker: int) -> None:

@@ -17,7 +17,7 @@ from gensim2.pipeline.tally import Tally
 SCHEMA_VERSION = 1
 """Of what commands print."""
 
-RUN_SCHEMA_VERSION: Literal[3] = 3
+RUN_SCHEMA_VERSION: Literal[4] = 4
 """Of ``run.json``, and with it of what a run can go on with."""
 
 Instances = Literal["new", "test", "all"]
@@ -32,7 +32,7 @@ class Record(BaseModel):
 class RunRecord(Record):
     """``run.json``."""
 
-    schema_version: Literal[3]
+    schema_version: Literal[4]
     arguments: dict[str, Any]
     identity: dict[str, str]
     command_line: list[str]
@@ -98,6 +98,7 @@ class ArgumentsSummary(BaseModel):
     physics: str
     robot: str
     open_loop: bool
+    randomization: str
 
 
 class RejectionSummary(BaseModel):
@@ -128,6 +129,7 @@ class StageRecord(Record):
     episodes: Annotated[int, Field(ge=0)]
     successes: float
     causes: dict[str, int]
+    strict: float = 0.0
 
 
 class CandidateRecord(Record):
@@ -230,7 +232,13 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
         "steps": result.candidate.steps,
         "provenance": result.candidate.provenance,
         "stages": [
-            {"name": s.name, "episodes": s.trials, "successes": s.score * s.trials, "causes": s.causes}
+            {
+                "name": s.name,
+                "episodes": s.trials,
+                "successes": s.score * s.trials,
+                "causes": s.causes,
+                "strict": s.strict * s.trials,
+            }
             for s in result.stages
         ],
         "cause": causes.most_common(1)[0][0] if causes else None,

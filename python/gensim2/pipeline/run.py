@@ -12,8 +12,15 @@ from gensim2.designers.proposals import affordance_of, redesigned
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.execution import Execution, acted_on
-from gensim2.pipeline.inputs import check_circumstances, check_counts, check_workers, read_task_input
+from gensim2.pipeline.execution import Execution
+from gensim2.pipeline.inputs import (
+    check_circumstances,
+    check_counts,
+    check_workers,
+    chosen_word,
+    has_instances,
+    read_task_input,
+)
 from gensim2.pipeline.records import PipelineResult
 from gensim2.pipeline.report import reported
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
@@ -23,6 +30,7 @@ from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
 
@@ -40,6 +48,8 @@ def run_pipeline(
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
+    instances: str = "all",
     resume: bool = False,
     designer: str = "offline",
     video: bool = True,
@@ -62,6 +72,9 @@ def run_pipeline(
         physics: ``"ours"`` or ``"original"``.
         robot: name of its profile.
         open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        randomization: ``"paper"`` for the tasks' own ranges, ``"paper-half"`` or ``"wide"``.
+        instances: what demonstrations draw from, as for ``demo``; search and verification keep theirs apart. Only tasks
+            on objects that have such instances are proposed.
         resume: go on with the run that ``out`` holds.
         designer: ``"offline"``.
         video: film each kept task where this machine can render.
@@ -87,16 +100,27 @@ def run_pipeline(
             remedy=f"the designer {designer} designs such tasks only; record it with `gensim2 demo {target.name}`",
         )
     seeding.check_seed(seed)
-    check_circumstances(physics, robot)
+    check_circumstances(physics, robot, randomization)
     library = open_library(assets)
     if target is not None:
-        library.instances(acted_on(target))  # a class that is not there is said before anything starts
+        chosen_word(target, library, instances, seed)  # what is not there is said before anything starts
+    elif not any(has_instances(library, name, instances) for name in library.classes("articulated")):
+        raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [
-        read_task_input(name, library.location, "all", seed, physics=physics, robot=robot, open_loop=open_loop)
+        read_task_input(
+            name,
+            library.location,
+            instances,
+            seed,
+            physics=physics,
+            robot=robot,
+            open_loop=open_loop,
+            randomization=randomization,
+        )
         for name in dict.fromkeys(stored_tasks)
     ]
     budget = budget or Budget()
-    circumstances = Circumstances(library.location, physics, robot, open_loop)
+    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     with (
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
@@ -106,6 +130,7 @@ def run_pipeline(
                 "episodes": episodes,
                 "seed": seed,
                 **asdict(circumstances),
+                "instances": instances,
                 "designer": designer,
                 "target_task": target_task,
                 "stored_tasks": [given.spec.name for given in stored],
@@ -130,7 +155,7 @@ def run_pipeline(
         ) as evaluator,
     ):
         execution = Execution(
-            library, DESIGNERS[designer](), folder, evaluator, seed, episodes, video, budget, progress
+            library, DESIGNERS[designer](), folder, evaluator, seed, episodes, instances, video, budget, progress
         )
         result = execution.run(num_tasks if target is None else 1, target, stored)
         folder.finish(result.to_dict())

@@ -3,11 +3,15 @@
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
 the better half gets more episodes, and so on, so that effort goes where it can pay. Unless one of the best holds nearly
 always, the designer varies them and the best are compared again.
+
+Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
+strict verdict decides among them.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +48,8 @@ class Budget:
         rounds: (candidates, episodes each) of successive physics rounds of the first generation.
         refine_episodes: episodes of each refined candidate.
         comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
-        enough: a candidate that holds at this rate over at least ``enough_episodes`` episodes ends the search.
+        enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
+            ``enough_episodes`` episodes ends the search.
         enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
     """
 
@@ -53,6 +58,7 @@ class Budget:
     refine_episodes: int = 4
     comparison: tuple[int, int] = (4, 10)
     enough: float = 0.9
+    enough_strict: float = 0.75
     enough_episodes: int = 14
 
 
@@ -167,9 +173,9 @@ class Search:
         known = {self._key(result): result for result in standing}
         while True:
             ranked = self._sorted(list(known.values()))
-            proven = [r for r in ranked if self._trials(r) >= self.budget.enough_episodes]
+            proven = [r for r in ranked if r.episodes >= self.budget.enough_episodes]
             bar = proven[0].physics_score if proven else 0.0
-            hopeful = [r for r in ranked if r not in proven and self._held(r) > 0 and self._hope(r) > bar]
+            hopeful = [r for r in ranked if r not in proven and r.held > 0 and self._hope(r) > bar]
             if not hopeful or (proven and self._enough(proven[0])):
                 # What is not known well enough stands behind what is.
                 return [*proven, *(r for r in ranked if r not in proven)]
@@ -178,28 +184,37 @@ class Search:
                 known[self._key(result)] = result
 
     def _enough(self, result: CandidateResult) -> bool:
-        trials = self._trials(result)
-        return trials >= self.budget.enough_episodes and self._held(result) >= self.budget.enough * trials
+        budget, trials = self.budget, result.episodes
+        return (
+            trials >= budget.enough_episodes
+            and result.held >= budget.enough * trials
+            and result.strict >= budget.enough_strict * trials
+        )
 
-    def _hope(self, result: CandidateResult) -> float:
+    @staticmethod
+    def _hope(result: CandidateResult) -> float:
         """Score if one more episode were to hold."""
-        return (self._held(result) + 1) / (self._trials(result) + 1)
-
-    @staticmethod
-    def _trials(result: CandidateResult) -> int:
-        return sum(stage.trials for stage in result.stages if stage.name == "physics")
-
-    @staticmethod
-    def _held(result: CandidateResult) -> float:
-        return sum(stage.score * stage.trials for stage in result.stages if stage.name == "physics")
+        return (result.held + 1) / (result.episodes + 1)
 
     @staticmethod
     def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:
-        return sorted(results, key=lambda result: (-result.physics_score, -result.plan_score))
+        by_held = sorted(results, key=lambda result: (-result.physics_score, -result.plan_score))
+        tied = [result for result in by_held if _is_tied(result, by_held[0])]
+        rest = [result for result in by_held if not _is_tied(result, by_held[0])]
+        return [*sorted(tied, key=lambda result: -result.strict_score), *rest]
 
     @staticmethod
     def _key(result: CandidateResult) -> str:
         return str(result.candidate.steps)
+
+
+def _is_tied(result: CandidateResult, best: CandidateResult) -> bool:
+    """Whether a candidate holds less often than the best by no more than one standard error of that difference."""
+    if not result.held:
+        return False
+    rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)
+    error = math.sqrt(rate * (1 - rate) * (1 / result.episodes + 1 / best.episodes))
+    return best.held / best.episodes - result.held / result.episodes <= error
 
 
 def _stage(episodes: Sequence[Episode]) -> StageResult:
@@ -208,4 +223,5 @@ def _stage(episodes: Sequence[Episode]) -> StageResult:
         len(episodes),
         sum(episode.held for episode in episodes) / len(episodes),
         merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
+        sum(episode.strict for episode in episodes) / len(episodes),
     )

@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 from gensim2.episodes.disturbance import Kind
 from gensim2.robots import DEFAULT_ROBOT
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 from gensim2.tasks.spec import TaskSpec
 
 Physics = Literal["ours", "original"]
@@ -25,6 +26,8 @@ class Circumstances:
         robot: name of its profile.
         open_loop: everything is planned at the start, with the first strategy of each step.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
+        randomization: ``"paper"``, ``"paper-half"`` or ``"wide"``: what becomes of the tasks' ranges.
+        attempts: resets to the same start that an episode has at most, until one holds.
     """
 
     assets: str
@@ -32,12 +35,14 @@ class Circumstances:
     robot: str = DEFAULT_ROBOT
     open_loop: bool = False
     disturbance: Kind | None = None
+    randomization: PresetName = DEFAULT_PRESET
+    attempts: int = 1
 
     @property
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
-        given = {"physics": self.physics, "robot": self.robot}
-        defaults = {"physics": "ours", "robot": DEFAULT_ROBOT}
+        given = {"physics": self.physics, "robot": self.robot, "randomization": self.randomization}
+        defaults = {"physics": "ours", "robot": DEFAULT_ROBOT, "randomization": DEFAULT_PRESET}
         return {name: value for name, value in given.items() if value != defaults[name]}
 
 

@@ -14,6 +14,7 @@ from gensim2.pipeline.tally import Tally
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def demo(
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
     out: Path | None = None,
     workers: int = 2,
     resume: bool = False,
@@ -76,10 +78,12 @@ def demo(
         episodes: successful demonstrations to keep.
         seed: of the scenes.
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: what episodes draw from: ``all``, ``train``, ``test``, an id, or ``random``: one, drawn by ``seed``.
+        instances: what episodes draw from: ``all``, ``train``, ``test``, ``new``, an id, or ``random``: one, drawn by
+            ``seed``.
         physics: ``"ours"`` or ``"original"``.
         robot: name of its profile.
         open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"``.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
@@ -97,7 +101,9 @@ def demo(
     run_dir = Path(out) if out is not None else None
     if run_dir is not None:
         check_writable(run_dir / "run.json")
-    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
+    given = read_task_input(
+        task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop, randomization=randomization
+    )
     # Only now what takes long to import.
     from gensim2.pipeline.demonstrations import collect
     from gensim2.pipeline.evaluator import PoolEvaluator

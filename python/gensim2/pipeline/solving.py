@@ -14,6 +14,7 @@ from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.setting import Physics
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlan
@@ -88,21 +89,23 @@ def solve(
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
     open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
 ) -> SolveResult:
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
     Each step after the first is planned on the scene that the plans before it foresee. Where the whole motion of a step
-    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it; where there is none, the
-    next strategy is tried, and after the last one the result ends with that step.
+    cannot be had, its plan holds the longest part (status ``partial``), as episodes take it. Strategies are tried in
+    order until one is planned whole without touching anything early, and the best is taken; without a motion the result
+    ends with that step.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.
         seed: of the scene.
         assets: as for ``demo``.
         instances: as for ``demo``; the seed draws one of several.
-        physics, robot: as for ``demo``.
+        physics, robot, randomization: as for ``demo``.
         open_loop: the first strategy of each step only, as open-loop episodes do.
         out: folder in which to leave ``plan.json``.
         view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
@@ -112,11 +115,20 @@ def solve(
     """
     if out is not None:
         check_writable(Path(out) / "plan.json")
-    given = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
+    given = read_task_input(
+        task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop, randomization=randomization
+    )
     # Only now what takes seconds to import.
     from gensim2.sim.lane import Lane
 
-    lane = Lane(given.spec, assets=given.library, instances=given.instances, physics=physics, robot=robot)
+    lane = Lane(
+        given.spec,
+        assets=given.library,
+        instances=given.instances,
+        physics=physics,
+        robot=robot,
+        randomization=randomization,
+    )
     lane.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
@@ -140,13 +152,15 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
     ways = [(step, [strategies[name] for name in step.strategies]) for step in given.spec.steps]
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
+        tried: list[SolvedStep] = []
         for name in step.strategies[:1] if given.circumstances.open_loop else step.strategies:
             found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
-            solved = SolvedStep(step.name, name, scene, found)
-            if found.status in FOUND:
+            tried.append(SolvedStep(step.name, name, scene, found))
+            if found.rank == 0:
                 break
-        steps.append(solved)
-        if found.status not in FOUND or found.after is None:
+        best = min(tried, key=lambda solved: solved.found.rank)
+        steps.append(best)
+        if best.found.status not in FOUND or best.found.after is None:
             break
-        scene = found.after
+        scene = best.found.after
     return steps

@@ -63,7 +63,12 @@ def simulator(setting: Setting) -> Lane:
 
     given = setting.circumstances
     return Lane(
-        setting.task, assets=given.assets, instances=setting.instances, physics=given.physics, robot=given.robot
+        setting.task,
+        assets=given.assets,
+        instances=setting.instances,
+        physics=given.physics,
+        robot=given.robot,
+        randomization=given.randomization,
     )
 
 
@@ -132,18 +137,28 @@ def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Ep
 
 
 def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> tuple[Episode, Recording | None]:
+    from gensim2.episodes.attempts import Attempt, attempted
     from gensim2.episodes.chain import ChainController
     from gensim2.episodes.disturbance import Disturbed
-    from gensim2.episodes.run import run
+    from gensim2.episodes.run import EpisodeResult, run
 
     given = setting.circumstances
     lane = simulator(setting)
-    controller: Controller = ChainController(
-        setting.task, parsed(strategies), profile=robot(given.robot), open_loop=given.open_loop
-    )
-    if given.disturbance is not None:
-        controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
-    result = run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+    ways = parsed(strategies)
+
+    def once(attempt: Attempt) -> EpisodeResult:
+        controller: Controller = ChainController(
+            attempt.task(setting.task),
+            ways,
+            profile=robot(given.robot),
+            open_loop=given.open_loop,
+            options=attempt.options,
+        )
+        if given.disturbance is not None:
+            controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
+        return run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+
+    result = attempted(setting.task, once, given.attempts)
     return result.episode, result.recording
 
 

@@ -16,6 +16,9 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger as it closes on a thing that can be pushed away, m/s.
 CLOSING_SPEED = 0.06
 
+#: Force (N) with which each finger presses on what was taken up: pressed harder, a ball of a few grams is shot away.
+GRIP_FORCE = 3.0
+
 #: Seconds for which the last target is held, so that the arm arrives.
 HOLD_SECONDS = 0.2
 
@@ -28,6 +31,7 @@ class Acts:
         fingers: as the strategy says.
         command: gripper command, -1 to 1, with which the step begins.
         opening: command at which the hand arrives where it closes, -1 to 1.
+        grip: command to which the fingers close, -1 to 1.
         gently: close at ``CLOSING_SPEED``: what is grasped can be pushed away.
         before: whether the command is to be reached before the arm moves.
         lets_go: whether the hand opens and backs off at the end.
@@ -36,6 +40,7 @@ class Acts:
     fingers: kpam.Gripper
     command: float
     opening: float = OPEN
+    grip: float = CLOSED
     gently: bool = False
     before: bool = False
     lets_go: bool = False
@@ -63,6 +68,13 @@ class Schedule:
 
     def __len__(self) -> int:
         return len(self.actions)
+
+
+def grip_on(pad_distance: float, profile: RobotProfile) -> float:
+    """The command, -1 to 1, that presses by ``GRIP_FORCE`` on what keeps the pads so far (m) apart."""
+    gripper = profile.gripper
+    target = pad_distance / len(gripper.joints) - GRIP_FORCE / gripper.stiffness
+    return float(np.clip(gripper.command(target), CLOSED, OPEN))
 
 
 def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
@@ -101,10 +113,10 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
             released = len(rows)
             rows.dwell(actuation, OPEN, profile.gripper_steps)
         elif acts.gently:
-            rows.close(actuation, profile)
+            rows.close(actuation, acts.grip, profile)
             gripped = len(rows)
         else:
-            rows.dwell(actuation, CLOSED, profile.gripper_steps)
+            rows.dwell(actuation, acts.grip, profile.gripper_steps)
             gripped = len(rows)
         at = actuation
     if let_go is not None:
@@ -151,13 +163,13 @@ class _Rows:
         for _ in range(count):
             self._add(self._arm[step], step)
 
-    def close(self, step: int, profile: RobotProfile) -> None:
-        """Close slowly at a sample, then press."""
+    def close(self, step: int, grip: float, profile: RobotProfile) -> None:
+        """Close slowly at a sample to a command, and press."""
         gripper = profile.gripper
-        travel = 0.5 * (self.command - CLOSED) * (gripper.open - gripper.closed)
-        for command in np.linspace(self.command, CLOSED, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
+        travel = 0.5 * (self.command - grip) * (gripper.open - gripper.closed)
+        for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)
-        self.dwell(step, CLOSED, self._lag + ceil(HOLD_SECONDS * self._rate))
+        self.dwell(step, grip, self._lag + ceil(HOLD_SECONDS * self._rate))
 
     def _add(self, target: Array, step: int) -> None:
         self._targets.append(target)

@@ -93,6 +93,7 @@ class Scene:
         objects: by name, in the task's order.
         fixtures: what stands there and is no object: the table.
         held: name of the rigid object in the hand, or None.
+        held_width: distance of the pads (m) at which it was grasped; None where nobody knows.
     """
 
     q: Array
@@ -101,6 +102,7 @@ class Scene:
     objects: Mapping[str, SceneObject]
     fixtures: tuple[SceneBody, ...] = field(default=())
     held: str | None = None
+    held_width: float | None = None
 
     @property
     def bodies(self) -> tuple[SceneBody, ...]:

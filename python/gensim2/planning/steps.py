@@ -11,9 +11,11 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import Acts, Schedule, schedule
+from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import grasp_config, grasps_of
+from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
 from gensim2.planning.scene import Scene
+from gensim2.planning.shortening import shortened
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import CLOSED, OPEN, RobotProfile
@@ -51,6 +53,8 @@ class StepPlan:
         after: the scene as it will be; None without a motion.
         picks: the object that is taken up, or None.
         width: distance of the finger pads that hold it, m.
+        touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
+        whole: where ``plan`` is the longest part of a motion and then lets go: the plan that says what the rest lacks.
     """
 
     status: str
@@ -60,29 +64,42 @@ class StepPlan:
     after: Scene | None
     picks: str | None = None
     width: float | None = None
+    touches: str | None = None
+    whole: kpam.Plan | None = None
 
     @property
     def is_solved(self) -> bool:
         """Whether the whole motion was found."""
         return self.status == "solved"
 
+    @property
+    def rank(self) -> int:
+        """The lower, the better: whole and gentle, whole, a part, no motion at all."""
+        if self.schedule is None:
+            return 3
+        return 2 if not self.is_solved else 0 if self.touches is None else 1
+
     def detail(self) -> dict[str, Any]:
-        """What stands in the way of the whole: residuals missed, the keyframe not reached, bodies that collide."""
-        if self.plan is None or self.is_solved:
-            return {}
+        """What stands in the way of the whole: residuals missed, the keyframe not reached, bodies that collide; and of
+        one that touches nothing before the actuation pose.
+        """
+        touches = {} if self.touches is None else {"touches": self.touches}
+        plan = self.whole or self.plan
+        if plan is None or self.is_solved:
+            return touches
         found: dict[str, Any] = {
             "residuals": [
                 {"name": each["name"], "residual": each["residual"], "tolerance": each["tolerance"]}
-                for each in self.plan.residuals
+                for each in plan.residuals
                 if not each["satisfied"]
             ],
-            "unreached": next((frame["label"] for frame in self.plan.keyframes if not frame["reached"]), None),
+            "unreached": next((frame["label"] for frame in plan.keyframes if not frame["reached"]), None),
             "collisions": [
                 {"bodies": list(each["bodies"]), "distance": each["distance"], "toward": each["toward"]}
-                for each in self.plan.collisions
+                for each in plan.collisions
             ],
         }
-        return {name: value for name, value in found.items() if value}
+        return {name: value for name, value in found.items() if value} | touches
 
 
 #: A step and its strategies, in order of preference.
@@ -131,11 +148,39 @@ class StepPlanner:
         if isinstance(strategy, GraspStrategy):
             return self._grasp(scene, step, strategy, following)
         try:
-            problem = self.problem(scene, step, strategy)
+            found = reach(
+                lambda options: self.problem(scene, step, strategy, options),
+                self._clearances(scene, step, strategy),
+                None if former is None else former.plan,
+                explain,
+            )
+            part = self._letting_go(scene, step, strategy, found)
         except kpam.ProblemError as error:
             return StepPlan(INVALID, str(error), None, None, None)
-        plan = kpam.plan(problem, former=former.plan if former is not None else None, explain=explain)
-        return self._planned(scene, step, strategy, problem, plan)
+        if part is not None:
+            planned = self._planned(scene, step, strategy, part.problem, part.plan)
+            whole = found.plan
+            return replace(planned, status=whole.status, reason=whole.reason, touches=found.touches, whole=whole)
+        return replace(self._planned(scene, step, strategy, found.problem, found.plan), touches=found.touches)
+
+    def _letting_go(self, scene: Scene, step: Step, strategy: KeypointStrategy, found: Reach) -> Reach | None:
+        """The longest part of a motion, after which the hand lets go as after the whole; None where there is none."""
+        joint = scene.objects[step.object].joint
+        config = shortened(strategy.config, found.plan, None if joint is None else joint.openness)
+        if config is None:
+            return None
+        shorter = KeypointStrategy(config)
+        part = reach(lambda options: self.problem(scene, step, shorter, options), (found.clearance,), found.plan)
+        return part if part.plan.status == "solved" else None
+
+    def _clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
+        """Those to be kept from what the hand reaches for, in order of preference."""
+        if "reach_clearance" in self._options:
+            return (self._options["reach_clearance"],)
+        reaches = strategy.fingers != "release" and (
+            not scene.objects[step.object].is_rigid or (strategy.fingers == "grasp" and scene.held is None)
+        )
+        return REACH_CLEARANCES if reaches else (None,)
 
     def problem(
         self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
@@ -204,17 +249,23 @@ class StepPlanner:
             q[self._fingers] = self.profile.gripper.open
         return q
 
-    def _acts(self, scene: Scene, strategy: Strategy, opening: float = OPEN, gently: bool = False) -> Acts:
+    def _acts(
+        self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
+    ) -> Acts:
         present = self._command(float(scene.q[self._fingers[0]]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
             # What is held is pressed; bare fingers stay where they are.
-            command = CLOSED if scene.held is not None else present
+            command = present if scene.held is None else self._grip(scene.held_width)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
         # Fingers that only come nearer to what they will grasp do so on the way.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
-        return Acts(fingers, command, opening, gently, before, strategy.let_go is not None)
+        return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
+
+    def _grip(self, width: float | None) -> float:
+        """The command that holds what keeps the pads ``width`` (m) apart."""
+        return CLOSED if width is None else grip_on(width, self.profile)
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
@@ -306,9 +357,9 @@ class StepPlanner:
         plan = kpam.plan(problem)
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
-        acts = self._acts(scene, strategy, self._command(grasp.opening / 2), gently=True)
+        acts = self._acts(scene, strategy, self._command(grasp.opening / 2), self._grip(grasp.width), gently=True)
         rows = schedule(plan, acts, self.profile)
-        after = self._after(scene, step, problem, plan, rows, step.object)
+        after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
 
     def _serves(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> bool:

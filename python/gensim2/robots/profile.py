@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -205,10 +205,9 @@ class RobotProfile:
         """(N, 3) tool keypoints in the hand."""
         return np.array(list(self.tool_keypoints.values()), dtype=np.float64)
 
-    @cached_property
-    def gripper_at_rest(self) -> Mapping[str, Array]:
-        """Tool keypoints in the world at the start of an episode, (3,) m each."""
-        return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.array(self.reset_qpos)))
+    def gripper_with(self, q: Sequence[float]) -> dict[str, Array]:
+        """Tool keypoints in the world, (3,) m each, where the (n,) active joints stand at ``q``."""
+        return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.asarray(q, dtype=np.float64)))
 
     @property
     def lag(self) -> float:

@@ -11,6 +11,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.objects import Instance, RigidObject, open_library
+from gensim2.objects.library.selection import words_of_objects
 from gensim2.robots import RobotProfile
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import load_task
@@ -53,7 +54,7 @@ def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
 
 
 Words = str | Sequence[str]
-"""Which instances of a class: ``"all"``, ``"train"``, ``"test"``, an id, or several of these."""
+"""Which instances of a class: ``"all"``, ``"train"``, ``"test"``, ``"new"``, an id, or several of these."""
 
 
 def chosen_instances(
@@ -64,8 +65,8 @@ def chosen_instances(
     Args:
         library: of the objects.
         task: an object of it may say itself which instances; the others take all.
-        instances: of objects by name, in place of what the task says; words alone are about the task's first object,
-            unless the task says which it takes.
+        instances: of objects by name, in place of what the task says; words alone are about the objects of which the
+            task does not say itself which (:func:`~gensim2.objects.library.selection.words_of_objects`).
     """
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:
@@ -73,9 +74,12 @@ def chosen_instances(
             known = ", ".join(task.objects)
             raise InputError(f"there is no object {name!r}", field="instances", remedy=f"there are {known}")
     chosen: dict[str, tuple[str, ...]] = {}
-    for index, (name, spec) in enumerate(task.objects.items()):
-        asked = "all" if index or isinstance(instances, Mapping) else instances
-        words = _words(given.get(name, asked if spec.instances is None else spec.instances))
+    classes = {name: spec.asset_class for name, spec in task.objects.items()}
+    asked = words_of_objects(
+        library.instances, classes, ("all",) if isinstance(instances, Mapping) else _words(instances)
+    )
+    for name, spec in task.objects.items():
+        words = _words(given.get(name, asked[name] if spec.instances is None else spec.instances))
         ids = tuple(dict.fromkeys(i for word in words for i in library.choose(spec.asset_class, word)))
         if not ids:
             raise InputError(f"no instance of {spec.asset_class} to choose from", field="instances")

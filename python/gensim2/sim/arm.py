@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -55,9 +55,9 @@ class Arm:
         """Numbers of an action."""
         return len(self._arm) + 1
 
-    def put(self) -> None:
-        """Take the pose in which episodes start."""
-        self.articulation.qpos = np.array(self._profile.reset_qpos, dtype=np.float32)
+    def put(self, start: Sequence[float]) -> None:
+        """Stand where an episode starts: (n,) all active joints, rad and m."""
+        self.articulation.qpos = np.array(start, dtype=np.float32)
 
     def drive(self, action: npt.ArrayLike) -> None:
         """Set the drives' targets.

@@ -39,7 +39,7 @@ from gensim2.sim.arguments import (
 from gensim2.sim.objects import load_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
-from gensim2.sim.physics import named_physics
+from gensim2.sim.physics import named_physics, vary
 from gensim2.sim.registration import MODULE
 from gensim2.sim.rigid import load_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
@@ -47,6 +47,7 @@ from gensim2.sim.setup import Setup, set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -65,11 +66,12 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
         assets: as in :func:`gensim2.objects.open_library` (``None``, ``"builtin"`` or a folder), or an opened
             library.
-        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. An id need not be one
-            that the library lists: any number up to 10^6 is a generated object. Said of the task's first object, or
-            of several as a mapping from an object's name.
+        instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id need not
+            be one that the library lists: any number up to 10^6 is a generated object. It is said of the first object
+            of whose class there are several; or of any, as a mapping from an object's name.
         robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
         physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -94,6 +96,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         robot: str = DEFAULT_ROBOT,
         robot_uids: str | None = None,
         physics: str = "ours",
+        randomization: str = DEFAULT_PRESET,
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -111,6 +114,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         check_words(
             robot=robot,
             physics=physics,
+            randomization=randomization,
             obs_mode=obs_mode,
             control_mode=control_mode,
             render_backend=render_backend,
@@ -120,6 +124,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
         agents.register(self.profile)
         self.physics = named_physics(physics)
+        self.randomization = preset(randomization)
         self.task = as_task(task)
         check_names(self.task, self.profile)
         self._library = as_library(assets)
@@ -213,7 +218,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
         given = read_options(options, tuple(self.task.objects))
-        setup = set_up(self.task, self._library, self._instances, seed, given, self.profile, self.physics)
+        setup = set_up(
+            self.task, self._library, self._instances, seed, given, self.profile, self.physics, self.randomization
+        )
         self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
         self._parts = {}
@@ -221,12 +228,14 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
             pose = sapien.Pose(thing.position, thing.quaternion)
             if isinstance(thing.model, RigidObject):
                 actor = load_rigid(self.scene, thing.model, pose, name, self.physics)
-                self._parts[name] = RigidPart(name, thing, actor._objs[0])
+                part = self._parts[name] = RigidPart(name, thing, actor._objs[0])
+                vary([part.body], thing.factors)
             else:
                 built, warnings = load_object(self.scene, thing.model, pose, name, self.physics)
-                self._parts[name] = ArticulatedPart(
-                    name, thing, built._objs[0], self.physics.resist(built._objs[0], thing.model), warnings
-                )
+                articulation = built._objs[0]
+                vary(articulation.links, thing.factors)
+                resistance = self.physics.resist(articulation, thing.model, thing.factors)
+                self._parts[name] = ArticulatedPart(name, thing, articulation, resistance, warnings)
         if setup.has_rigid_objects:
             self.physics.prepare_for_rigid_objects(self.scene.px)
         self._setup = setup
@@ -235,7 +244,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(self.profile.reset_qpos, dtype=np.float32))
+        self.agent.reset(np.array(self.setup.start, dtype=np.float32))
         self.agent.robot.set_pose(sapien.Pose(p=list(self.profile.base_position)))
         for part in self._parts.values():
             part.put()

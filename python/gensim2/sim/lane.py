@@ -31,13 +31,14 @@ from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
-from gensim2.sim.physics import Physics, named_physics
+from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -47,10 +48,11 @@ class Lane:
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
         assets: as in :func:`gensim2.objects.open_library`, or an opened library.
-        instances: ``"all"``, ``"train"``, ``"test"``, one id, or several; a reset draws one. Said of the task's first
-            object, or of several as a mapping from an object's name.
+        instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id is said
+            of the first object of whose class there are several; or of any, as a mapping from an object's name.
         robot: name of its profile.
         physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
 
     Raises:
         InputError: an argument is wrong.
@@ -66,8 +68,10 @@ class Lane:
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
         physics: str = "ours",
+        randomization: str = DEFAULT_PRESET,
     ) -> None:
         self.physics = named_physics(physics)
+        self.randomization = preset(randomization)
         self.task = as_task(task)
         self.profile = robot_profile(robot)
         check_names(self.task, self.profile)
@@ -101,7 +105,16 @@ class Lane:
         given = read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        setup = set_up(self.task, self._library, self.instance_ids, self.seed, given, self.profile, self.physics)
+        setup = set_up(
+            self.task,
+            self._library,
+            self.instance_ids,
+            self.seed,
+            given,
+            self.profile,
+            self.physics,
+            self.randomization,
+        )
         self._system = self.physics.new_system(self.profile)
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.
@@ -112,10 +125,10 @@ class Lane:
             self.physics.prepare_for_rigid_objects(self._system)
         self._setup, self.elapsed_steps = setup, 0
         if self._arm is not None:
-            self._arm.put()
+            self._arm.put(setup.start)
         for part in self._parts.values():
             part.put()
-        self._robot = RobotReader(self.profile, None) if self._arm is None else self._arm.reader
+        self._robot = RobotReader(self.profile, None, setup.start) if self._arm is None else self._arm.reader
 
     @property
     def setup(self) -> Setup:
@@ -239,13 +252,17 @@ class Lane:
 def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> Part:
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
-        return RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
+        part = RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
+        vary([part.body], thing.factors)
+        return part
     model = thing.model
     known = _known(model.urdf, model.content_hash, model.asset_class, physics.name)
     articulation = built(known.builder, scene, pose)
     if known.warnings is None:
         known.warnings = check_object(articulation, model)
-    return ArticulatedPart(name, thing, articulation, physics.resist(articulation, model), known.warnings)
+    vary(articulation.links, thing.factors)
+    resistance = physics.resist(articulation, model, thing.factors)
+    return ArticulatedPart(name, thing, articulation, resistance, known.warnings)
 
 
 @dataclass

@@ -7,7 +7,8 @@ object stands by default. Both environments ask the same :class:`Physics` for it
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal, Protocol, get_args
 
@@ -23,6 +24,7 @@ from gensim2.objects.types import Instance, MovingJoint
 from gensim2.robots import RobotProfile
 from gensim2.sim import original
 from gensim2.sim.footprint import lowest_of_moving_link
+from gensim2.sim.randomize import AS_IT_IS, Factors
 
 Array = npt.NDArray[np.float64]
 
@@ -120,7 +122,9 @@ class Physics(ABC):
         """Say what the links of an articulated object weigh, before its URDF is parsed."""
 
     @abstractmethod
-    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
+    def resist(
+        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
+    ) -> JointResistance:
         """Give the joint of an articulated object, as it was built, its resistance."""
 
     @abstractmethod
@@ -161,8 +165,15 @@ class OurPhysics(Physics):
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         """Leave what the URDF says."""
 
-    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
-        return CoulombFriction(articulation, instance.joint)
+    def resist(
+        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
+    ) -> JointResistance:
+        # It is made to hold the joint against gravity, so it goes with the mass.
+        factor = factors.mass * factors.joint_friction
+        joint = instance.joint
+        return CoulombFriction(
+            articulation, replace(joint, friction=factor * joint.friction, damping=factor * joint.damping)
+        )
 
     def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
@@ -244,8 +255,11 @@ class OriginalPhysics(Physics):
 
         loader._build_link = without_inertial
 
-    def resist(self, articulation: physx.PhysxArticulation, instance: Instance) -> JointResistance:
-        return CoefficientFriction(articulation, self._constants.joint_friction(instance.asset_class))
+    def resist(
+        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
+    ) -> JointResistance:
+        coefficient = self._constants.joint_friction(instance.asset_class)
+        return CoefficientFriction(articulation, factors.joint_friction * coefficient)
 
     def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
         return self._material()
@@ -281,6 +295,20 @@ class CoefficientFriction:
 
     def update(self) -> None:
         """Nothing changes."""
+
+
+def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> None:
+    """Multiply masses, inertias and surface friction of bodies as they were built; nothing changes where they are 1."""
+    if factors == AS_IT_IS:
+        return
+    for body in bodies:
+        body.mass *= factors.mass
+        body.inertia = factors.mass * body.inertia
+        for shape in body.collision_shapes:
+            was, factor = shape.physical_material, factors.contact_friction
+            shape.physical_material = physx.PhysxMaterial(
+                factor * was.static_friction, factor * was.dynamic_friction, was.restitution
+            )
 
 
 OURS: Physics = OurPhysics()

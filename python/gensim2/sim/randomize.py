@@ -1,4 +1,4 @@
-"""What differs between episodes of one task: drawn from (seed, task), as plain values."""
+"""What differs between episodes of one task: drawn from (seed, task, preset), as plain values."""
 
 from __future__ import annotations
 
@@ -9,9 +9,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.robots import RobotProfile
+from gensim2.tasks.presets import Preset
 from gensim2.tasks.spec import Randomization
 
 Array = npt.NDArray[np.float64]
+
+LIGHTEST, HEAVIEST = 0.5, 2.0
+"""Factors of masses in wide scenes."""
+SLIPPERIEST, ROUGHEST = 0.5, 2.0
+"""Factors of contact friction in wide scenes."""
+LOOSEST, STIFFEST = 0.8, 2.0
+"""Factors of joint friction in wide scenes, beside that of the mass: below 0.77 our lids would fall by themselves."""
+START_SPREAD = 0.1
+"""Radians by which each arm joint may stand off its start in wide scenes, either way."""
 
 
 @dataclass(frozen=True)
@@ -31,26 +42,66 @@ class Draw:
     openness_offset: float
 
 
-def draw_object(generator: np.random.Generator, ranges: Randomization, instances: Sequence[str]) -> Draw:
+@dataclass(frozen=True)
+class Factors:
+    """By what an object's physics is multiplied.
+
+    Attributes:
+        mass: masses and inertias of all its links.
+        contact_friction: static and dynamic friction of all its surfaces.
+        joint_friction: what resists its joint, beside what follows from the mass; 1 of a rigid object.
+    """
+
+    mass: float = 1.0
+    contact_friction: float = 1.0
+    joint_friction: float = 1.0
+
+
+AS_IT_IS = Factors()
+
+
+def draw_object(
+    generator: np.random.Generator, ranges: Randomization, preset: Preset, instances: Sequence[str]
+) -> Draw:
     """Five uniform numbers: every value is drawn whether it will be used or not, so that none shifts another."""
     # One uniform number whatever there is to choose from, so that the rest of the scene does not depend on it.
     instance = instances[int(generator.random() * len(instances))]
-    x, y, yaw = _placement(generator, ranges)
-    spread = float(generator.uniform(-ranges.openness_spread, ranges.openness_spread))
-    return Draw(instance, x, y, yaw, spread)
+    x, y, yaw = _placement(generator, ranges, preset)
+    spread = preset.scale * ranges.openness_spread
+    return Draw(instance, x, y, yaw, float(generator.uniform(-spread, spread)))
 
 
-def redraw_placement(generator: np.random.Generator, ranges: Randomization, draw: Draw) -> Draw:
+def redraw_placement(generator: np.random.Generator, ranges: Randomization, preset: Preset, draw: Draw) -> Draw:
     """The same object elsewhere: three uniform numbers."""
-    x, y, yaw = _placement(generator, ranges)
+    x, y, yaw = _placement(generator, ranges, preset)
     return replace(draw, x=x, y=y, yaw=yaw)
 
 
-def _placement(generator: np.random.Generator, ranges: Randomization) -> tuple[float, float, float]:
-    x = float(generator.uniform(*ranges.x))
-    y = float(generator.uniform(*ranges.y))
-    turn = float(generator.uniform(0.0, ranges.yaw))
-    return x, y, turn if y > 0 else -turn
+def _placement(generator: np.random.Generator, ranges: Randomization, preset: Preset) -> tuple[float, float, float]:
+    x, y = (float(generator.uniform(preset.scale * low, preset.scale * high)) for low, high in (ranges.x, ranges.y))
+    most = preset.scale * abs(ranges.yaw)
+    if preset.turns_either_way:
+        return x, y, float(generator.uniform(-most, most))
+    turn = float(generator.uniform(0.0, most))
+    return x, y, turn if (y > 0) == (ranges.yaw >= 0) else -turn
+
+
+def draw_factors(generator: np.random.Generator, has_joint: bool) -> Factors:
+    """Three uniform numbers, on a logarithmic scale, whether there is a joint or not."""
+    mass, contact, joint = (
+        float(np.exp(generator.uniform(np.log(low), np.log(high))))
+        for low, high in ((LIGHTEST, HEAVIEST), (SLIPPERIEST, ROUGHEST), (LOOSEST, STIFFEST))
+    )
+    return Factors(mass, contact, joint if has_joint else 1.0)
+
+
+def draw_start(generator: np.random.Generator, robot: RobotProfile) -> tuple[float, ...]:
+    """All active joints at the start of an episode: one uniform number a joint of the arm, within its limits."""
+    size = robot.arm_size
+    start = np.array(robot.reset_qpos)
+    start[:size] += generator.uniform(-START_SPREAD, START_SPREAD, size)
+    start[:size] = np.clip(start[:size], robot.model.lower[:size], robot.model.upper[:size])
+    return tuple(map(float, start))
 
 
 def openness_at_reset(ranges: Randomization, draw: Draw, default_openness: float) -> float:

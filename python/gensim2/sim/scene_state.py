@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +26,19 @@ class RobotReader:
 
     Args:
         profile: of the robot.
-        articulation: as it was built; None where the scene was built without, and the robot counts as standing as at
-            the start of an episode.
+        articulation: as it was built; None where the scene was built without, and the robot counts as standing at its
+            start.
+        start: (n,) all active joints at the start of the episode; None takes the profile's.
     """
 
-    def __init__(self, profile: RobotProfile, articulation: physx.PhysxArticulation | None) -> None:
+    def __init__(
+        self,
+        profile: RobotProfile,
+        articulation: physx.PhysxArticulation | None,
+        start: Sequence[float] | None = None,
+    ) -> None:
         self.profile, self.articulation = profile, articulation
+        self._start = profile.reset_qpos if start is None else start
         if articulation is not None:
             self._hand = next(link for link in articulation.links if link_name(link) == profile.hand_link)
             # ManiSkill puts the scene's and the robot's name before a joint's.
@@ -45,20 +52,20 @@ class RobotReader:
     def q(self) -> Array:
         """(n,) joints, rad and m, in the profile's active joint order."""
         if self.articulation is None:
-            return np.array(self.profile.reset_qpos)
+            return np.array(self._start)
         return np.asarray(self.articulation.qpos, dtype=np.float64)
 
     @property
     def qvel(self) -> Array:
         """(n,) their velocities."""
         if self.articulation is None:
-            return np.zeros(len(self.profile.reset_qpos))
+            return np.zeros(len(self._start))
         return np.asarray(self.articulation.qvel, dtype=np.float64)
 
     def gripper(self) -> Mapping[str, Array]:
         """Tool keypoints in the world, (3,) m."""
         if self.articulation is None:
-            return self.profile.gripper_at_rest
+            return self.profile.gripper_with(self._start)
         pose = self._hand.entity.pose
         return Later(lambda: self.profile.gripper_at(as_matrix(pose)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,19 @@ from gensim2.sim.arguments import ObjectSource
 from gensim2.sim.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
 from gensim2.sim.options import ObjectOptions
 from gensim2.sim.physics import OURS, Physics, PhysicsName
-from gensim2.sim.randomize import Draw, draw_object, openness_at_reset, placed, redraw_placement
+from gensim2.sim.randomize import (
+    AS_IT_IS,
+    Draw,
+    Factors,
+    draw_factors,
+    draw_object,
+    draw_start,
+    openness_at_reset,
+    placed,
+    redraw_placement,
+)
 from gensim2.sim.support import set_down
+from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +40,8 @@ MOST_DRAWS = 100
 """Of the placements of one scene."""
 GAP = 0.02
 """Metres that footprints keep apart."""
+PAPER = preset(DEFAULT_PRESET)
+"""The task's own ranges."""
 
 
 class PlacementError(InputError):
@@ -46,6 +59,7 @@ class Placed:
         yaw: what the randomization turned it by about the vertical, rad.
         openness: of its joint, 0..1; None of a rigid object.
         default_pose: whose default pose it was put from, the original's or ours; None: its pose was given.
+        factors: by what its physics is multiplied.
     """
 
     model: Instance | RigidObject
@@ -54,6 +68,7 @@ class Placed:
     yaw: float
     openness: float | None
     default_pose: PhysicsName | None = None
+    factors: Factors = AS_IT_IS
 
     @property
     def joint_value(self) -> float:
@@ -83,10 +98,14 @@ class Setup:
     Attributes:
         objects: by name, in the task's order.
         draws: of the placements, until all kept apart and within reach.
+        start: (n,) all active joints of the robot.
+        randomization: name of the preset that all of it was drawn with.
     """
 
     objects: Mapping[str, Placed]
     draws: int
+    start: tuple[float, ...]
+    randomization: PresetName
 
     @property
     def has_rigid_objects(self) -> bool:
@@ -102,12 +121,16 @@ def set_up(
     options: Mapping[str, ObjectOptions],
     robot: RobotProfile,
     physics: Physics = OURS,
+    randomization: Preset = PAPER,
 ) -> Setup:
     """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
 
     A single object on the table stands where it was drawn. Several are drawn again, at most ``MOST_DRAWS`` times,
     until they keep ``GAP`` apart (an articulated one with all that its joint sweeps), within the robot's reach, and
-    rigid ones clear of the robot at rest. What options place is taken as it is.
+    rigid ones clear of the robot at its start. What options place is taken as it is.
+
+    The task's ranges are drawn from one generator; what a preset draws besides comes from one of its own, so that no
+    preset shifts what another draws.
 
     Args:
         task: whose ranges are drawn from.
@@ -117,6 +140,7 @@ def set_up(
         options: by object, checked.
         robot: that is to reach them.
         physics: says where objects stand before their randomization.
+        randomization: what becomes of the task's ranges, and what is drawn besides.
 
     Raises:
         InputError: there is no such instance, or its files cannot be used.
@@ -126,24 +150,40 @@ def set_up(
     draws: dict[str, Draw] = {}
     models: dict[str, Instance | RigidObject] = {}
     for name, spec in task.objects.items():
-        draws[name] = draw_object(generator, spec.randomization, instances[name])
+        draws[name] = draw_object(generator, spec.randomization, randomization, instances[name])
         chosen = options[name].get("instance")
         if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a word is no id
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
-    room = _Room(task, models, options, robot) if len(models) > 1 else None
+    factors, start = _vary(task, models, seed, robot, randomization)
+    room = _Room(task, models, options, robot, start) if len(models) > 1 else None
     for count in range(1, MOST_DRAWS + 1):
-        objects = _stand_all(task, models, draws, options, physics)
+        objects = _stand_all(task, models, draws, options, physics, factors)
         if objects is not None and (room is None or room.holds(objects)):
-            return Setup(objects, count)
+            return Setup(objects, count, start, randomization.name)
         for name, spec in task.objects.items():
-            draws[name] = redraw_placement(generator, spec.randomization, draws[name])
+            draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
         f"{MOST_DRAWS} draws of seed {seed} found no room for {names}",
         field="objects",
         remedy="give place.at farther apart, or other instances",
     )
+
+
+def _vary(
+    task: TaskSpec,
+    models: Mapping[str, Instance | RigidObject],
+    seed: int,
+    robot: RobotProfile,
+    randomization: Preset,
+) -> tuple[dict[str, Factors], tuple[float, ...]]:
+    """What is drawn besides the task's ranges: factors of each object's physics, and the robot's start."""
+    if not randomization.varies:
+        return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
+    generator = rng(seed, f"{task.name}/{randomization.name}")
+    factors = {name: draw_factors(generator, isinstance(model, Instance)) for name, model in models.items()}
+    return factors, draw_start(generator, robot)
 
 
 def model_id(model: Instance | RigidObject) -> str:
@@ -157,6 +197,7 @@ def _stand_all(
     draws: Mapping[str, Draw],
     options: Mapping[str, ObjectOptions],
     physics: Physics,
+    factors: Mapping[str, Factors],
 ) -> dict[str, Placed] | None:
     """Every object where it was drawn; None where one has no room on what it stands on."""
     objects: dict[str, Placed] = {}
@@ -164,7 +205,7 @@ def _stand_all(
         thing = _stand(spec, models[name], draws[name], options[name], objects, physics)
         if thing is None:
             return None
-        objects[name] = thing
+        objects[name] = replace(thing, factors=factors[name])
     return objects
 
 
@@ -195,7 +236,10 @@ def _stand(
         position[:2] = spec.place.at
     elif support is not None:
         position[:2] = support.point()[:2]
-    thing = Placed(model, *placed(position, default.quaternion, x, y, yaw), yaw, openness, default.origin)
+    quaternion = default.quaternion
+    if spec.place.yaw:
+        _, quaternion = placed(position, quaternion, 0.0, 0.0, spec.place.yaw)
+    thing = Placed(model, *placed(position, quaternion, x, y, yaw), yaw, openness, default.origin)
     return thing if support is None else set_down(thing, support)
 
 
@@ -208,18 +252,19 @@ class _Room:
         models: Mapping[str, Instance | RigidObject],
         options: Mapping[str, ObjectOptions],
         robot: RobotProfile,
+        start: tuple[float, ...],
     ) -> None:
         self._on = {name: spec.place.on for name, spec in task.objects.items()}
         self._drawn = {name for name in models if not {"pose", "offset"} & set(options[name])}
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
-        tool, space = robot.gripper_at_rest["tool_head"], robot.workspace
+        tool, space = robot.gripper_with(start)["tool_head"], robot.workspace
         self._base_half = space.base_half
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
     def holds(self, objects: Mapping[str, Placed]) -> bool:
-        """Whether all that was drawn keeps apart, clear of the robot at rest and within its reach."""
+        """Whether all that was drawn keeps apart, clear of the robot at its start and within its reach."""
         outlines = {
             name: outline(self._points[name], thing.position, thing.quaternion) for name, thing in objects.items()
         }

@@ -1,7 +1,8 @@
 """The task library: one folder of data a task, read through the package so that a wheel carries it.
 
 ``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/strategies/<name>.yaml`` a
-way to do one of its steps. Folders of other tasks look the same; one of version 1 has a ``solver.yaml`` instead.
+way to do one of its steps. Folders of other tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways
+that several tasks share lie in ``library/strategies/``: there a strategy is looked for that a task has not beside it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,12 @@ def task_names() -> tuple[str, ...]:
     return tuple(sorted(entry.name for entry in _folder().iterdir() if (entry / TASK_FILE).is_file()))
 
 
-def _known(name: str) -> Traversable:
+def task_folder(name: str) -> Traversable:
+    """The folder of a library task.
+
+    Raises:
+        InputError: there is no such task; names near matches.
+    """
     if name in task_names():
         return _folder() / name
     by_lower = {known.lower(): known for known in task_names()}
@@ -52,7 +58,7 @@ def load_task(name: str) -> TaskSpec:
     Raises:
         InputError: there is no such task; names near matches.
     """
-    source = _known(name) / TASK_FILE
+    source = task_folder(name) / TASK_FILE
     task = parse_task(parse_yaml(source.read_bytes(), str(source)), str(source))
     if task.name != name:
         raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
@@ -65,11 +71,7 @@ def load_strategies(name: str) -> dict[str, Strategy]:
     Raises:
         InputError: there is no such task, or a strategy's file is missing.
     """
-    folder = _known(name)
-    return {
-        strategy: parse_yaml(file.read_bytes(), str(file))
-        for strategy, file in _strategy_files(folder, load_task(name)).items()
-    }
+    return {strategy: _read(file) for strategy, file in strategy_files(task_folder(name), load_task(name)).items()}
 
 
 def load_task_file(path: Path) -> TaskSpec:
@@ -89,7 +91,7 @@ def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
         InputError: a strategy's file is missing, cannot be read, or holds NaN or infinity.
     """
     folder = path if path.is_dir() else path.parent
-    return {name: load_strategy_file(Path(str(file))) for name, file in _strategy_files(folder, task).items()}
+    return {name: _read(file) for name, file in strategy_files(folder, task).items()}
 
 
 def load_strategy_file(path: Path) -> Strategy:
@@ -106,20 +108,36 @@ def strategies_of(task: TaskSpec) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for step in task.steps for name in step.strategies))
 
 
-def _strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
+def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable]:
+    """The files of a task's strategies, by name: beside the task, or else one that the library's tasks share.
+
+    Args:
+        folder: of the task; ``task_folder`` gives that of a library task.
+
+    Raises:
+        InputError: there is no such file.
+    """
     found: dict[str, Traversable] = {}
     for name in strategies_of(task):
-        file = folder / STRATEGIES / f"{name}.yaml"
-        former = folder / f"{name}.yaml"
-        if not file.is_file() and name == version_1.STRATEGY and former.is_file():
-            file = former
-        if not file.is_file():
-            there = _names_in(folder / STRATEGIES)
+        places = _places(folder, name)
+        file = next((file for file in places if file.is_file()), None)
+        if file is None:
+            there = sorted({*_names_in(folder / STRATEGIES), *_names_in(_folder() / STRATEGIES)})
             near = difflib.get_close_matches(name, there, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
-            raise InputError(f"a step names a strategy {name!r} without a file", file=str(file), remedy=remedy)
+            raise InputError(f"a step names a strategy {name!r} without a file", file=str(places[0]), remedy=remedy)
         found[name] = file
     return found
+
+
+def _places(folder: Traversable, name: str) -> list[Traversable]:
+    """Where the file of a strategy may lie, first its own task's."""
+    former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
+    return [folder / STRATEGIES / f"{name}.yaml", *former, _folder() / STRATEGIES / f"{name}.yaml"]
+
+
+def _read(file: Traversable) -> Strategy:
+    return load_strategy_file(file) if isinstance(file, Path) else parse_yaml(file.read_bytes(), str(file))
 
 
 def _names_in(folder: Traversable) -> list[str]:

@@ -56,21 +56,24 @@ class Place(_Value):
         on: ``"table"``, or the name of another object, in or on which it rests.
         at: x and y in the world, m; None takes the object's own default placement (on the table), or the middle of
             what it stands on.
+        yaw: by which it is turned from its own default placement, rad about the vertical.
     """
 
     on: Name = TABLE
     at: Annotated[tuple[float, float], Field()] | None = None
+    yaw: Annotated[float, Field(ge=-6.2832, le=6.2832)] = 0.0
 
 
 class Randomization(_Value):
     """Ranges of the initial scene; lengths in metres (the table ends at 0.65), angles in radians.
 
-    The yaw is drawn from [0, yaw] where the drawn y offset is positive and from [-yaw, 0] where it is not.
+    The yaw is drawn between 0 and ``yaw`` where the drawn y offset is positive and between 0 and ``-yaw`` where it is
+    not: with a positive one, what lies to the side is turned towards the robot; with a negative one, away from it.
     """
 
     x: Offset = (-0.1, 0.1)
     y: Offset = (-0.1, 0.1)
-    yaw: Annotated[float, Field(ge=0, le=6.2832)] = 0.5235987755982988
+    yaw: Annotated[float, Field(ge=-6.2832, le=6.2832)] = 0.5235987755982988
     openness_mean: Share | None = None
     openness_spread: Share = 0.15
 

@@ -10,7 +10,7 @@ pub(crate) mod starts;
 
 use gensim2_geometry::Pose;
 
-use self::projection::Residuals;
+use self::projection::{Aim, Residuals};
 use crate::KeypointProblem;
 use crate::model::{Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
@@ -53,6 +53,8 @@ pub(crate) struct ActuationSearch<'p> {
     upper: Row,
     /// Residuals below which a projection has arrived.
     near: f64,
+    /// Where projections aim at within the tolerances.
+    aim: Aim,
     placed: Placed,
     qp: ActiveSet,
     // Buffers that live from one iteration to the next.
@@ -73,6 +75,7 @@ impl<'p> ActuationSearch<'p> {
             lower: model.lower,
             upper: model.upper,
             near: 0.0,
+            aim: Aim::default(),
             placed: Placed::default(),
             qp: ActiveSet::default(),
             residuals: Vec::new(),
@@ -136,7 +139,13 @@ impl<'p> ActuationSearch<'p> {
     /// The pose that further start value number `index` projects to, where it meets the constraints.
     pub fn sample(&mut self, index: usize) -> Option<Candidate> {
         let mut x = self.further_start(index);
-        (self.project(&mut x) <= 0.0).then(|| self.candidate(&x))
+        // What is to keep clear of a thing has to shift within the tolerances: their middle is one place of many.
+        if self.problem.options.reach_clearance.is_some() {
+            self.aim = Aim::within(self.resolved, index + 1);
+        }
+        let met = self.project(&mut x) <= 0.0;
+        self.aim = Aim::default();
+        met.then(|| self.candidate(&x))
     }
 
     /// The pose itself where it meets the constraints, else what it projects to.

@@ -4,8 +4,10 @@ use nalgebra::Vector3;
 
 use super::ActuationSearch;
 use super::bands::any_across;
+use super::starts::halton;
 use crate::ldl::solve_ldl;
 use crate::model::{MOST_JOINTS, Row};
+use crate::resolve::Resolved;
 
 /// Most iterations of the projection.
 const PROJECTIONS: usize = 25;
@@ -17,6 +19,38 @@ pub(super) const STEP: f64 = 0.5;
 const SLACK: f64 = 0.3;
 /// Distance to the workspace's faces that is aimed at (m).
 const INNER: f64 = 1e-3;
+
+/// Shares of the tolerances of points and of angles within which a projection may aim.
+const POINT_AIM: f64 = 0.7;
+const ANGLE_AIM: f64 = 0.4;
+
+/// Where inside the tolerances a projection aims at; at their middle where it says nothing.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Aim {
+    /// Off each point constraint's target (m).
+    points: Vec<Vector3<f64>>,
+    /// Off each axis constraint's angle (rad).
+    angles: Vec<f64>,
+}
+
+impl Aim {
+    /// Aim number `number`, from 1: all over the tolerances, the same on every machine.
+    pub fn within(resolved: &Resolved, number: usize) -> Self {
+        let mut dimension = MOST_JOINTS;
+        let mut draw = || {
+            // The first dimensions spread the starts.
+            dimension = dimension.checked_sub(1).unwrap_or(MOST_JOINTS - 1);
+            2.0 * halton(number, dimension) - 1.0
+        };
+        let points = resolved.points.iter().map(|p| {
+            let [x, y, z] = [draw(), draw(), draw()];
+            POINT_AIM * p.tolerance * Vector3::new(x, y, z)
+        });
+        let points = points.collect();
+        let angles = resolved.axes.iter().map(|a| ANGLE_AIM * a.tolerance * draw()).collect();
+        Self { points, angles }
+    }
+}
 
 /// Residuals with their gradients.
 pub(super) type Residuals = Vec<(Row, f64)>;
@@ -113,19 +147,21 @@ impl ActuationSearch<'_> {
         out.clear();
         let placed = &self.placed;
         let hand = placed.hand;
-        for p in &self.resolved.points {
+        for (i, p) in self.resolved.points.iter().enumerate() {
             let at = hand.rotation * p.on_hand + hand.translation.vector;
+            let target = self.aim.points.get(i).map_or(p.target, |off| p.target + off);
             for (k, row) in placed.point_rows(&at).into_iter().enumerate() {
-                out.push((row, at[k] - p.target[k]));
+                out.push((row, at[k] - target[k]));
             }
         }
-        for a in &self.resolved.axes {
+        for (i, a) in self.resolved.axes.iter().enumerate() {
             let u = hand.rotation * a.on_hand;
             let cross = u.cross(&a.target);
             let sin = cross.norm();
             let angle = sin.atan2(u.dot(&a.target));
             let slack = SLACK * a.tolerance;
-            let miss = angle - angle.clamp(a.center - slack, a.center + slack);
+            let center = a.center + self.aim.angles.get(i).copied().unwrap_or(0.0);
+            let miss = angle - angle.clamp(center - slack, center + slack);
             // Where the directions are (anti)parallel, any axis across them turns one away from the other.
             let normal = if sin > 1e-9 { cross / sin } else { any_across(&u) };
             out.push((placed.angular_row(&-normal), miss));

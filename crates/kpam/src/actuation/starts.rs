@@ -9,6 +9,8 @@ const NEARBY: f64 = 0.4;
 const ANYWHERE: usize = 3;
 /// Where the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.
 const FURTHER: f64 = 2.0 * NEARBY;
+/// Points of the sequence from one seed to the next: more than a plan spends, and no multiple of a base.
+const STRETCH: usize = 104_729;
 
 impl ActuationSearch<'_> {
     /// Start value number `index`: the present joints, then points about them and, every third, points all over the joint
@@ -31,7 +33,7 @@ impl ActuationSearch<'_> {
     }
 
     fn anywhere(&self, number: usize) -> Row {
-        let mut x = self.start;
+        let (mut x, number) = (self.start, self.drawn(number));
         for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
             let (low, high) = self.model.range(v);
             *value = low + (high - low) * halton(number, v);
@@ -40,12 +42,17 @@ impl ActuationSearch<'_> {
     }
 
     fn near(&self, number: usize, width: f64) -> Row {
-        let mut x = self.start;
+        let (mut x, number) = (self.start, self.drawn(number));
         for (v, value) in x.iter_mut().enumerate().take(self.model.n()) {
             let (low, high) = self.model.range(v);
             *value = (*value + width * (high - low) * (halton(number, v) - 0.5)).clamp(low, high);
         }
         x
+    }
+
+    /// Which point of the sequence is number `number`: each seed has a stretch of its own.
+    fn drawn(&self, number: usize) -> usize {
+        self.problem.options.seed * STRETCH + number
     }
 }
 

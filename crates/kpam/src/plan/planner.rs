@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::{Plan, Request, Status, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
-use crate::free_space::{self, NoWay};
+use crate::free_space::{self, NoWay, Sampling};
 use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
@@ -350,7 +350,8 @@ impl<'p> Planner<'p> {
         samples: usize,
     ) -> Result<(Vec<Row>, Margins), NoWay> {
         let margins = self.margins(from, to, leg, clearance, parted);
-        let corners = free_space::connect(&mut self.world, self.model, from, to, leg, &margins, samples)?;
+        let sampling = Sampling { most: samples, seed: self.problem.options.seed };
+        let corners = free_space::connect(&mut self.world, self.model, from, to, leg, &margins, sampling)?;
         Ok((corners, margins))
     }
 
@@ -360,7 +361,7 @@ impl<'p> Planner<'p> {
             return None;
         }
         if self.exit.is_none() {
-            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, leg));
+            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, leg, self.problem.options.seed));
         }
         self.exit.flatten()
     }

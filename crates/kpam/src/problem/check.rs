@@ -111,6 +111,11 @@ impl KeypointProblem {
 
     fn check_contacts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
+        if self.options.contacts.is_some() && self.options.reach_clearance.is_some() {
+            let message =
+                "goes by the default rules, which options.contacts replaces; leave one of them out".to_owned();
+            return fail("reach_clearance", message);
+        }
         for (i, window) in self.options.contacts.iter().flatten().enumerate() {
             let known = |name: &String| self.robot.link_index(name).is_some() || self.rides(name);
             if let Some(name) = window.links.iter().find(|name| !known(name)) {

@@ -32,24 +32,23 @@ impl Margins {
         out
     }
 
-    /// What is asked of a group and a body that stands.
-    pub fn body(&self, known: &Overlaps, group: usize, body: usize) -> f64 {
+    /// What is asked of a group and a body that stands, from which at least `least` is to be kept.
+    pub fn body(&self, known: &Overlaps, group: usize, body: usize, least: f64) -> f64 {
         let (start, picked) = known.body(group, body);
-        self.asked(&self.bodies, (group, body), start, picked)
+        self.asked(&self.bodies, (group, body), self.clearance.max(least), start, picked)
     }
 
     /// What is asked of a pair of groups.
     pub fn pair(&self, known: &Overlaps, pair: usize) -> f64 {
         let (start, picked) = known.pair(pair);
-        self.asked(&self.pairs, pair, start, picked)
+        self.asked(&self.pairs, pair, self.clearance, start, picked)
     }
 
-    /// Rounding is forgiven; what overlaps at the start may persist until it has parted, and what overlaps where a body
-    /// is picked may persist.
-    fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, start: f64, picked: f64) -> f64 {
-        let asked = less.iter().filter(|(k, _)| *k == key).fold(self.clearance - TOUCH, |least, (_, d)| least.min(*d));
-        let start = if self.forgiving { start } else { 0.0 };
-        let forgiven = start.min(picked);
-        if forgiven < 0.0 { asked.min(forgiven - TOUCH) } else { asked }
+    /// Rounding is forgiven; what is too near at the start may stay so until it has parted, and what overlaps where a
+    /// body is picked may persist.
+    fn asked<K: PartialEq + Copy>(&self, less: &[(K, f64)], key: K, clearance: f64, start: f64, picked: f64) -> f64 {
+        let asked = less.iter().filter(|(k, _)| *k == key).fold(clearance - TOUCH, |least, (_, d)| least.min(*d));
+        let start = if self.forgiving { start } else { f64::INFINITY };
+        asked.min(start.min(picked) - TOUCH)
     }
 }

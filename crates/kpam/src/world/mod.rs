@@ -49,8 +49,8 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// Overlaps that are there before the motion can do anything about them, as signed distances (m, zero where there is
-/// none): those of the start, and those where a body is picked. They may not deepen.
+/// What is nearer than it may be before the motion can do anything about it, as signed distances (m, infinite where
+/// nothing is): at the start, and where a body is picked. It may not come nearer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
     bodies: usize,
@@ -64,10 +64,10 @@ impl Overlaps {
     fn new(groups: usize, bodies: usize, pairs: usize) -> Self {
         Self {
             bodies,
-            start_bodies: vec![0.0; groups * bodies],
-            start_pairs: vec![0.0; pairs],
-            picked_bodies: vec![0.0; groups * bodies],
-            picked_pairs: vec![0.0; pairs],
+            start_bodies: vec![f64::INFINITY; groups * bodies],
+            start_pairs: vec![f64::INFINITY; pairs],
+            picked_bodies: vec![f64::INFINITY; groups * bodies],
+            picked_pairs: vec![f64::INFINITY; pairs],
         }
     }
 
@@ -200,6 +200,11 @@ impl<'p> World<'p> {
     /// Whether the caller has cancelled planning.
     pub fn is_cancelled(&self) -> bool {
         self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
+    }
+
+    /// Clearance (m) that the problem asks for on the way to what the hand reaches for.
+    fn reach_clearance(&self) -> f64 {
+        self.problem.options.reach_clearance.unwrap_or(0.0)
     }
 
     fn table(&self, leg: Leg) -> &LegWorld {

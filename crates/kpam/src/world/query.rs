@@ -61,9 +61,17 @@ impl World<'_> {
     /// What margins ask of a group and something else in a leg.
     pub(super) fn asked(&self, leg: Leg, margins: &Margins, group: usize, seen: Seen) -> f64 {
         match seen {
-            Seen::Body(body) => margins.body(&self.known, group, body),
+            Seen::Body(body) => margins.body(&self.known, group, body, self.kept_from(leg, seen)),
             Seen::Pair(pair) if self.is_guess(leg, pair) => margins.pair(&self.known, pair).min(-GUESSED),
             Seen::Pair(pair) => margins.pair(&self.known, pair),
+        }
+    }
+
+    /// Clearance (m) that is kept in a leg from what the hand reaches for, zero from all else.
+    fn kept_from(&self, leg: Leg, seen: Seen) -> f64 {
+        match seen {
+            Seen::Body(body) if self.table(leg).reached[body] => self.reach_clearance(),
+            Seen::Body(_) | Seen::Pair(_) => 0.0,
         }
     }
 
@@ -72,19 +80,21 @@ impl World<'_> {
         self.table(leg).guessed && matches!(self.cast.groups[self.cast.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Takes the overlaps in a state for those of the start.
+    /// Takes what is too near in a state for what is so at the start.
     pub fn measure_start(&mut self, state: State<'_>, leg: Leg) {
-        self.known.start_bodies.fill(0.0);
-        self.known.start_pairs.fill(0.0);
+        self.known.start_bodies.fill(f64::INFINITY);
+        self.known.start_pairs.fill(f64::INFINITY);
         self.start_overlap = 0.0;
         self.place(state, leg);
         let mut found = Vec::new();
         self.look(
             leg,
             EXACT,
-            |_, _, _| 0.0,
-            |_, seen, p| {
-                found.push((p.group, seen, p.contact.distance.min(0.0)));
+            |world, _, seen| world.kept_from(leg, seen),
+            |world, seen, p| {
+                if p.contact.distance < world.kept_from(leg, seen) {
+                    found.push((p.group, seen, p.contact.distance));
+                }
                 true
             },
         );
@@ -99,8 +109,8 @@ impl World<'_> {
 
     /// Overlaps of what is picked with what it lies on.
     pub(super) fn measure_picked(&mut self, x: &Row) {
-        self.known.picked_bodies.fill(0.0);
-        self.known.picked_pairs.fill(0.0);
+        self.known.picked_bodies.fill(f64::INFINITY);
+        self.known.picked_pairs.fill(f64::INFINITY);
         let Some(first) = self.course.first_after_actuation() else { return };
         self.place(State::still(x), first);
         let mut found = Vec::new();
@@ -117,7 +127,9 @@ impl World<'_> {
             if is_picked(world, group, seen) { 0.0 } else { f64::NEG_INFINITY }
         };
         self.look(first, EXACT, reach, |_, seen, p| {
-            found.push((p.group, seen, p.contact.distance.min(0.0)));
+            if p.contact.distance < 0.0 {
+                found.push((p.group, seen, p.contact.distance));
+            }
             true
         });
         for (group, seen, distance) in found {
@@ -168,7 +180,7 @@ impl World<'_> {
             self.look(
                 leg,
                 EXACT,
-                |_, _, _| clearance,
+                |world, _, seen| world.kept_from(leg, seen).max(clearance),
                 |_, seen, p| {
                     let left = (p.contact.distance - TOUCH).max(-TOUCH);
                     match seen {

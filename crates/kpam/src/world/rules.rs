@@ -53,6 +53,8 @@ pub(crate) struct LegWorld {
     pub present: Vec<usize>,
     /// Verdict on each group and standing body, one row a group.
     pub bodies: Vec<Verdict>,
+    /// Whether each body is one that the hand reaches for and keeps a clearance from, yet.
+    pub reached: Vec<bool>,
     /// Numbers of the judged pairs of groups.
     pub pairs: Vec<usize>,
     /// Which joints carry which groups.
@@ -201,7 +203,8 @@ impl<'c, 'p> Compiler<'c, 'p> {
             Leg::LetGo => steps.contains(&None),
             Leg::Approach | Leg::Pre(_) | Leg::ToActuation => false,
         };
-        LegWorld { carriers, present, bodies, pairs, carried, guessed }
+        let reached = (0..self.cast.bodies.len()).map(|b| self.is_kept_from(b, leg)).collect();
+        LegWorld { carriers, present, bodies, reached, pairs, carried, guessed }
     }
 
     fn carrier(&self, group: usize, leg: Leg) -> Carrier {
@@ -220,6 +223,12 @@ impl<'c, 'p> Compiler<'c, 'p> {
 
     fn is_picked(&self, body: usize) -> bool {
         self.problem.options.pick.contains(&self.cast.bodies[body].name)
+    }
+
+    /// Whether the hand reaches for a body and may not touch it yet.
+    fn is_kept_from(&self, body: usize, leg: Leg) -> bool {
+        let reached = matches!(self.cast.bodies[body].role, Role::MovingLink | Role::Target) || self.is_picked(body);
+        self.problem.options.reach_clearance.is_some() && !leg.is_after() && reached
     }
 
     fn is_released(&self, body: usize) -> bool {
@@ -262,6 +271,9 @@ impl<'c, 'p> Compiler<'c, 'p> {
         }
         if let Some(windows) = &self.windows {
             return if self.is_open(windows, group, body, leg) { Verdict::MayTouch } else { Verdict::Judged };
+        }
+        if self.is_kept_from(body, leg) {
+            return Verdict::Judged;
         }
         let gripper = self.cast.touches(group);
         let reaching = leg == self.course.last_before_actuation();

@@ -121,8 +121,9 @@ impl World<'_> {
         self.measure_levers(leg, &mut bubble.levers);
         let mut blocked = None;
         // What stands in for a distance has to be more than any margin asks for.
-        let coarse = COARSE.max(margins.clearance + NARROW);
-        let within = margins.clearance + reach;
+        let clearance = margins.clearance.max(self.reach_clearance());
+        let coarse = COARSE.max(clearance + NARROW);
+        let within = clearance + reach;
         self.look(
             leg,
             coarse,

@@ -22,6 +22,8 @@ from gensim2.objects.types import Instance, Kind, Source
 from gensim2.seeding import rng
 
 LARGEST_NUMBER = 10**6
+NEW = 100
+"""Objects that the word ``new`` stands for."""
 GENERATOR_MODULES = ("gensim2.objects.generators.blueprint", "gensim2.objects.generators.generate")
 
 
@@ -54,6 +56,11 @@ class GeneratedShelf(ArticulatedShelf):
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
         return f"a number from 0 to {LARGEST_NUMBER}"
+
+    def new(self, asset_class: str) -> tuple[str, ...]:
+        """The numbers that follow the built-in instances'."""
+        first = len(self.instances(asset_class))
+        return tuple(str(number) for number in range(first, first + NEW))
 
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
         """``count`` numbers up to 10^6 that are no built-in instance's, drawn by the seed, no two the same."""

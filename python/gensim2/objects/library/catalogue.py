@@ -22,6 +22,8 @@ from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
 SPLITS: Final = ("train", "test", "all")
+SETS: Final = (*SPLITS, "new", "random")
+"""Words of ``--instances`` that stand for any class's objects; what is none of them is an id."""
 KINDS: Final[tuple[Kind, ...]] = ("articulated", "rigid")
 TEST_SHARE = 0.1
 SMALLEST_TO_SPLIT = 10
@@ -173,11 +175,21 @@ class Library:
         return tuple(i for i in ids if (i in held_out) == (which == "test"))
 
     def choose(self, asset_class: str, which: str, seed: int = 0) -> tuple[str, ...]:
-        """Ids that one word stands for: ``train``, ``test``, ``all``, ``random`` (one, by the seed) or an id.
+        """Ids that one word stands for.
+
+        Args:
+            asset_class: of a rigid object every word but an id of another stands for the only one.
+            which: ``train``, ``test``, ``all``, ``new`` (generated ones beyond those that ``instances`` lists),
+                ``random`` (one, by the seed) or an id.
+            seed: of ``random``.
 
         Raises:
-            InputError: no such class, instance or test split.
+            InputError: no such class, instance or test split, or nothing new.
         """
+        if which in SETS and self.kind(asset_class) == "rigid":
+            return self.instances(asset_class)
+        if which == "new":
+            return self._shelf(asset_class).new(asset_class)
         if which in SPLITS:
             return self.split(asset_class, cast(Split, which))
         if which == "random":

@@ -1,12 +1,12 @@
-"""Which objects a person means: words like ``drawer``, ``drawer/test`` or ``drawer/3``."""
+"""Which objects a person means: words like ``drawer``, ``drawer/test`` or ``drawer/3``, and ``--instances``."""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from gensim2.errors import InputError
-from gensim2.objects.library.catalogue import Library
+from gensim2.objects.library.catalogue import SETS, Library
 from gensim2.objects.types import Kind
 
 Item = tuple[str, str]
@@ -24,7 +24,8 @@ def select(
     """(class, id) pairs, each once, in the order in which they were named.
 
     Args:
-        words: ``CLASS`` (all its instances) or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``all`` or ``random``.
+        words: ``CLASS`` (all its instances) or ``CLASS/WHICH`` with an id, ``train``, ``test``, ``new``, ``all`` or
+            ``random``.
         every: all that the library itself has, or of one ``kind``. It is also what no word at all means, unless
             ``drawn`` asks for something.
         drawn: this many more of each class, or of each class that is named: new numbers where objects are generated,
@@ -61,6 +62,30 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
         InputError: as for :func:`select`.
     """
     return select(library, [word], seed=seed)[0]
+
+
+def words_of_objects(
+    instances: Callable[[str], Sequence[str]], classes: Mapping[str, str], words: Sequence[str]
+) -> dict[str, Sequence[str]]:
+    """What ``--instances`` says of each object of a task.
+
+    Words that stand for a set (``all``, ``train``, ``test``, ``new``) are said of every object, ids of one
+    (:func:`object_of_ids`), and the others may be any.
+
+    Args:
+        instances: lists the ids of a class.
+        classes: of the objects, by name.
+        words: as given.
+    """
+    if all(word in SETS for word in words):
+        return dict.fromkeys(classes, words)
+    chosen = object_of_ids(instances, classes)
+    return {name: words if name == chosen else ("all",) for name in classes}
+
+
+def object_of_ids(instances: Callable[[str], Sequence[str]], classes: Mapping[str, str]) -> str:
+    """Name of the object that an id is said of: the first of whose class there are several, or the first."""
+    return next((name for name, each in classes.items() if len(instances(each)) > 1), next(iter(classes)))
 
 
 def wanted_classes(

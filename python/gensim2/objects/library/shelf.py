@@ -6,6 +6,7 @@ import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+from gensim2.errors import InputError
 from gensim2.objects.library.urdf import LONGEST_NAME
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import Instance, Kind, Source
@@ -63,6 +64,18 @@ class Shelf(ABC):
         """What to ask for in place of an instance that it does not hold."""
         return near(instance_id, self.instances(asset_class))
 
+    def new(self, asset_class: str) -> tuple[str, ...]:
+        """Ids of a fixed number of objects beyond those that ``instances`` lists.
+
+        Raises:
+            InputError: there are none.
+        """
+        raise InputError(
+            f"{asset_class} is {self.source}: there are no new ones beside those that are listed",
+            field="instances",
+            remedy="all, train, test or an id; new objects are generated (--assets builtin)",
+        )
+
     def sample(self, asset_class: str, count: int, seed: int) -> tuple[str, ...]:
         """``count`` ids drawn by the seed, no two the same; all of a class that has no more."""
         ids = self.instances(asset_class)
@@ -76,6 +89,10 @@ class RigidShelf(Shelf):
     kind: Kind = "rigid"
 
     def instances(self, asset_class: str) -> tuple[str, ...]:
+        return (ONLY_ID,)
+
+    def new(self, asset_class: str) -> tuple[str, ...]:
+        """The only one: there is nothing beside it."""
         return (ONLY_ID,)
 
     def load(self, asset_class: str, instance_id: str) -> RigidObject:

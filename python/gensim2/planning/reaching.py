@@ -1,0 +1,71 @@
+"""Reaching for a thing without moving it: nothing touches it before the actuation pose, where that can be had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import gensim2_kpam as kpam
+
+#: Clearances (m) that are asked for one after the other: more than the drives stray from their way, a hair, none.
+REACH_CLEARANCES: tuple[float | None, ...] = (0.003, 0.001, None)
+
+#: A motion is longer than another where it goes this much further, of what comes after the actuation pose.
+LONGER = 0.01
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A motion, and how it comes to its actuation pose.
+
+    Attributes:
+        problem: that it solves.
+        plan: the planner's.
+        clearance: that was asked for, m.
+        touches: what stands in the way of one that touches nothing before the actuation pose; None: this one does not.
+    """
+
+    problem: kpam.KeypointProblem
+    plan: kpam.Plan
+    clearance: float | None
+    touches: str | None
+
+
+def reach(
+    problem_with: Callable[[kpam.Options], kpam.KeypointProblem],
+    clearances: Sequence[float | None] = REACH_CLEARANCES,
+    former: kpam.Plan | None = None,
+    explain: bool = False,
+) -> Reach:
+    """Plan a motion that keeps clear of what the hand reaches for until it is at the actuation pose.
+
+    The clearances are asked for in turn; the first whole motion is taken. Where none of them allows one, the last
+    (None) lets hand and fingers touch what they reach for in the last leg before the actuation pose: a motion that gets
+    it done comes before one that is gentle. Where that is no whole motion either, the gentlest of the longest parts is
+    taken.
+
+    Args:
+        problem_with: the problem with options that take the place of its own.
+        clearances: m; None for none.
+        former: an earlier plan of the same step; its pose and its way are tried first.
+        explain: whether the plan says what became of every pose that was tried.
+    """
+    lacks: str | None = None
+    best: Reach | None = None
+    for clearance in clearances:
+        problem = problem_with({"reach_clearance": clearance})
+        plan = kpam.plan(problem, former=former, explain=explain)
+        found = Reach(problem, plan, clearance, None if clearance else lacks)
+        if found.plan.status == "solved":
+            return found
+        if lacks is None:
+            lacks = found.plan.reason
+        if best is None or _extent(found.plan) > _extent(best.plan) + LONGER:
+            best = found
+    assert best is not None
+    return best
+
+
+def _extent(plan: kpam.Plan) -> float:
+    """How far a motion goes: nowhere without a trajectory, else 1 and the part of what comes after the actuation."""
+    return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -1,0 +1,152 @@
+"""How often the library's tasks succeed: measured figures as data, from which every table of the project is made.
+
+``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``scripts/figures.py`` and by nobody else: a
+row is what the episodes of one file say of one task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gensim2.errors import InputError
+
+FIGURES = "figures.json"
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Value(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Condition(_Value):
+    """What a row was measured under.
+
+    Attributes:
+        objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
+        physics: ``"ours"`` or ``"original"``.
+        robot: its name.
+        instances: which were drawn from, as in ``--instances``.
+        randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
+        attempts: tries of an episode from the same start.
+        open_loop: everything was planned at the start.
+        disturbance: ``"push"``, ``"drop"`` or None.
+    """
+
+    objects: Literal["generated", "real"]
+    physics: Literal["ours", "original"]
+    robot: str
+    instances: str
+    randomization: str
+    attempts: Annotated[int, Field(ge=1)]
+    open_loop: bool
+    disturbance: str | None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is the paper's protocol: its ranges, all instances, closed loop, one attempt, undisturbed."""
+        plain = (self.robot, self.instances, self.randomization, self.attempts) == ("panda", "all", "paper", 1)
+        return plain and not self.open_loop and self.disturbance is None
+
+
+class Figure(_Value):
+    """One task under one condition; counts are numbers of episodes.
+
+    Attributes:
+        task: its name.
+        condition: what it was measured under.
+        seed: of the scenes.
+        runs: repetitions, of equally many episodes.
+        episodes: of all runs.
+        paper, held, strict: how many fulfil each verdict.
+        deviation: between the runs, of the share that fulfils ``paper``.
+        partial: in how many a part of a motion was executed.
+        causes: why those do not count as held that do not, most frequent first.
+        strict_misses: what those lack that do not count as strict, most frequent first.
+        objects: number of different ones by class.
+    """
+
+    task: str
+    condition: Condition
+    seed: Count
+    runs: Annotated[int, Field(ge=1)]
+    episodes: Annotated[int, Field(ge=1)]
+    paper: Count
+    held: Count
+    strict: Count
+    deviation: Annotated[float, Field(ge=0, le=1)]
+    partial: Count
+    causes: dict[str, Count]
+    strict_misses: dict[str, Count]
+    objects: dict[str, Count]
+
+    @model_validator(mode="after")
+    def _counts_go_together(self) -> Self:
+        if not self.strict <= self.held <= self.episodes or self.paper > self.episodes:
+            raise ValueError("more episodes count than there are, or strict ones that do not hold")
+        if self.held + sum(self.causes.values()) != self.episodes:
+            raise ValueError("held and causes are not all episodes")
+        return self
+
+
+class Figures(_Value):
+    """The file: at most one row for each task and condition."""
+
+    schema_version: Literal[1]
+    rows: tuple[Figure, ...]
+
+    @model_validator(mode="after")
+    def _one_row_each(self) -> Self:
+        keys = [(row.task, row.condition) for row in self.rows]
+        if len(set(keys)) < len(keys):
+            raise ValueError("a task has two rows of the same condition")
+        return self
+
+    def with_rows(self, rows: Iterable[Figure]) -> Figures:
+        """Return these and others: a new row takes the place of one of the same task and condition."""
+        found = {(row.task, row.condition): row for row in (*self.rows, *rows)}
+        return Figures(schema_version=1, rows=tuple(sorted(found.values(), key=_order)))
+
+
+def _order(row: Figure) -> tuple[str, bool, tuple[str, ...]]:
+    """By task; the paper's protocol first."""
+    return row.task, not row.condition.is_plain, tuple(str(value) for _, value in row.condition)
+
+
+@cache
+def figures() -> Figures:
+    """Return the figures that travel with the package."""
+    return _parsed((files("gensim2.tasks") / FIGURES).read_bytes(), FIGURES)
+
+
+def read_figures(path: Path) -> Figures:
+    """Return the figures of a file.
+
+    Raises:
+        InputError: it cannot be read, or holds none; names the field.
+    """
+    try:
+        return _parsed(path.read_bytes(), path)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def figures_of(task: str) -> tuple[Figure, ...]:
+    """Return all rows of a task, those of the paper's protocol first; none where it was not measured."""
+    return tuple(row for row in figures().rows if row.task == task)
+
+
+def _parsed(data: bytes, file: Path | str) -> Figures:
+    try:
+        return Figures.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        remedy = "write it anew with scripts/figures.py"
+        raise InputError(first["msg"].lower(), file=file, field=field, remedy=remedy) from error

@@ -1,0 +1,51 @@
+"""How much of a scene is drawn: the task's own ranges, half of them, or more than they say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from gensim2.errors import InputError
+
+PresetName = Literal["paper", "paper-half", "wide"]
+"""``"paper"``: the ranges of the task; ``"paper-half"``: half of them; ``"wide"``: docs/simulation.md."""
+
+PRESET_NAMES: tuple[PresetName, ...] = get_args(PresetName)
+DEFAULT_PRESET: PresetName = "paper"
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What becomes of a task's ranges, and what is drawn besides.
+
+    Attributes:
+        name: as in ``--randomization``.
+        scale: of the ranges of offsets, yaw and openness.
+        turns_either_way: the yaw's sign does not follow that of the y offset.
+        varies: whether the objects' physics and the robot's start are drawn, too.
+    """
+
+    name: PresetName
+    scale: float
+    turns_either_way: bool = False
+    varies: bool = False
+
+
+_PRESETS: dict[str, Preset] = {
+    "paper": Preset("paper", 1.0),
+    "paper-half": Preset("paper-half", 0.5),
+    "wide": Preset("wide", 1.5, turns_either_way=True, varies=True),
+}
+
+
+def preset(name: str) -> Preset:
+    """The preset of that name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name not in _PRESETS:
+        raise InputError(
+            f"no randomization {name!r}", field="randomization", remedy=f"one of {', '.join(PRESET_NAMES)}"
+        )
+    return _PRESETS[name]

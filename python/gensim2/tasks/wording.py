@@ -1,0 +1,59 @@
+"""Tasks in words: criteria, places and ranges as a person would say them, for pages and for the terminal."""
+
+from __future__ import annotations
+
+import math
+
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion
+from gensim2.tasks.spec import TABLE, ObjectSpec, Offset
+
+
+def criterion_in_words(criterion: Criterion) -> str:
+    """What must hold: ``"openness of the drawer above 0.8"``."""
+    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
+        side = "above" if isinstance(criterion, ArticulatedOpen) else "below"
+        return f"openness of the {_said(criterion.object)} {side} {criterion.threshold:g}"
+    first, second = criterion.objects if len(criterion.objects) == 2 else ("hand", *criterion.objects)
+    return f"{_said(first)} and {_said(second)} within {100 * criterion.threshold:g} cm, seen from above"
+
+
+def criteria_in_words(criteria: tuple[Criterion, ...]) -> str:
+    """All of what must hold; empty where nothing must."""
+    return " and ".join(criterion_in_words(criterion) for criterion in criteria)
+
+
+def name_in_words(name: str) -> str:
+    """A step's or an object's name: ``"shut_it"`` is ``"shut it"``."""
+    return _said(name)
+
+
+def place_in_words(thing: ObjectSpec) -> str:
+    """Where an object stands before its randomization."""
+    where = "on the table" if thing.place.on == TABLE else f"in or on the {_said(thing.place.on)}"
+    if thing.place.at is None:
+        return f"{where}, at its usual place" if thing.place.on == TABLE else f"{where}, in the middle"
+    x, y = thing.place.at
+    return f"{where} at ({x:g}, {y:g}) m"
+
+
+def randomization_in_words(thing: ObjectSpec, *, with_joint: bool) -> str:
+    """The ranges that an episode draws from.
+
+    Args:
+        with_joint: the object has a joint, so that its openness is drawn too.
+    """
+    drawn = thing.randomization
+    parts = [_offset("x", drawn.x), _offset("y", drawn.y), f"yaw up to {math.degrees(drawn.yaw):.0f}°"]
+    if with_joint:
+        mean = "its usual one" if drawn.openness_mean is None else f"{drawn.openness_mean:g}"
+        parts.append(f"openness {mean} ± {drawn.openness_spread:g}")
+    return ", ".join(parts)
+
+
+def _offset(axis: str, given: Offset) -> str:
+    low, high = (100 * value for value in given)
+    return f"{axis} ± {high:g} cm" if low == -high else f"{axis} {low:+g} to {high:+g} cm"
+
+
+def _said(name: str) -> str:
+    return name.replace("_", " ")
