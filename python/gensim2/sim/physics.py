@@ -279,7 +279,7 @@ class OriginalPhysics(Physics):
         # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that contact
         # holds the joint against 400 N.
         sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
-        return DefaultPlace(pose.position + [0.0, 0.0, sunk], pose.quaternion, pose.openness, "original")
+        return DefaultPlace(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
 
     def _material(self) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(**self._constants.material)
