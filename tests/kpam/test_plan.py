@@ -294,6 +294,7 @@ def test_values_pickle(panda: kpam.Robot) -> None:
         ({"options": {"candidates": 0}}, r"options\.candidates"),
         ({"options": {"harvest": 10**9}}, r"options\.harvest"),
         ({"options": {"samples": 10**9}}, r"options\.samples"),
+        ({"options": {"seed": 10**7}}, r"options\.seed"),
         ({"options": {"jerk_limits": [1e-9] * 9}}, r"options\.jerk_limits\[0\]"),
         ({"object_yaw": np.nan}, "object_yaw"),
         ({"options": {"velocity_scale": 0}}, "velocity_scale"),

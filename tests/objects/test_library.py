@@ -17,6 +17,7 @@ from gensim2.errors import InputError
 from gensim2.objects import Library, listing, open_library
 from gensim2.objects.library.catalogue import SETS
 from gensim2.objects.library.selection import select, words_of_objects
+from gensim2.objects.physics import CLASS_RULES
 
 
 def test_default_is_the_environment_then_builtin(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -181,3 +182,9 @@ def test_urdf_has_what_parsers_need(library: Library) -> None:
         assert len(shapes) == len(instance.hulls[link.attrib["name"]])
     for mesh in root.iter("mesh"):
         assert (instance.urdf.parent / mesh.attrib["filename"]).is_file()
+
+
+def test_openness_at_the_start_is_the_originals() -> None:
+    for name, rule in CLASS_RULES.items():
+        closed = name.endswith(("_lift", "_move")) or name == "toaster_press"
+        assert rule.default_openness == (1.0 if name == "stapler_press" else 0.0 if closed else 0.5), name

@@ -61,7 +61,7 @@ def _by_hand(seed: int, ranges: Randomization, scale: float, either_way: bool = 
     which, x, y, yaw, spread = rng(seed, "Any").random(5)
     x, y = (scale * (low + (high - low) * at) for (low, high), at in ((ranges.x, x), (ranges.y, y)))
     most = scale * ranges.yaw
-    turn = most * (2 * yaw - 1) if either_way else most * yaw * (1 if y > 0 else -1)
+    turn = abs(most) * (2 * yaw - 1) if either_way else most * yaw * (1 if y > 0 else -1)
     return Draw("abc"[int(3 * which)], x, y, turn, scale * ranges.openness_spread * (2 * spread - 1))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -12,9 +13,9 @@ from gensim2.episodes.still import StillController
 from gensim2.episodes.trajectory import env_kwargs
 from gensim2.pipeline.setting import Circumstances
 from gensim2.robots import robot
-from gensim2.sim.env import make_env
 from gensim2.sim.lane import Lane
 from gensim2.sim.parts import ArticulatedPart, Part
+from gensim2.sim.registration import env_id
 from gensim2.tasks.presets import PRESET_NAMES
 
 TASK = "PlaceGolfBallIntoDrawer"
@@ -96,7 +97,7 @@ def test_a_wide_scene_is_replayed_by_what_travels_with_a_trajectory() -> None:
     for seed in (1, 2):
         lane.reset(seed)
         ids = {name: [thing.model.id] for name, thing in lane.setup.objects.items()}
-        env = make_env(TASK, **env_kwargs(lane.task, "builtin", ids, environment))
+        env = gym.make(env_id(lane.task), **env_kwargs(lane.task, "builtin", ids, environment))
         observed, _ = env.reset(seed=seed, options={"instance": {name: each for name, (each,) in ids.items()}})
         assert np.array_equal(observed[0].numpy(), lane.observation())
         for move in moves:

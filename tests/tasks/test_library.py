@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 
@@ -280,3 +281,25 @@ def test_provenance_of_a_strategy_that_no_step_has_is_refused() -> None:
     data["provenance"]["strategies"]["lft"] = {"by": "hand", "seen": "all"}
     with pytest.raises(InputError, match="no step has a strategy 'lft'"):
         parse_task(data)
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_scenes_of_the_papers_tasks_have_the_originals_ranges(name: str) -> None:
+    task = load_task(name)
+    if task.provenance is None or task.provenance.origin != "paper":
+        return
+    long, third = not task.is_single_step, math.pi / 6
+    for index, thing in enumerate(task.objects.values()):
+        ranges, place = thing.randomization, thing.place
+        if index > 0:  # what is put into the first
+            at, turned = (-0.2, -0.45), -math.pi / 2 if thing.asset_class == "mug" else 0.0
+            assert (ranges.x, ranges.y, ranges.yaw) == ((-0.1, 0.1), (-0.1, 0.1), third)
+            assert (place.on, place.at, place.yaw) == ("table", at, turned)
+            continue
+        # Suitcases are turned about an axis of their own that looks down in the original's default poses.
+        turn = -third if thing.asset_class.startswith("suitcase") else third
+        starts_closed = name in ("RelocateSuitcase", "PushToasterForward", "MoveBagForward")
+        mean, spread = (0.0, 0.0) if starts_closed else (0.5 if long else None, 0.15)
+        assert (ranges.x, ranges.y) == (((-0.05, 0.05), (0.0, 0.05)) if long else ((-0.1, 0.1), (-0.1, 0.1)))
+        assert (ranges.yaw, ranges.openness_mean, ranges.openness_spread) == (turn, mean, spread)
+        assert (place.on, place.at, place.yaw) == ("table", None, 0.0)

@@ -2,76 +2,23 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from statistics import mean, pstdev
 from typing import Any
 
 from gensim2.episodes.disturbance import KINDS, Kind
 from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
-from gensim2.objects import open_library
-from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, read_task_input
+from gensim2.pipeline.benchmark_table import TaskRow, groups
+from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, of_these_objects, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.setting import Physics
-from gensim2.pipeline.tally import Tally, interval
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.library import load_task, task_names
-from gensim2.tasks.published import PAPER
-
-
-@dataclass(frozen=True)
-class TaskRow:
-    """One task in the table; all of it follows from ``episodes``.
-
-    Attributes:
-        name: of the task.
-        is_single_step: whether it has one step.
-        runs: number of runs, each of equally many episodes.
-        episodes: in the order of runs.
-    """
-
-    name: str
-    is_single_step: bool
-    runs: int
-    episodes: tuple[Episode, ...]
-
-    def rates(self, verdict: str) -> list[float]:
-        """Share of episodes that fulfil ``"paper"``, ``"held"`` or ``"strict"``, one a run."""
-        size = len(self.episodes) // self.runs
-        flags = [bool(getattr(episode, verdict)) for episode in self.episodes]
-        return [mean(flags[run * size : (run + 1) * size]) for run in range(self.runs)]
-
-    @property
-    def tally(self) -> Tally:
-        """Counts over all runs."""
-        return Tally.of(self.episodes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; ``success`` is the verdict that the paper counts."""
-        tally, paper = self.tally, self.rates("paper")
-        published = PAPER.get(self.name)
-        return {
-            "name": self.name,
-            "type": "single-step" if self.is_single_step else "long-horizon",
-            "episodes": tally.episodes,
-            "success_mean": mean(paper),
-            "success_std": pstdev(paper),
-            "held_mean": mean(self.rates("held")),
-            "held_interval": list(interval(tally.held, tally.episodes)),
-            "strict_mean": mean(self.rates("strict")),
-            "partial": tally.partial,
-            "replanned": tally.replanned,
-            "still": tally.still,
-            "paper_figure": None if published is None else published[0],
-            "causes": tally.causes,
-            "strict_misses": tally.strict_misses,
-            "objects": tally.objects,
-            "records": [episode.to_dict() for episode in self.episodes],
-        }
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 
 @dataclass(frozen=True)
@@ -80,14 +27,20 @@ class BenchmarkResult:
 
     Attributes:
         run_dir: the run folder.
+        arguments: what was asked for: everything that the episodes follow from, beside the tasks.
+        versions: of the packages that decide the outcome.
         rows: one a task.
         skipped: tasks that could not be run on these objects, with the reason.
+        speeds: episodes a second of wall time in this call, by task; None where all were there.
         cpu_s: CPU of all processes in this call, their start apart.
     """
 
     run_dir: str
+    arguments: dict[str, Any]
+    versions: dict[str, str]
     rows: tuple[TaskRow, ...]
     skipped: dict[str, str]
+    speeds: dict[str, float | None]
     cpu_s: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -95,8 +48,12 @@ class BenchmarkResult:
         return {
             "schema_version": SCHEMA_VERSION,
             "run_dir": self.run_dir,
+            "arguments": self.arguments,
+            "versions": self.versions,
             "tasks": [row.to_dict() for row in self.rows],
+            "groups": groups(self.rows),
             "skipped": self.skipped,
+            "episodes_per_second": self.speeds,
             "cpu_s": round(self.cpu_s, 3),
         }
 
@@ -111,6 +68,8 @@ def benchmark(
     instances: str = "all",
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
+    randomization: PresetName = DEFAULT_PRESET,
+    attempts: int = 1,
     open_loop: bool = False,
     disturbance: Kind | None = None,
     out: Path | None = None,
@@ -123,11 +82,13 @@ def benchmark(
     """Run every task on random scenes; each episode is kept as soon as it is finished.
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole library.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole library. Those
+            that these objects do not do for are named and left out.
         runs: repetitions, for the deviation between them.
         episodes: of each task in each run.
         seed: of the scenes; no search draws from the same ones.
-        assets, instances, physics, robot, open_loop: as for ``demo``.
+        assets, instances, physics, robot, randomization, open_loop: as for ``demo``.
+        attempts: that an episode has at most from its start, until one holds.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes; the table does not depend on their number.
@@ -139,33 +100,40 @@ def benchmark(
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(runs=runs, episodes=episodes, workers=workers)
+    check_counts(runs=runs, episodes=episodes, attempts=attempts, workers=workers)
     check_workers(time_limit, jobs_per_worker)
     if disturbance is not None and disturbance not in KINDS:
         raise InputError(f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(KINDS)}")
-    library = open_library(assets)
-    given: list[TaskInput] = []
-    skipped: dict[str, str] = {}
-    for task in tasks or task_names():
-        if not tasks:
-            lacking = [
-                o.asset_class for o in load_task(task).objects.values() if o.asset_class not in library.classes()
-            ]
-            if lacking:
-                skipped[task] = f"{library.location} has no {', '.join(lacking)}"
-                continue
-        one = read_task_input(task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop)
-        given.append(replace(one, circumstances=replace(one.circumstances, disturbance=disturbance)))
-    if not given:
-        raise InputError("no task of the library can be run on these objects", field="assets")
+    wanted, skipped = of_these_objects(assets, tasks, instances)
+    given = [
+        read_task_input(
+            task,
+            assets,
+            instances,
+            seed,
+            physics=physics,
+            robot=robot,
+            open_loop=open_loop,
+            randomization=randomization,
+        )
+        for task in wanted
+    ]
     names = [one.spec.name for one in given]
     if len(set(names)) < len(names):
         raise InputError("a task is named twice", field="tasks")
     # Only now what takes long to import.
     from gensim2.pipeline.evaluator import PoolEvaluator
-    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
+    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing, versions
 
-    circumstances = given[0].circumstances
+    library = given[0].library
+    circumstances = replace(given[0].circumstances, disturbance=disturbance, attempts=attempts)
+    arguments = {
+        "seed": seed,
+        "runs": runs,
+        "episodes": episodes,
+        **asdict(circumstances),
+        "instances": instances,
+    }
     classes = sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})
     with (
         RunFolder(
@@ -173,11 +141,7 @@ def benchmark(
             {
                 "command": "benchmark",
                 "stored_tasks": names,
-                "runs": runs,
-                "episodes": episodes,
-                "seed": seed,
-                **asdict(circumstances),
-                "instances": instances,
+                **arguments,
                 "workers": workers,
             },
             {
@@ -196,25 +160,25 @@ def benchmark(
             log=folder.errors_log,
         ) as evaluator,
     ):
-        rows = []
+        rows, speeds = [], {}
         for one in given:
-            found = _episodes(one, evaluator, folder.task(one.spec.name).path, runs, episodes, seed, progress)
+            name = one.spec.name
+            found, speeds[name] = _episodes(one, evaluator, folder.task(name).path, runs, episodes, seed, progress)
             folder.add_episodes(library, found, folder.path / "run.json")
             folder.save()
-            rows.append(TaskRow(one.spec.name, one.spec.is_single_step, runs, tuple(found)))
-        result = BenchmarkResult(str(folder.path), tuple(rows), skipped, evaluator.cpu_s)
-        folder.finish({**result.to_dict(), "tasks": [_without_records(row) for row in rows]})
+            rows.append(TaskRow(one.spec, runs, tuple(found)))
+        result = BenchmarkResult(str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s)
+        told = result.to_dict()
+        for task in told["tasks"]:
+            del task["records"]  # they stand in the task's folder
+        folder.finish(told)
     return result
-
-
-def _without_records(row: TaskRow) -> dict[str, Any]:
-    return {name: value for name, value in row.to_dict().items() if name != "records"}
 
 
 def _episodes(
     given: TaskInput, evaluator: Any, folder: Path, runs: int, episodes: int, seed: int, progress: Progress
-) -> list[Episode]:
-    """All episodes of a task, run after run; those that its log holds are not run again."""
+) -> tuple[list[Episode], float | None]:
+    """All episodes of a task, run after run, and how many a second were run; those that its log holds are not."""
     from gensim2.pipeline import worker
     from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
     from gensim2.processes import Job
@@ -227,7 +191,9 @@ def _episodes(
     progress.advance(len(log.done))
     setting = evaluator.setting(task, given.instances)
     jobs = [Job(i, (setting, given.strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+    begin = time.perf_counter()
     for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: episodes"):
         log.add(LoggedEpisode.of(episode, index))
         progress.advance()
-    return [entry.episode for entry in log.finish(len(seeds))]
+    speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
+    return [entry.episode for entry in log.finish(len(seeds))], speed

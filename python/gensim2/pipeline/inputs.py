@@ -155,11 +155,11 @@ def of_these_objects(
         except InputError as error:
             skipped[name] = error
     if len(skipped) == len(named):
-        name, error = next(iter(skipped.items()))
+        name, first = next(iter(skipped.items()))
         raise InputError(
-            f"no task can be run on these objects; {name}: {error.message}", field=error.field, remedy=error.remedy
+            f"no task can be run on these objects; {name}: {first.message}", field=first.field, remedy=first.remedy
         )
-    reasons = {name: error.message for name, error in skipped.items()}
+    reasons = {name: reason.message for name, reason in skipped.items()}
     return tuple(name for name in named if name not in skipped), reasons
 
 

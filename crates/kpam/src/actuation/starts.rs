@@ -80,6 +80,24 @@ mod tests {
     use crate::model::Model;
 
     #[test]
+    fn each_seed_starts_elsewhere_but_for_the_present_joints() {
+        let starts = |seed: usize| -> Vec<Row> {
+            let mut problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
+            problem.options.seed = seed;
+            let model = Model::new(&problem.robot, &problem.q_start).unwrap();
+            let resolved = problem.resolve().unwrap();
+            let search = ActuationSearch::new(&problem, &model, &resolved);
+            (0..48).map(|index| search.start(index)).chain((0..50).map(|index| search.further_start(index))).collect()
+        };
+        let (first, again, second, last) = (starts(0), starts(0), starts(1), starts(1_000_000));
+        assert_eq!(first, again);
+        assert_eq!(first[0], second[0]);
+        for index in 1..first.len() {
+            assert!(!second.contains(&first[index]) && !last.contains(&first[index]) && !last.contains(&second[index]));
+        }
+    }
+
+    #[test]
     fn starts_of_either_kind_cover_the_whole_range_of_every_joint() {
         let problem = problem(-1.0, 0.02, [0.5, 0.1, 0.3]);
         let model = Model::new(&problem.robot, &problem.q_start).unwrap();

@@ -1,0 +1,183 @@
+"""How often tasks succeed, as Markdown: every table of the documents, made of the package's figures.
+
+    python scripts/figures.py results/*.json                             # what benchmarks found, into the figures
+    python benchmarks/results_table.py --into docs/results.md README.md
+    python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
+
+With `--into`, what stands between `<!-- figures: all -->` (or `<!-- figures: short -->`) and `<!-- /figures -->` in a
+file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict; in
+the short table held alone, or paper in the original's physics, as the paper counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from statistics import mean
+
+from gensim2.errors import InputError
+from gensim2.files import write_atomic
+from gensim2.pipeline.figures import rows_of
+from gensim2.pipeline.tally import interval
+from gensim2.tasks.figures import Condition, Figure, figures
+from gensim2.tasks.library import load_task
+from gensim2.tasks.published import MEASURED, PAPER
+
+WHERE = [("ours", "generated"), ("ours", "real"), ("original", "generated"), ("original", "real")]
+"""Columns: whose physics, and which objects."""
+TYPES = ("single-step", "long-horizon")
+MARKED = re.compile(r"(<!-- figures: (all|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)
+
+Cell = Callable[[Figure], str]
+
+
+def everything(rows: Sequence[Figure]) -> str:
+    """Every condition: a section each, the paper's protocol first, in it a table a type of tasks."""
+    sections: dict[str, list[Figure]] = {}
+    for row in sorted(rows, key=lambda row: not row.condition.is_plain):
+        sections.setdefault(what_differs(row.condition), []).append(row)
+    return "\n".join(_section(title, members) for title, members in sections.items())
+
+
+def short(rows: Sequence[Figure]) -> str:
+    """The paper's protocol alone, one verdict a cell: held in our physics, paper in the original's."""
+    return _tables([row for row in rows if row.condition.is_plain], _one_verdict, averages=_average_of_one)
+
+
+def what_differs(condition: Condition) -> str:
+    """In what a condition is not the paper's protocol, physics and objects apart."""
+    named = (
+        (condition.robot != "panda", f"robot {condition.robot}"),
+        (condition.instances != "all", f"instances {condition.instances}"),
+        (condition.randomization != "paper", f"randomization {condition.randomization}"),
+        (condition.attempts > 1, f"up to {condition.attempts} attempts"),
+        (condition.open_loop, "open loop"),
+        (condition.disturbance is not None, f"disturbance {condition.disturbance}"),
+    )
+    return ", ".join(words for holds, words in named if holds) or "The paper's protocol"
+
+
+def _section(title: str, rows: Sequence[Figure]) -> str:
+    sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
+    shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
+    seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
+    head = f"## {title[0].upper()}{title[1:]}\n\n{shown} episodes a cell; seeds {seeds}.\n"
+    return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
+
+
+def _tables(rows: Sequence[Figure], cell: Cell, averages: Callable[[Sequence[Figure]], str]) -> str:
+    found = []
+    for kind in TYPES:
+        members = [row for row in rows if _type(row.task) == kind]
+        if members:
+            found.append(_table(kind, members, cell, averages))
+    return "\n".join(found)
+
+
+def _table(kind: str, rows: Sequence[Figure], cell: Cell, averages: Callable[[Sequence[Figure]], str]) -> str:
+    columns = [where for where in WHERE if any(_where(row) == where for row in rows)]
+    by_place = {(row.task, *_where(row)): row for row in rows}
+    tasks = sorted({row.task for row in rows}, key=_rank)
+    lines = [
+        _line([f"{kind} task", *(f"{physics}, {objects}" for physics, objects in columns), "paper", "its release"]),
+        _line(["---"] * (len(columns) + 3)),
+    ]
+    for task in tasks:
+        cells = [by_place.get((task, *where)) for where in columns]
+        lines.append(_line([task, *("" if row is None else cell(row) for row in cells), *_published(task)]))
+    members = [[by_place[task, *where] for task in tasks if (task, *where) in by_place] for where in columns]
+    published = [_mean(PAPER[task][0] for task in tasks if task in PAPER)]
+    published.append(_mean(MEASURED[task][0] / MEASURED[task][1] for task in tasks if task in MEASURED))
+    return "\n".join([*lines, _line(["mean", *map(averages, members), *published])]) + "\n"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _where(row: Figure) -> tuple[str, str]:
+    return row.condition.physics, row.condition.objects
+
+
+def _type(task: str) -> str:
+    return TYPES[0] if load_task(task).is_single_step else TYPES[1]
+
+
+def _rank(task: str) -> tuple[int, str]:
+    """In the paper's order, others after them."""
+    return (list(PAPER).index(task) if task in PAPER else len(PAPER)), task
+
+
+def _published(task: str) -> tuple[str, str]:
+    measured = MEASURED.get(task)
+    return (
+        f"{PAPER[task][0]:.2f}" if task in PAPER else "",
+        "" if measured is None else f"{measured[0] / measured[1]:.2f}",
+    )
+
+
+def _three_verdicts(row: Figure) -> str:
+    held = _with_interval(row.held, row.episodes)
+    return f"{row.paper / row.episodes:.2f} / {held} / {row.strict / row.episodes:.2f}"
+
+
+def _one_verdict(row: Figure) -> str:
+    return _with_interval(_counting(row), row.episodes)
+
+
+def _counting(row: Figure) -> int:
+    return row.paper if row.condition.physics == "original" else row.held
+
+
+def _with_interval(count: int, of: int) -> str:
+    low, high = interval(count, of)
+    return f"{count / of:.2f} ({low:.2f}–{high:.2f})"
+
+
+def _average_of_three(rows: Sequence[Figure]) -> str:
+    counts: tuple[Callable[[Figure], int], ...] = (lambda r: r.paper, lambda r: r.held, lambda r: r.strict)
+    return " / ".join(_mean(count(row) / row.episodes for row in rows) for count in counts) + f" (of {len(rows)})"
+
+
+def _average_of_one(rows: Sequence[Figure]) -> str:
+    return f"{_mean(_counting(row) / row.episodes for row in rows)} (of {len(rows)})"
+
+
+def _mean(rates: Iterable[float]) -> str:
+    found = list(rates)
+    return f"{mean(found):.2f}" if found else ""
+
+
+def renewed(text: str, rows: Sequence[Figure]) -> str:
+    """A document with the tables between its marks written anew.
+
+    Raises:
+        InputError: it has no marks.
+    """
+    makers = {"all": everything, "short": short}
+    found, count = MARKED.subn(lambda match: f"{match[1]}\n{makers[match[2]](rows)}\n{match[3]}", text)
+    if not count:
+        raise InputError("has no <!-- figures: all --> ... <!-- /figures -->", remedy="write the marks into it")
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, nargs="*", help="in place of the figures: JSON of gensim2 benchmark")
+    parser.add_argument("--into", type=Path, nargs="+", default=[], help="documents to write the tables into")
+    options = parser.parse_args()
+    try:
+        rows = [row for path in options.results for row in rows_of(path)] if options.results else figures().rows
+        for path in options.into:
+            write_atomic(path, renewed(path.read_text(encoding="utf-8"), rows))
+    except InputError as error:
+        sys.exit(f"results_table: {error}")
+    if not options.into:
+        print(everything(rows))
+
+
+if __name__ == "__main__":
+    main()

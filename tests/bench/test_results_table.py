@@ -1,0 +1,112 @@
+"""Tables of the documents: what stands in them is what the figures say."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.tasks.figures import Condition, Figure
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def made() -> Iterator[Any]:
+    sys.path.insert(0, str(BENCHMARKS))
+    import results_table
+
+    yield results_table
+    sys.path.remove(str(BENCHMARKS))
+
+
+def _row(task: str, held: int, *, seed: int = 7, **condition: Any) -> Figure:
+    plain: dict[str, Any] = {
+        "objects": "real",
+        "physics": "ours",
+        "robot": "panda",
+        "instances": "all",
+        "randomization": "paper",
+        "attempts": 1,
+        "open_loop": False,
+        "disturbance": None,
+    }
+    return Figure(
+        task=task,
+        condition=Condition(**{**plain, **condition}),
+        seed=seed,
+        runs=5,
+        episodes=250,
+        paper=240,
+        held=held,
+        strict=held // 2,
+        deviation=0.01,
+        partial=3,
+        causes={"contact slipped": 250 - held} if held < 250 else {},
+        strict_misses={},
+        objects={"drawer": 12},
+    )
+
+
+ROWS = [
+    _row("TurnOnFaucet", 200),
+    _row("OpenBox", 250),
+    _row("OpenBox", 225, physics="original"),
+    _row("PlaceGolfBallIntoDrawer", 125, objects="generated", seed=8),
+    _row("OpenBox", 100, randomization="wide", attempts=8, open_loop=True),
+    _row("OpenBox", 50, instances="test", disturbance="push"),
+]
+
+
+def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> None:
+    text = made.everything(ROWS)
+    titles = [line for line in text.splitlines() if line.startswith("##")]
+    assert titles == [
+        "## The paper's protocol",
+        "## Randomization wide, up to 8 attempts, open loop",
+        "## Instances test, disturbance push",
+    ]
+    first = text.split("## ")[1].splitlines()
+    assert "5 x 50 episodes a cell; seeds 7, 8." in first
+    assert [line for line in first if line.startswith("|")] == [
+        "| single-step task | ours, real | original, real | paper | its release |",
+        "| --- | --- | --- | --- | --- |",
+        "| OpenBox | 0.96 / 1.00 (0.98–1.00) / 0.50 | 0.96 / 0.90 (0.86–0.93) / 0.45 | 0.84 | 0.80 |",
+        "| TurnOnFaucet | 0.96 / 0.80 (0.75–0.84) / 0.40 |  | 0.67 | 0.60 |",
+        "| mean | 0.96 / 0.90 / 0.45 (of 2) | 0.96 / 0.90 / 0.45 (of 1) | 0.76 | 0.70 |",
+        "| long-horizon task | ours, generated | paper | its release |",
+        "| --- | --- | --- | --- |",
+        "| PlaceGolfBallIntoDrawer | 0.96 / 0.50 (0.44–0.56) / 0.25 | 0.56 |  |",
+        "| mean | 0.96 / 0.50 / 0.25 (of 1) | 0.56 |  |",
+    ]
+
+
+def test_the_short_table_counts_as_the_paper_in_its_physics_and_what_holds_in_ours(made: Any) -> None:
+    lines = made.short(ROWS).splitlines()
+    assert "| OpenBox | 1.00 (0.98–1.00) | 0.96 (0.93–0.98) | 0.84 | 0.80 |" in lines
+    assert "| mean | 0.90 (of 2) | 0.96 (of 1) | 0.76 | 0.70 |" in lines
+    assert not any("wide" in line for line in lines)
+
+
+def test_a_document_keeps_all_but_what_stands_between_the_marks(made: Any) -> None:
+    text = "# A\n\n<!-- figures: short -->\nold\n<!-- /figures -->\nb\n<!-- figures: all -->\n<!-- /figures -->\nc\n"
+    new = made.renewed(text, ROWS)
+    assert new.startswith("# A\n\n<!-- figures: short -->\n\n| single-step task |")
+    assert new.endswith("\n<!-- /figures -->\nc\n")
+    assert "old" not in new
+    assert made.renewed(new, ROWS) == new
+    with pytest.raises(InputError, match="figures: all"):
+        made.renewed("nothing", ROWS)
+
+
+def test_tables_are_made_of_the_json_of_benchmarks(
+    made: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(made, "rows_of", lambda path: ROWS[:1] if path.name == "one.json" else ROWS[1:2])
+    monkeypatch.setattr(sys, "argv", ["results_table", "one.json", "two.json"])
+    made.main()
+    assert capsys.readouterr().out == made.everything(ROWS[:2]) + "\n"
