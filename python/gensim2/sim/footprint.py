@@ -1,4 +1,4 @@
-"""What an object covers of the table, seen from above, and whether two such outlines keep apart."""
+"""What an object covers of the table, seen from above, whether two such outlines keep apart, and how low it comes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ def hulls_in_root(model: Instance | RigidObject, value: float) -> list[Array]:
     """Convex parts, each (N, 3) m in the root frame, where the joint stands at ``value`` (a rigid object has none)."""
     if isinstance(model, RigidObject):
         return list(model.hulls[BODY])
-    joint, T = model.joint, model.joint.T_root_child
-    still = [hull for link, hulls in model.hulls.items() if link != joint.child_link for hull in hulls]
-    moving = model.hulls.get(joint.child_link, ())
-    return still + [_moved(hull @ T[:3, :3].T + T[:3, 3], model, value) for hull in moving]
+    moving = model.joint.child_link
+    still = [hull for link, hulls in model.hulls.items() if link != moving for hull in hulls]
+    return still + [_on_moving_link(hull, model, value) for hull in model.hulls.get(moving, ())]
 
 
 def swept_points(model: Instance | RigidObject) -> Array:
@@ -34,6 +33,22 @@ def swept_points(model: Instance | RigidObject) -> Array:
         values = list(np.linspace(model.joint.lower, model.joint.upper, JOINT_SAMPLES))
     points = np.concatenate([hull for value in values for hull in hulls_in_root(model, value)])
     return np.asarray(points[ConvexHull(points).vertices], dtype=np.float64)
+
+
+def lowest_of_moving_link(model: Instance, position: Array, quaternion: Array) -> float:
+    """Height in the world (m) of the lowest point of what the joint moves, anywhere in its range.
+
+    Args:
+        position: (3,) of the root in the world, m.
+        quaternion: (4,) of the root in the world, (w, x, y, z).
+    """
+    hulls = model.hulls.get(model.joint.child_link, ())
+    if not hulls:
+        return float("inf")
+    points = np.concatenate(hulls)
+    up = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()[2]
+    values = np.linspace(model.joint.lower, model.joint.upper, JOINT_SAMPLES)
+    return float(position[2]) + min(float((_on_moving_link(points, model, value) @ up).min()) for value in values)
 
 
 def work_keypoint(model: Instance) -> str:
@@ -49,8 +64,7 @@ def keypoint_in_root(model: Instance, name: str, value: float) -> Array:
     point = model.keypoints[name]
     if point.link != model.joint.child_link:
         return np.asarray(point.position)
-    T = model.joint.T_root_child
-    return np.asarray(_moved((T[:3, :3] @ point.position + T[:3, 3])[None], model, value)[0])
+    return np.asarray(_on_moving_link(point.position[None], model, value)[0])
 
 
 def outline(points: Array, position: Array, quaternion: Array) -> Array:
@@ -82,8 +96,10 @@ def _beyond_an_edge(of: Array, other: Array, gap: float) -> bool:
     return bool(np.any(nearest - np.sum(of * outward, axis=1) >= gap))
 
 
-def _moved(at_zero: Array, model: Instance, value: float) -> Array:
+def _on_moving_link(points: Array, model: Instance, value: float) -> Array:
+    """(N, 3) points of the moving link's frame in the root frame, where the joint stands at ``value`` (rad or m)."""
     joint = model.joint
+    at_zero = points @ joint.T_root_child[:3, :3].T + joint.T_root_child[:3, 3]
     if joint.type == "prismatic":
         return np.asarray(at_zero + value * joint.axis)
     return np.asarray(Rotation.from_rotvec(value * joint.axis).apply(at_zero - joint.origin) + joint.origin)

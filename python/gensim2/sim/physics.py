@@ -23,6 +23,7 @@ from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
 from gensim2.robots import RobotProfile
 from gensim2.sim import original
+from gensim2.sim.footprint import lowest_of_moving_link
 from gensim2.sim.randomize import AS_IT_IS, Factors
 
 Array = npt.NDArray[np.float64]
@@ -274,7 +275,11 @@ class OriginalPhysics(Physics):
             pose = original.default_pose(model.asset_class, model.id)
         if pose is None:
             return OURS.default_place(model)
-        return DefaultPlace(pose.position, pose.quaternion, pose.openness, "original")
+        assert isinstance(model, Instance)
+        # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that contact
+        # holds the joint against 400 N.
+        sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
+        return DefaultPlace(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
 
     def _material(self) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(**self._constants.material)
