@@ -12,6 +12,7 @@ from table_scenes import placed, resting, table_scene
 from gensim2.episodes.chain import MOST_ROUNDS, ChainController
 from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
+from gensim2.planning.steps import StepPlan, StepPlanner
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 
@@ -71,6 +72,33 @@ def test_an_object_that_is_pushed_is_planned_for_again(world: KinematicWorld) ->
     assert ("grasp", "object drifted") in triggers(controller)
     assert all_hold(TASK.success, world.measure())
     assert "object drifted" in [event.what for event in controller.events]
+
+
+def test_what_cannot_be_planned_under_way_is_planned_from_rest(
+    world: KinematicWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def push(world: KinematicWorld) -> None:
+        if grasping(world) and world.tip()[2] < 0.2 and np.linalg.norm((world.tip() - world.center())[:2]) < 0.12:
+            world.shift(0.03, 0.0)
+            world.mischief = lambda _: None
+
+    plan = StepPlanner.plan
+    refused: list[float] = []
+
+    def only_from_rest(planner: StepPlanner, scene: Scene, *args: Any, **options: Any) -> StepPlan:
+        speed = float(np.abs(scene.qvel).max())
+        if speed > 0.05:
+            refused.append(speed)
+            return StepPlan("cannot_stop", "it is too fast", plan=None, schedule=None, after=None)
+        return plan(planner, scene, *args, **options)
+
+    monkeypatch.setattr(StepPlanner, "plan", only_from_rest)
+    world.mischief = push
+    controller = chain()
+    world.run(controller)
+    assert refused
+    assert ("grasp", "object drifted") in triggers(controller)
+    assert all_hold(TASK.success, world.measure())
 
 
 def test_without_looking_the_pushed_object_is_missed(world: KinematicWorld) -> None:

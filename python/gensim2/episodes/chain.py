@@ -33,6 +33,10 @@ CALM_STEPS = 40
 """Control steps for which the arm waits at most for an object that rolls."""
 CALM = 0.02
 """Speed (m/s) below which an object lies still enough to be planned for."""
+CALM_JOINT = 0.02
+"""Openness a second below which a joint stands still enough to be planned for, where it could not be as it moved."""
+CALM_ARM = 0.02
+"""Joint speed (rad/s, m/s) below which the arm does, likewise."""
 
 
 @dataclass
@@ -128,6 +132,7 @@ class ChainController:
         self._held: Held | None = None
         self._trigger = START
         self._waited = 0
+        self._from_rest = False
         self._last: Action | None = None
         self._ahead = self._plan_ahead(scene) if self._open_loop else []
 
@@ -192,12 +197,16 @@ class ChainController:
                     turn.tries[run.strategy] = turn.tries.get(run.strategy, 0) + 1
                 self._trigger = NOT_DONE if deviation is None else deviation.value
             self._go_back()
-            if self._must_wait(observation.measurement):
+            if self._must_wait(observation):
                 self._waited += 1
                 return self._stay(observation)
             self._waited = 0
-            if not self._begin(observation):
+            if self._begin(observation):
+                self._from_rest = False
+            elif self._from_rest or not self._is_under_way(observation):
                 return None
+            else:
+                self._from_rest = True
 
     def _follow(self, run: _Plan, observation: Observation) -> Action:
         assert run.planned.schedule is not None
@@ -234,13 +243,20 @@ class ChainController:
             return Cause.OBJECT_DRIFTED
         return None
 
-    def _must_wait(self, measured: Measurement) -> bool:
-        """Whether what the step acts on still falls or rolls; not for ever."""
+    def _must_wait(self, observation: Observation) -> bool:
+        """Whether what the step acts on still falls or rolls, or what could not be planned under way is not at rest;
+        not for ever.
+        """
         if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < WAIT_STEPS:
             return True
-        speed = measured.speeds.get(self._step.object)
+        speed = observation.measurement.speeds.get(self._step.object)
         moves = speed is not None and self._step.object != self._holds and float(speed[0]) > CALM
-        return moves and self._waited < CALM_STEPS
+        return (moves or (self._from_rest and self._is_under_way(observation))) and self._waited < CALM_STEPS
+
+    def _is_under_way(self, observation: Observation) -> bool:
+        """Whether the arm moves, or the joint of what the step acts on."""
+        swings = abs(observation.measurement.joint_speed.get(self._step.object, 0.0)) > CALM_JOINT
+        return swings or bool(np.abs(observation.qvel).max() > CALM_ARM)
 
     def _stay(self, observation: Observation) -> Action:
         """Stop where the arm is, the fingers as they were commanded."""
