@@ -12,7 +12,7 @@ import pytest
 
 from gensim2.cli import main as cli
 
-LIBRARY = Path(__file__).parents[2] / "python" / "gensim2" / "tasks" / "library" / "OpenDrawer"
+TASK_FOLDER = Path(__file__).parents[1] / "common" / "open_drawer"
 
 #: What takes seconds to import.
 HEAVY = ("torch", "mani_skill", "sapien", "trimesh", "scipy")
@@ -36,7 +36,7 @@ PULL = "strategies/pull.yaml"
 
 def _broken_tasks(folder: Path) -> dict[str, tuple[str, str]]:
     """Folders with one thing wrong each: name to (file, words of the refusal)."""
-    task, config = (LIBRARY / "task.yaml").read_text(), (LIBRARY / PULL).read_text()
+    task, config = (TASK_FOLDER / "task.yaml").read_text(), (TASK_FOLDER / PULL).read_text()
     nobody, outside = (task.replace("class: drawer", f"class: {name}") for name in ("nope", "../../x"))
     cases = {
         "unknown_field": (task, config + "speed: 3\n", PULL, "speed: is not a known field"),

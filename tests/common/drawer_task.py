@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from gensim2.tasks.spec import TaskSpec
+
+OPEN_DRAWER = Path(__file__).parent / "open_drawer"
+"""Folder of a task of one step with one strategy: a drawer is pulled open by its handle."""
 
 TASK = TaskSpec.model_validate(
     {

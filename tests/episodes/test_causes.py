@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from drawer_task import OPEN_DRAWER
 
 from gensim2.episodes.chain import ChainController
 from gensim2.episodes.record import Cause, Episode
 from gensim2.episodes.run import run
 from gensim2.sim.lane import Lane
-from gensim2.tasks.library import load_strategies, load_task
+from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
-OPEN = load_task("OpenDrawer")
-PULL = load_strategies("OpenDrawer")["pull"]
+OPEN = load_task_file(OPEN_DRAWER)
+PULL = load_strategies_beside(OPEN_DRAWER, OPEN)["pull"]
 
 
 def _lane(task: TaskSpec = OPEN) -> Lane:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from drawer_task import OPEN_DRAWER
 from sapien import Pose
 
 from gensim2.episodes.chain import ChainController
@@ -14,11 +15,11 @@ from gensim2.episodes.record import Cause, Episode
 from gensim2.episodes.run import run
 from gensim2.sim.lane import Lane
 from gensim2.sim.parts import RigidPart
-from gensim2.tasks.library import load_strategies, load_task
+from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
 from gensim2.tasks.parse import parse_task
 
-OPEN = load_task("OpenDrawer")
-PULL = load_strategies("OpenDrawer")["pull"]
+OPEN = load_task_file(OPEN_DRAWER)
+PULL = load_strategies_beside(OPEN_DRAWER, OPEN)["pull"]
 PUT_AWAY = load_task("PlaceGolfBallIntoDrawer")
 
 TAKE_BALL = parse_task(
@@ -35,7 +36,7 @@ TAKE_BALL = parse_task(
 
 def _open(strategy: dict[str, Any], openness: float) -> Episode:
     lane = Lane(OPEN, assets="builtin", instances=["5"])
-    controller = ChainController(OPEN, dict.fromkeys(load_strategies("OpenDrawer"), strategy), lane.profile)
+    controller = ChainController(OPEN, {"pull": strategy}, lane.profile)
     return run(lane, controller, seed=3, options={"openness": openness}).episode
 
 

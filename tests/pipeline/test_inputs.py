@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from drawer_task import OPEN_DRAWER
 
 from gensim2.cli.main import FOUND_WRONG, run
 from gensim2.errors import InputError
@@ -137,19 +139,21 @@ def test_a_folder_of_version_1_is_read(tmp_path: Path) -> None:
 def test_a_task_whose_whole_motion_cannot_be_had_is_partial_not_unsolvable(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The last keyframe, a lid pushed beyond closed, cannot be reached."""
-    push = load_strategies("CloseLaptop")["push"]
+    """The last keyframe, a metre and a half to the side, cannot be reached."""
     folder = tmp_path / "task"
-    (folder / "strategies").mkdir(parents=True)
-    (folder / "task.yaml").write_text(yaml.safe_dump(load_task("CloseLaptop").model_dump(mode="json")))
-    beyond = {**push, "post_actuation_motions": [["trace_joint_to", -0.1]]}
-    (folder / "strategies" / "push.yaml").write_text(yaml.safe_dump(beyond))
+    shutil.copytree(OPEN_DRAWER, folder)
+    strategy = yaml.safe_load((folder / "strategies" / "pull.yaml").read_text())
+    strategy["post_actuation_motions"] = [["follow_joint_to", 0.9], ["translate_y", 1.5]]
+    (folder / "strategies" / "pull.yaml").write_text(yaml.safe_dump(strategy))
     assert run(["solve", str(folder), "--seed", "0", "--assets", "builtin", "--out", str(tmp_path / "out")]) == 0
     shown = capfd.readouterr().out
-    assert "CloseLaptop on laptop_rotate/" in shown
+    assert "OpenDrawer on drawer/" in shown
     assert ": partial" in shown
-    plan = json.loads((tmp_path / "out" / "plan.json").read_text())["plan"]
+    (step,) = json.loads((tmp_path / "out" / "plan.json").read_text())["steps"]
+    plan, part = step["plan"], step["part"]
     assert plan["status"] == "partial"
+    assert part["status"] == "solved"
+    assert part["keyframes"][-1]["label"] == "let_go"
     missed = [frame for frame in plan["keyframes"] if not frame["reached"]]
     assert [frame["time"] for frame in missed] == [None] * len(missed)
     assert missed

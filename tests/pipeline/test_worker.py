@@ -58,8 +58,8 @@ def test_settings_of_equal_specs_share_a_simulator() -> None:
 
 
 def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None:
-    (name,) = STRATEGIES
-    unknown = {name: {**STRATEGIES[name], "nonsense": 1}}
+    name, *_ = STRATEGIES
+    unknown = {**STRATEGIES, name: {**STRATEGIES[name], "nonsense": 1}}
     lost = changed("articulated_object_head", "no_such_keypoint")
     good, misfit, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, lost, unknown, {name: {}}, {}])
     assert good == (1.0, None)

@@ -68,7 +68,7 @@ class Alone:
         self.system = OURS.new_system(profile)
         self.scene = sapien.Scene([self.system])
         self.arm = Arm(self.scene, profile, OURS)
-        self.arm.put()
+        self.arm.put(profile.reset_qpos)
 
     def step(self, action: np.ndarray) -> None:
         self.arm.drive(action)

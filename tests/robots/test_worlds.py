@@ -75,7 +75,7 @@ def test_it_stands_clear_of_the_table(name: str) -> None:
     profile = robot(name)
     scene = sapien.Scene([OURS.new_system(profile)])
     arm = Arm(scene, profile, OURS)
-    arm.put()
+    arm.put(profile.reset_qpos)
     count = 0
     for link in arm.articulation.links:
         pose = link.entity.pose.to_transformation_matrix()

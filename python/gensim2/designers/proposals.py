@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from gensim2.designers.base import DESIGNED, Affordance, Goal
 from gensim2.objects.words import words
 from gensim2.tasks.criteria import CLOSED, OPEN, ArticulatedClosed, ArticulatedOpen
-from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Step, TaskSpec
+from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Provenance, Step, TaskSpec
 
 #: Usefulness of a phrase below which a task is proposed only when nothing better is left.
 ASKED_FOR = 0.5
@@ -51,9 +51,12 @@ def _role(noun: str) -> str:
 
 
 def redesigned(task: TaskSpec) -> TaskSpec:
-    """Return the task with one strategy a step, under the name of the first, which a designer is to write."""
+    """Return the task with one strategy a step, under the name of the first, which a designer is to write: how the
+    former ones came about is not said of it.
+    """
     steps = tuple(step.model_copy(update={"strategies": step.strategies[:1]}) for step in task.steps)
-    return task.model_copy(update={"steps": steps})
+    provenance = None if task.provenance is None else Provenance(origin=task.provenance.origin)
+    return task.model_copy(update={"steps": steps, "provenance": provenance})
 
 
 def goals(affordance: Affordance) -> list[Goal]:

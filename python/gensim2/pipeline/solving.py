@@ -33,14 +33,19 @@ class SolvedStep:
     found: StepPlan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; ``plan`` is null where there was no motion to be looked for."""
-        plan = self.found.plan
+        """Return it as plain data; ``plan`` is null where there was no motion to be looked for. Where it is partial and
+        a shorter motion is executed in its place, after which the hand lets go, that is ``part``.
+        """
+        plan, part = self.found.plan, None
+        if self.found.whole is not None:
+            plan, part = self.found.whole, self.found.plan
         return {
             "name": self.name,
             "strategy": self.strategy,
             "status": self.found.status,
             "reason": self.found.reason,
             "plan": None if plan is None else plan.to_dict(),
+            "part": None if part is None else part.to_dict(),
         }
 
 
