@@ -51,7 +51,7 @@ def test_an_object_under_the_table() -> None:
 
 
 def test_a_motion_that_leads_beyond_the_arms_reach() -> None:
-    episode = _open({**PULL, "post_actuation_motions": [["translate_y", 1.5]]})
+    episode = _open({**PULL, "gripper": "open", "post_actuation_motions": [["translate_z", -1.5]]})
     assert episode.cause is Cause.KEYFRAME_OUT_OF_REACH
     assert episode.diagnosis["plan"]["unreached"] == "post_0"
 
@@ -84,7 +84,7 @@ def test_a_ball_that_nobody_can_grasp() -> None:
 def test_a_ball_that_is_shoved_before_it_is_grasped(open_loop: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blindly, the hand goes where it was; the chain that looks plans again."""
     task = load_task("PlaceGolfBallIntoDrawer")
-    lane = Lane(task, assets="builtin", instances=["5"])
+    lane = Lane(task, assets="builtin", instances=["3"])
     controller = ChainController(task, load_strategies(task.name), lane.profile, open_loop=open_loop)
     advance = lane._advance
 

@@ -95,7 +95,7 @@ def test_fingers_that_close_beside_the_ball() -> None:
 
 
 def test_a_ball_that_falls_from_the_hand() -> None:
-    lane = Lane(PUT_AWAY, assets="builtin", instances=["5"])
+    lane = Lane(PUT_AWAY, assets="builtin", instances=["3"])
     chain = ChainController(PUT_AWAY, load_strategies(PUT_AWAY.name), lane.profile, open_loop=True)
     episode = run(lane, Disturbed(chain, lane, PUT_AWAY, "drop", seed=2), seed=2).episode
     assert episode.cause is Cause.GRASP_LOST

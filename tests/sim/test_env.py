@@ -53,7 +53,7 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
     assert [body.name for body in scene.fixtures] == ["table"]
     assert thing.joint is not None
     assert len(thing.joint.moves) == 1
-    assert set(thing.joint.moves) < {body.name for body in thing.bodies}
+    assert set(thing.joint.moves) <= {body.name for body in thing.bodies}
     assert all(body.name.startswith(f"{role}/") for body in thing.bodies)
     assert list(thing.keypoints) == list(base.setup.objects[role].model.keypoints)
     assert all(0.15 < np.linalg.norm(point) < 1.2 for point in thing.keypoints.values())
