@@ -113,7 +113,7 @@ class TrajectoryStore:
         Raises:
             InputError: there is no such episode, or it is damaged.
         """
-        with self._episode(index, digest) as (_, entry):
+        with _recorded(self._path(index), digest) as (_, entry):
             return entry
 
     def merge(self, provenance: Provenance, episodes: Mapping[int, str | None]) -> Path:
@@ -128,34 +128,52 @@ class TrajectoryStore:
         Raises:
             InputError: there is no episode, or one is damaged.
         """
-        if not episodes:
-            raise InputError("there is no finished episode to merge", file=self._folder)
-        used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-        # The data first: a JSON file never promises what is not there.
-        with replacing(self.h5_path) as path, h5py.File(path, "w", libver=LIBVER) as merged:
-            for number, (index, digest) in enumerate(episodes.items()):
-                with self._episode(index, digest) as (recorded, entry):
-                    recorded.file.copy(recorded, merged, name=f"traj_{number}")
-                    for name, ids in used.items():
-                        ids.add(entry["instances"][name])
-        document = _document(provenance, {name: sorted(ids) for name, ids in used.items()})
-        entries = (self.entry(index, digest) for index, digest in episodes.items())
-        numbered = ({"episode_id": number, **entry} for number, entry in enumerate(entries))
-        with replacing(self._folder / JSON_NAME) as path, path.open("w", encoding="utf-8") as stream:
-            _stream_json(stream, document, "episodes", numbered)
+        write_trajectory(self._folder, provenance, [(self._path(index), each) for index, each in episodes.items()])
         return self.h5_path
 
     def _path(self, index: int) -> Path:
         return self._episodes / f"{index:06d}.h5"
 
-    @contextlib.contextmanager
-    def _episode(self, index: int, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
-        """The recording and the entry of an episode file."""
-        path = self._path(index)
-        with open_episode(path) as (row, group):
-            if row.digest != digest or row.recorded is None:
-                raise DamagedEpisodeError("is not a finished episode", file=path, remedy="delete it and resume")
-            yield group, _entry(row)
+
+def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tuple[Path, str | None]]) -> None:
+    """Write ``trajectory.h5`` and ``trajectory.json`` from files of episodes, one of which is in memory at a time.
+
+    Args:
+        folder: to write to.
+        provenance: goes into the JSON file.
+        episodes: files and their digests, in order.
+
+    Raises:
+        InputError: there is no episode, or one is damaged or was recorded without its states.
+    """
+    if not episodes:
+        raise InputError("there is no finished episode to merge", file=folder)
+    used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
+    # The data first: a JSON file never promises what is not there.
+    with replacing(folder / H5_NAME) as path, h5py.File(path, "w", libver=LIBVER) as merged:
+        for number, (file, digest) in enumerate(episodes):
+            with _recorded(file, digest) as (recorded, entry):
+                recorded.file.copy(recorded, merged, name=f"traj_{number}")
+                for name, ids in used.items():
+                    ids.add(entry["instances"][name])
+    document = _document(provenance, {name: sorted(ids) for name, ids in used.items()})
+    with replacing(folder / JSON_NAME) as path, path.open("w", encoding="utf-8") as stream:
+        _stream_json(stream, document, "episodes", _numbered(episodes))
+
+
+def _numbered(episodes: Sequence[tuple[Path, str | None]]) -> Iterator[dict[str, Any]]:
+    for number, (file, digest) in enumerate(episodes):
+        with _recorded(file, digest) as (_, entry):
+            yield {"episode_id": number, **entry}
+
+
+@contextlib.contextmanager
+def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
+    """The recording and the entry of an episode's file."""
+    with open_episode(file) as (row, group):
+        if row.digest != digest or row.recorded is None:
+            raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
+        yield group, _entry(row)
 
 
 def _entry(row: EpisodeRow) -> dict[str, Any]:
