@@ -23,6 +23,7 @@ EXTRAS = {
     **dict.fromkeys(("imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
+    **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
 #: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
@@ -32,6 +33,7 @@ COMMANDS = {
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
     "collect": "gensim2.cli.collect:collect",
+    "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
     "bench": "gensim2.cli.bench:bench",

@@ -13,7 +13,7 @@ import contextlib
 import hashlib
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,8 @@ SCHEMA_VERSION = 1
 HEADER_SIZE = 512
 _MAGIC = "gensim2-episode"
 
-#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of index
-#: on each of the ten arrays.
+#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
+#: index on each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -54,8 +54,8 @@ class EpisodeRow:
     Attributes:
         digest: by which the file is known.
         episode: the record.
-        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end) of
-            the recording; None where no states were kept.
+        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end)
+            of the recording; None where no states were kept.
     """
 
     digest: str
@@ -127,7 +127,7 @@ def read_episode(path: Path) -> StoredEpisode:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
     """
     with open_episode(path) as (row, group):
-        return StoredEpisode(row, _read_recording(group, row.recorded) if row.recorded is not None else None)
+        return StoredEpisode(row, read_recording(group, row.recorded) if row.recorded is not None else None)
 
 
 @contextlib.contextmanager
@@ -210,7 +210,7 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in tree.items():
+    for name, value in sorted(tree.items()):  # as HDF5 gives them back: what was read is written as it was
         if isinstance(value, dict):
             _write_tree(group.create_group(name), value)
         else:
@@ -225,7 +225,15 @@ def _write_array(group: h5py.Group, name: str, array: np.ndarray[Any, Any]) -> N
         group.create_dataset(name, data=array)
 
 
-def _read_recording(group: h5py.Group, recorded: dict[str, Any]) -> Recording:
+def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
+    """Return the recording in a group ``traj``.
+
+    Args:
+        recorded: what :class:`EpisodeRow` says of it.
+
+    Raises:
+        KeyError: something is missing.
+    """
     return Recording(
         seed=recorded["seed"],
         reset_options=recorded["reset_options"],

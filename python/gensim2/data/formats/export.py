@@ -11,12 +11,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-
 from gensim2.data.card import write_card
-from gensim2.data.formats.frames import CLOUD, CONTROL_STEPS_PER_SECOND, DEPTH, IMAGE, Array, Frames, frames_of
-from gensim2.data.formats.lerobot import Feature, LeRobotWriter
+from gensim2.data.formats.frames import Frames, frames_of
 from gensim2.data.formats.replay_zarr import ZarrWriter
+from gensim2.data.formats.to_lerobot import export_lerobot
+from gensim2.data.record import DatasetRecord
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
 from gensim2.episodes.trajectory import Provenance, write_trajectory
@@ -24,7 +23,7 @@ from gensim2.errors import InputError
 from gensim2.files import replacing
 from gensim2.pipeline.attempts import LoggedEpisode, log_line
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.robots import RobotProfile, robot
+from gensim2.robots import robot
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
 Format = Literal["maniskill", "lerobot", "zarr"]
@@ -33,9 +32,6 @@ NATIVE = "gensim2"
 """Folder of the episodes themselves in an export."""
 
 Chosen = Sequence[tuple[TaskStore, list[LoggedEpisode]]]
-
-_LEROBOT = {"state": "observation.state", CLOUD: "observation.points"}
-_NEXT = ("reward", "success", "done")
 
 
 def export(
@@ -73,7 +69,7 @@ def export(
     else:
         frames = _frames(dataset, chosen, observations, progress)
         if to == "lerobot":
-            _export_lerobot(frames, out, robot(dataset.record.circumstances.robot))
+            export_lerobot(frames, out, robot(dataset.record.circumstances.robot))
         else:
             _export_zarr(frames, out)
         _copy_native(dataset, chosen, out / NATIVE)
@@ -82,7 +78,7 @@ def export(
 
 
 def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Progress) -> None:
-    record = dataset.record
+    record = _record(dataset, chosen)
     licenses = {name: used.license for name, used in record.objects.items()}
     for store, rows in chosen:
         spec = store.spec()
@@ -106,8 +102,6 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
     Raises:
         InputError: some episodes have observations and others none.
     """
-    from gensim2.data.rendering import observation_of  # here: what is not asked for needs not be there
-
     profile = robot(dataset.record.circumstances.robot)
     seen: set[bool] = set()
     for store, rows in chosen:
@@ -115,45 +109,13 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
         for row in rows:
             recording = store.read(row).recording
             assert recording is not None  # of what held it always is
-            observation = observation_of(store, row) if observations else None
+            observation = None  # TODO observations
             seen.add(observation is not None)
             if len(seen) > 1:
                 remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
                 raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
             yield frames_of(recording, profile, sentence, observation)
             progress.advance()
-
-
-def _export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile) -> None:
-    names = {"state": profile.model.joint_names, "action": (*profile.arm_joints, "gripper")}
-    writer: LeRobotWriter | None = None
-    for frames in episodes:
-        columns = {
-            _lerobot_name(name): values if values.ndim > 1 else values[:, None]
-            for name, values in frames.columns.items()
-            if not name.startswith(DEPTH)  # LeRobot has no place for it
-        }
-        if writer is None:
-            named = {_lerobot_name(name): words for name, words in names.items()}
-            features = {name: _feature(name, values, named.get(name)) for name, values in columns.items()}
-            writer = LeRobotWriter(out, features, fps=CONTROL_STEPS_PER_SECOND, robot=profile.name)
-        writer.add(frames.sentence, columns)
-    assert writer is not None
-    writer.finish()
-
-
-def _lerobot_name(name: str) -> str:
-    if name.startswith(IMAGE):
-        return f"observation.images.{name.removeprefix(IMAGE)}"
-    return f"next.{name}" if name in _NEXT else _LEROBOT.get(name, name)
-
-
-def _feature(name: str, values: Array, names: Sequence[str] | None) -> Feature:
-    if name.startswith("observation.images."):
-        return Feature("video", values.shape[1:], ("height", "width", "channels"))
-    if name == _LEROBOT[CLOUD]:
-        names = ("point", "x y z, red green blue from 0 to 1" if values.shape[-1] == 6 else "x y z")
-    return Feature(values.dtype.name, values.shape[1:], names)
 
 
 def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:
@@ -173,11 +135,10 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
             shutil.copyfile(store.path(row.index), folder.path(row.index))
         with replacing(folder.folder / ROWS) as path, path.open("wb") as stream:
             stream.writelines(log_line(row) for row in rows)
-    names = [store.name for store, _ in chosen]
-    record = dataset.record.model_copy(update={"tasks": {name: dataset.record.tasks[name] for name in names}})
-    DataSet(out, record).save()
+    DataSet(out, _record(dataset, chosen)).save()
 
 
-def same_frames(columns: dict[str, Array], frames: Frames) -> bool:
-    """Whether columns of a file say what an episode's own do."""
-    return all(np.array_equal(columns[name], values) for name, values in frames.columns.items() if name in columns)
+def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
+    """What the chosen episodes follow from; not all of those that were collected are among them."""
+    tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
+    return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

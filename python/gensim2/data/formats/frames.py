@@ -68,7 +68,7 @@ def _seen(observation: Mapping[str, Array]) -> dict[str, Array]:
     found: dict[str, Array] = {}
     if (points := observation.get("pointcloud/xyz")) is not None:
         colours = observation.get("pointcloud/rgb")
-        parts = [points.astype(np.float32)]
+        parts: list[Array] = [points.astype(np.float32)]
         if colours is not None:
             parts.append(colours.astype(np.float32) / 255)
         found[CLOUD] = np.concatenate(parts, axis=-1)

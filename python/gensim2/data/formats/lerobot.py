@@ -12,7 +12,8 @@ One episode is in memory at a time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType, TracebackType
@@ -29,6 +30,9 @@ FILE_BYTES = 100 * 2**20
 """Size in memory at which another file of frames is begun."""
 FILES_PER_CHUNK = 1000
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+
+_INDEX = "__index_level_0__"
+"""What pandas calls an index without a name."""
 
 Array = npt.NDArray[Any]
 
@@ -219,10 +223,17 @@ class LeRobotWriter:
         }
 
     def _task_table(self) -> Any:
-        import pandas
-
-        table = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
-        return self._arrow.Table.from_pandas(table)
+        """Sentences are the table's index, which only pandas knows of: its note says so."""
+        table = self._arrow.table({"task_index": list(self._tasks.values()), _INDEX: list(self._tasks)})
+        columns = [
+            {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+            for name, field, kind, numpy in (
+                ("task_index", "task_index", "int64", "int64"),
+                (None, _INDEX, "unicode", "object"),
+            )
+        ]
+        note = {"index_columns": [_INDEX], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
+        return table.replace_schema_metadata({"pandas": json.dumps(note)})
 
     def _info(self) -> dict[str, Any]:
         videos = any(feature.is_video for feature in self._features.values())
@@ -330,9 +341,58 @@ def _column(arrow: ModuleType, values: Array) -> Any:
 
 def _pyarrow() -> tuple[ModuleType, ModuleType]:
     try:
-        import pandas  # noqa: F401  what is not there is said before the first episode
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise MissingExtraError(error.name or "pyarrow", "data") from error
+        raise MissingExtraError("pyarrow", "data") from error
     return pyarrow, pyarrow.parquet
+
+
+def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Yield the sentence and the columns of each episode of a LeRobot data set, by index; pictures are left out.
+
+    Numbers come as (T,), everything else as (T, *shape).
+
+    Raises:
+        InputError: it is no LeRobot data set of version 3.0.
+        MissingExtraError: pyarrow is not installed.
+    """
+    arrow, parquet = _pyarrow()
+    info = _read_info(root / "meta" / "info.json")
+    shapes = {name: tuple(each["shape"]) for name, each in info["features"].items() if each["dtype"] != "video"}
+    try:
+        tasks = parquet.read_table(root / "meta" / "tasks.parquet").to_pydict()
+        sentences = dict(zip(tasks["task_index"], tasks[_INDEX], strict=True))
+        for path in sorted((root / "data").glob("*/*.parquet")):
+            file = parquet.ParquetFile(path)
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group)
+                columns = {name: _array(table[name], shape) for name, shape in shapes.items()}
+                for number in np.unique(columns["episode_index"]):  # others may put several into a row group
+                    rows = columns["episode_index"] == number
+                    yield sentences[int(columns["task_index"][rows][0])], {n: v[rows] for n, v in columns.items()}
+    except (KeyError, ValueError, OSError, arrow.ArrowException) as error:
+        raise InputError(f"is no LeRobot data set that can be read: {error}", file=root) from error
+
+
+def _read_info(path: Path) -> dict[str, Any]:
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+        version, features = info["codebase_version"], info["features"]
+        if not isinstance(features, dict):
+            raise TypeError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("is no LeRobot data set", file=path, remedy="give the folder that holds meta/") from error
+    if version != VERSION:
+        remedy = "convert it with LeRobot's own script"
+        raise InputError(f"is {version}, not {VERSION}", file=path, field="codebase_version", remedy=remedy)
+    return dict(info)
+
+
+def _array(column: Any, shape: tuple[int, ...]) -> Array:
+    """A column of lists of lists as one array, without a Python object a number."""
+    found = column.combine_chunks()
+    for _ in shape if shape != (1,) else ():
+        found = found.flatten()
+    numbers: Array = found.to_numpy(zero_copy_only=False)
+    return numbers if shape == (1,) else numbers.reshape(-1, *shape)

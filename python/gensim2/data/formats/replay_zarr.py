@@ -9,14 +9,15 @@ Zarr format 2, which readers of both major versions of the library open. One epi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.formats.frames import Frames
 from gensim2.errors import InputError, MissingExtraError
 
 CHUNK_BYTES = 2**20
@@ -38,10 +39,7 @@ class ZarrWriter:
     """
 
     def __init__(self, root: Path) -> None:
-        try:
-            import zarr
-        except ImportError as error:
-            raise MissingExtraError("zarr", "data") from error
+        zarr = _zarr()
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
         self._root = root
@@ -91,3 +89,33 @@ class ZarrWriter:
         return self._data.create_array(
             key, shape=(0, *values.shape[1:]), chunks=(chunk, *values.shape[1:]), dtype=values.dtype
         )
+
+
+def zarr_frames(root: Path) -> Iterator[Frames]:
+    """Yield the episodes of such a folder, pictures included.
+
+    Raises:
+        InputError: it is none.
+        MissingExtraError: zarr is not installed.
+    """
+    zarr = _zarr()
+    try:
+        group = zarr.open_group(root, mode="r")
+        ends, tasks = group["meta/episode_ends"][:], group["meta/task"][:]
+        sentences, data = list(group.attrs["tasks"]), dict(group["data"].arrays())
+        if len(ends) != len(tasks):
+            raise ValueError("meta/episode_ends and meta/task differ in length")
+    except (KeyError, ValueError, TypeError, OSError) as error:
+        raise InputError(f"is no zarr data set of gensim2: {error}", file=root) from error
+    begin = 0
+    for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
+        yield Frames(str(sentences[task]), {name: array[begin:end] for name, array in data.items()})
+        begin = end
+
+
+def _zarr() -> ModuleType:
+    try:
+        import zarr
+    except ImportError as error:
+        raise MissingExtraError("zarr", "data") from error
+    return zarr
