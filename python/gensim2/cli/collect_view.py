@@ -73,7 +73,9 @@ def _picture(status: Status) -> RenderableType:
 
     grid = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("task", "", "tried", "held", "causes"):
-        grid.add_column(name, justify="right" if name in ("tried", "held") else "left", overflow="ellipsis", no_wrap=True)
+        grid.add_column(
+            name, justify="right" if name in ("tried", "held") else "left", overflow="ellipsis", no_wrap=True
+        )
     begun = [task for task in status.tasks if task.tried]
     for task in begun:
         bar = ProgressBar(total=task.total, completed=task.tried, width=20)

@@ -302,4 +302,3 @@ class Queue:
 def _used(library: Library, asset_class: str, id: str) -> ObjectUsed:
     model = library.load(asset_class, id)
     return ObjectUsed(content_hash=model.content_hash, license=model.license)
-
