@@ -32,8 +32,8 @@ SCHEMA_VERSION = 1
 HEADER_SIZE = 512
 _MAGIC = "gensim2-episode"
 
-#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of index
-#: on each of the ten arrays.
+#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
+#: index on each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -54,8 +54,8 @@ class EpisodeRow:
     Attributes:
         digest: by which the file is known.
         episode: the record.
-        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end) of
-            the recording; None where no states were kept.
+        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end)
+            of the recording; None where no states were kept.
     """
 
     digest: str
