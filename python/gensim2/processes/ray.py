@@ -261,7 +261,8 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
             log_to_driver=False,
             runtime_env={"env_vars": _environment()},
         )
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except Exception as error:
+        # Ray raises bare exceptions, too, for example where a node of its own does not start in time.
         words = " ".join(str(error).split())
         raise InputError(f"no Ray cluster can be used there: {words}", field="--ray") from error
     finally:
