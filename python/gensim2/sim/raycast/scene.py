@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,7 @@ import numpy.typing as npt
 from gensim2.errors import InputError
 from gensim2.objects import ObjectModel, RigidObject
 from gensim2.objects.types import Instance
-from gensim2.observations import Camera
-from gensim2.observations.view import View
+from gensim2.observations import Camera, Robot, View
 from gensim2.robots import RobotProfile
 from gensim2.sim.raycast.caster import Caster, Hits, Solid
 from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read
@@ -74,15 +74,16 @@ class RaycastScene:
             id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links)
         )
 
-    @property
-    def gripper_ids(self) -> tuple[int, ...]:
-        """Segmentation ids of the hand and of all that hangs on it."""
+    @cached_property
+    def robot(self) -> Robot:
+        """Segmentation ids of the hand with all that hangs on it, and of the rest of the robot."""
         tree, _ = self._trees[self.profile.agent]
         hanging = {self.profile.hand_link}
         for name, parent in zip(tree.names, tree.parents, strict=True):  # parents come before their children
             if parent >= 0 and tree.names[parent] in hanging:
                 hanging.add(name)
-        return self.ids(self.profile.agent, tuple(hanging))
+        gripper = frozenset(self.ids(self.profile.agent, tuple(hanging)))
+        return Robot(gripper, frozenset(self.ids(self.profile.agent)) - gripper)
 
     def poses(self, states: Mapping[str, Any]) -> Array:
         """(T, L, 4, 4) of the solids in the base frame at each of T recorded instants.
@@ -97,7 +98,8 @@ class RaycastScene:
         for name, (tree, ids) in self._trees.items():
             rows = _rows(states, "articulations", name, 13 + 2 * sum(index >= 0 for index in tree.coordinates))
             size = (rows.shape[1] - 13) // 2
-            links = tree.poses(self._T_base_world @ pose_matrices(rows[:, :7]), rows[:, 13 : 13 + size].astype(float))
+            root = self._T_base_world @ pose_matrices(rows[:, :7])
+            links = tree.poses(root, rows[:, 13 : 13 + size].astype(np.float64))
             found |= {id: links[:, index] for index, id in enumerate(ids)}
         for name in self._bodies:
             rows = _rows(states, "actors", name, 13)
@@ -141,12 +143,12 @@ class _RaycastView:
         self._caster, self._hits, self._number = caster, hits, number
         self.camera = caster.cameras[number]
 
-    @property
+    @cached_property
     def depth(self) -> npt.NDArray[np.float32]:
         depth = self._hits.depth[self._number]
         return np.where(depth < self.camera.far, depth, np.float32(0.0))
 
-    @property
+    @cached_property
     def segmentation(self) -> npt.NDArray[np.int16]:
         return self._caster.segmentation(self._hits.face[self._number])
 
