@@ -22,6 +22,7 @@ FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 EXTRAS = {
     **dict.fromkeys(("imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
+    "ray": "ray",
 }
 
 #: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
@@ -30,6 +31,7 @@ COMMANDS = {
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
+    "collect": "gensim2.cli.collect:collect",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
     "bench": "gensim2.cli.bench:bench",
