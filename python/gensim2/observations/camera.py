@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,21 +31,20 @@ class Camera:
     far: float = 10.0
 
     @staticmethod
-    def looking(
-        name: str, eye: Sequence[float], target: Sequence[float], *, width: int, height: int, fov: float
-    ) -> Camera:
+    def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:
         """A camera at ``eye`` that looks at ``target``, both (3,) m in the base frame, upright.
 
         Args:
             fov: of the picture's height, rad.
         """
-        forward = np.asarray(target, dtype=np.float64) - np.asarray(eye, dtype=np.float64)
+        place = np.asarray(eye, dtype=np.float64)
+        forward = np.asarray(target, dtype=np.float64) - place
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = eye
+        pose[:3, 3] = place
         focal = 0.5 * height / np.tan(0.5 * fov)
         intrinsic = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
         return Camera(name, width, height, intrinsic, pose)

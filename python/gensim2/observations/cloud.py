@@ -17,6 +17,10 @@ from gensim2.observations.view import View
 ROBOT_PARTS = ("gripper", "all", "none")
 MOST_POINTS = 49152
 
+RESOLUTION = np.float32(1e-4)
+"""Metres to which coordinates are rounded, so that a stored point is the seen one: 16 bits reach 3.2 m."""
+FARTHEST = 3.2
+
 
 class EmptyCloudError(GenSim2Error):
     """No camera saw anything that a point cloud keeps."""
@@ -65,6 +69,8 @@ class CloudSettings:
         low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
         if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
             raise InputError("must be three numbers each, low below high", field="low, high")
+        if max(np.abs(low).max(), np.abs(high).max()) > FARTHEST:
+            raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
         if self.outliers is not None and not self.outliers > 0:
             raise InputError("must be positive", field="outliers")
 
@@ -101,7 +107,7 @@ class PointCloud:
     """N points.
 
     Attributes:
-        xyz: (N, 3) m in the robot's base frame.
+        xyz: (N, 3) m in the robot's base frame, in whole numbers of ``RESOLUTION``.
         rgb: (N, 3) of what they lie on.
         segmentation: (N,) its id; None: nobody knows.
     """
@@ -184,7 +190,17 @@ def _gather(
         if view.segmentation is not None:
             ids.append(view.segmentation.reshape(-1)[pixels])
     segmentation = np.concatenate(ids) if len(ids) == len(views) else None
-    return PointCloud(points[rows], np.concatenate(colors), segmentation)
+    return PointCloud(from_steps(to_steps(points[rows])), np.concatenate(colors), segmentation)
+
+
+def to_steps(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
+    """Coordinates (m) in whole numbers of ``RESOLUTION``."""
+    return np.asarray(np.rint(xyz / RESOLUTION), dtype=np.int16)
+
+
+def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    """Coordinates in m, bit for bit those of the cloud whose :func:`to_steps` these are."""
+    return steps * RESOLUTION
 
 
 def _check_count(value: Any, name: str, least: int) -> None:

@@ -18,7 +18,8 @@ def every_so_many(count: int, wanted: int) -> Indices:
     """Indices of at most ``wanted`` of ``count`` things, evenly spread over their order."""
     if count <= wanted:
         return np.arange(count)
-    return np.floor((np.arange(wanted) + 0.5) * (count / wanted)).astype(np.int64)
+    middles = (np.arange(wanted) + 0.5) * (count / wanted)
+    return np.asarray(np.floor(middles), dtype=np.int64)
 
 
 def farthest_points(points: Points, wanted: int) -> Indices:

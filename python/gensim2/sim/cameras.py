@@ -26,5 +26,7 @@ NEAR, FAR = 0.01, 10.0
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
     """The cameras in the robot's base frame."""
     base = np.array(profile.base_position)
-    size = {"width": PIXELS, "height": PIXELS, "fov": FIELD_OF_VIEW}
-    return tuple(Camera.looking(name, place - base, TARGET - base, **size) for name, place in PLACES.items())
+    return tuple(
+        Camera.looking(name, place - base, TARGET - base, width=PIXELS, height=PIXELS, fov=FIELD_OF_VIEW)
+        for name, place in PLACES.items()
+    )

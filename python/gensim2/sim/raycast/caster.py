@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import MissingExtraError
 from gensim2.observations import Camera
 from gensim2.sim.raycast.shapes import Color, Surface, Texture
 
@@ -34,25 +32,6 @@ class Solid:
     surface: Surface
     still: bool
 
-    @cached_property
-    def scene(self) -> Any:
-        """Embree's scene of the surface."""
-        try:
-            from embreex.mesh_construction import TriangleMesh
-            from embreex.rtcore_scene import EmbreeScene
-        except ImportError as error:
-            raise MissingExtraError("embreex", "sim") from error
-        scene = EmbreeScene()
-        TriangleMesh(scene, self.surface.vertices, self.surface.faces)
-        return scene
-
-    @cached_property
-    def corners(self) -> Array:
-        """(8, 4) of the box around it, homogeneous, m in its own frame."""
-        low, high = self.surface.vertices.min(axis=0), self.surface.vertices.max(axis=0)
-        signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
-        return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
-
 
 @dataclass(frozen=True, eq=False)
 class Hits:
@@ -61,7 +40,7 @@ class Hits:
     Attributes:
         depth: of each camera, (H, W) m ahead; its ``far`` where nothing was met.
         face: of each camera, (H, W): number of the triangle among all of the caster's; -1 where nothing was met.
-        u, v: of each camera, (H, W): weights of the second and third corner of that triangle; only where it is textured.
+        u, v: of each camera, (H, W): weights of that triangle's second and third corner; only where it is textured.
     """
 
     depth: tuple[npt.NDArray[np.float32], ...]
@@ -82,7 +61,14 @@ class Hits:
 
     def copy(self) -> Hits:
         """The same in memory of its own."""
-        return Hits(*(tuple(each.copy() for each in all) for all in (self.depth, self.face, self.u, self.v)))
+        return Hits(_copied(self.depth), _copied(self.face), _copied(self.u), _copied(self.v))
+
+
+_Kept = TypeVar("_Kept", bound=npt.NDArray[Any])
+
+
+def _copied(arrays: tuple[_Kept, ...]) -> tuple[_Kept, ...]:
+    return tuple(array.copy() for array in arrays)
 
 
 class Caster:
@@ -110,7 +96,7 @@ class Caster:
         ]
         self._still = [index for index, solid in enumerate(solids) if solid.still]
         self._moving = [index for index, solid in enumerate(solids) if not solid.still]
-        self._corners = np.stack([solid.corners for solid in solids])
+        self._corners = np.stack([solid.surface.corners for solid in solids])
         self._projections = np.stack([camera.projection for camera in cameras])
         self._background: tuple[bytes, Hits] | None = None
 
@@ -128,9 +114,7 @@ class Caster:
         """Ids of what was met, of any shape; 0 where nothing was."""
         return self._ids[face]
 
-    def colors(
-        self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]
-    ) -> Color:
+    def colors(self, face: npt.NDArray[np.int32], u: npt.NDArray[np.float32], v: npt.NDArray[np.float32]) -> Color:
         """(..., 3) of the material or the texture where rays met; black where nothing was met."""
         found = self._colors[face]
         for start, texture in self._textures:
@@ -174,7 +158,7 @@ class Caster:
         origins = np.empty_like(rays)
         origins[:] = (camera.position - pose[:3, 3]) @ turn
         reach = depth.reshape(-1).copy()  # Embree writes the new depths into it
-        met = solid.scene.run(origins, rays, reach, output=True)
+        met = solid.surface.scene.run(origins, rays, reach, output=True)
         number = met["primID"].reshape(face.shape)
         new = number >= 0
         np.copyto(depth, reach.reshape(face.shape), where=new)

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 
 @lru_cache(maxsize=256)
-def read(file: Path) -> Urdf:
+def read_urdf(file: Path) -> Urdf:
     """A URDF, read once a process.
 
     Raises:

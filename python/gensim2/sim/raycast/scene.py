@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.objects import ObjectModel, RigidObject
@@ -15,8 +16,8 @@ from gensim2.objects.types import Instance
 from gensim2.observations import Camera, Robot, View
 from gensim2.robots import RobotProfile
 from gensim2.sim.raycast.caster import Caster, Hits, Solid
-from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read
-from gensim2.sim.raycast.shapes import Surface, read_link, read_mesh
+from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read_urdf
+from gensim2.sim.raycast.shapes import Surface, read_links, read_mesh
 from gensim2.sim.table import HALF_SIZE, visible_boxes
 
 Array = npt.NDArray[np.float64]
@@ -40,9 +41,7 @@ class RaycastScene:
         MissingExtraError: Embree is not installed.
     """
 
-    def __init__(
-        self, profile: RobotProfile, objects: Mapping[str, ObjectModel], cameras: Sequence[Camera]
-    ) -> None:
+    def __init__(self, profile: RobotProfile, objects: Mapping[str, ObjectModel], cameras: Sequence[Camera]) -> None:
         self.profile, self.cameras = profile, tuple(cameras)
         self._T_base_world = np.linalg.inv(profile.T_world_base)
         self._names: dict[int, tuple[str, str]] = {}
@@ -50,12 +49,11 @@ class RaycastScene:
         self._trees: dict[str, tuple[Tree, list[int]]] = {}
         self._bodies: list[str] = []
         active = (*profile.arm_joints, *profile.gripper.joints)
-        self._add_tree(profile.agent, Tree.of(read(profile.urdf), active))
-        table = Surface.joined([Surface.box(b.center, b.half_size, _bytes(b.color)) for b in visible_boxes()])
-        self._add(TABLE, TABLE, table, still=True)
+        self._add_tree(profile.agent, Tree.of(read_urdf(profile.urdf), active))
+        self._add(TABLE, TABLE, _table(), still=True)
         for name, model in objects.items():
             if isinstance(model, Instance):
-                self._add_tree(name, Tree.of(read(model.urdf), (model.joint.name,)))
+                self._add_tree(name, Tree.of(read_urdf(model.urdf), (model.joint.name,)))
             elif isinstance(model, RigidObject):
                 self._bodies.append(name)
                 self._add(name, name, None if model.visual is None else read_mesh(model.visual), still=False)
@@ -70,9 +68,7 @@ class RaycastScene:
 
     def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
         """Segmentation ids of what belongs to ``owner``, of some of its links or of all."""
-        return tuple(
-            id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links)
-        )
+        return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
 
     @cached_property
     def robot(self) -> Robot:
@@ -95,11 +91,8 @@ class RaycastScene:
             InputError: they are not of this scene.
         """
         found: dict[int, Array] = {}
-        for name, (tree, ids) in self._trees.items():
-            rows = _rows(states, "articulations", name, 13 + 2 * sum(index >= 0 for index in tree.coordinates))
-            size = (rows.shape[1] - 13) // 2
-            root = self._T_base_world @ pose_matrices(rows[:, :7])
-            links = tree.poses(root, rows[:, 13 : 13 + size].astype(np.float64))
+        for name, (_, ids) in self._trees.items():
+            links = self._links(states, name)
             found |= {id: links[:, index] for index, id in enumerate(ids)}
         for name in self._bodies:
             rows = _rows(states, "actors", name, 13)
@@ -109,6 +102,18 @@ class RaycastScene:
         table[2, 3] = -HALF_SIZE[2]
         found[self.ids(TABLE)[0]] = np.tile(self._T_base_world @ table, (steps, 1, 1))
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
+
+    def tool_poses(self, states: Mapping[str, Any]) -> npt.NDArray[np.float32]:
+        """(T, 7) of the robot's tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
+
+        Raises:
+            InputError: the states are not of this scene.
+        """
+        tree, _ = self._trees[self.profile.agent]
+        links = self._links(states, self.profile.agent)
+        found = links[:, tree.names.index(self.profile.tool_link)]
+        quaternions = Rotation.from_matrix(found[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
+        return np.concatenate([found[:, :3, 3], quaternions], axis=1).astype(np.float32)
 
     def cast(self, poses: Array) -> Hits:
         """What the cameras see where the solids stand at ``poses`` (L, 4, 4), in the base frame."""
@@ -122,10 +127,20 @@ class RaycastScene:
         """Pictures of the solids at ``poses`` (L, 4, 4), one a camera."""
         return self.views(self.cast(poses))
 
+    def _links(self, states: Mapping[str, Any], name: str) -> Array:
+        """(T, links, 4, 4) of an articulation in the base frame."""
+        tree, _ = self._trees[name]
+        count = sum(index >= 0 for index in tree.coordinates)
+        rows = _rows(states, "articulations", name, 13 + 2 * count)
+        root = self._T_base_world @ pose_matrices(rows[:, :7])
+        return tree.poses(root, rows[:, 13 : 13 + count].astype(np.float64))
+
     def _add_tree(self, name: str, tree: Tree) -> None:
-        urdf, ids = read(tree.file), []
-        for link, still in zip(tree.names, tree.still, strict=True):
-            ids.append(self._add(name, link, read_link(urdf, link), still=still))
+        surfaces = read_links(tree.file)
+        ids = [
+            self._add(name, link, surfaces[link], still=still)
+            for link, still in zip(tree.names, tree.still, strict=True)
+        ]
         self._trees[name] = tree, ids
 
     def _add(self, owner: str, link: str, surface: Surface | None, still: bool) -> int:
@@ -153,8 +168,14 @@ class _RaycastView:
         return self._caster.segmentation(self._hits.face[self._number])
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
-        face, u, v = (each[self._number].reshape(-1)[pixels] for each in (self._hits.face, self._hits.u, self._hits.v))
-        return self._caster.colors(face, u, v)
+        number, hits = self._number, self._hits
+        u, v = (weights[number].reshape(-1)[pixels] for weights in (hits.u, hits.v))
+        return self._caster.colors(hits.face[number].reshape(-1)[pixels], u, v)
+
+
+@cache
+def _table() -> Surface | None:
+    return Surface.joined([Surface.box(box.center, box.half_size, _bytes(box.color)) for box in visible_boxes()])
 
 
 def _rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
@@ -171,3 +192,8 @@ def _rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.ND
 
 def _bytes(color: Sequence[float]) -> tuple[int, ...]:
     return tuple(round(255 * value) for value in color[:3])
+
+
+def rows_at(states: Mapping[str, Any], step: int) -> dict[str, dict[str, npt.NDArray[np.float32]]]:
+    """One row of ``env_states``."""
+    return {kind: {name: np.asarray(rows)[step] for name, rows in group.items()} for kind, group in states.items()}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, MissingExtraError
 from gensim2.objects.library.urdf import Urdf, mesh_elements
+from gensim2.sim.raycast.kinematics import read_urdf
 
 Array = npt.NDArray[np.float64]
 Color = npt.NDArray[np.uint8]
@@ -47,7 +48,7 @@ class Texture:
         height, width = self.image.shape[:2]
         column = np.floor((place[:, 0] % 1.0) * width).astype(np.int64).clip(0, width - 1)
         row = np.floor(((1.0 - place[:, 1]) % 1.0) * height).astype(np.int64).clip(0, height - 1)
-        return self.image[row, column]
+        return np.asarray(self.image[row, column])
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,29 @@ class Surface:
     colors: Color
     textures: tuple[Texture, ...] = ()
 
+    @cached_property
+    def scene(self) -> Any:
+        """Embree's scene of the triangles.
+
+        Raises:
+            MissingExtraError: Embree is not installed.
+        """
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise MissingExtraError("embreex", "sim") from error
+        scene = EmbreeScene()
+        TriangleMesh(scene, self.vertices, self.faces)
+        return scene
+
+    @cached_property
+    def corners(self) -> Array:
+        """(8, 4) of the box around it, homogeneous, m."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        signs = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).T.reshape(-1, 3)
+        return np.column_stack([np.where(signs, high, low), np.ones(8)]).astype(np.float64)
+
     def moved(self, T: Array, scale: float | Array = 1.0) -> Surface:
         """The same, scaled, then in the frame that ``T`` (4, 4) maps its own to."""
         vertices = (scale * self.vertices.astype(np.float64)) @ T[:3, :3].T + T[:3, 3]
@@ -75,7 +99,7 @@ class Surface:
         """The same in one colour; as it is where that is None."""
         if color is None:
             return self
-        return Surface(self.vertices, self.faces, np.tile(np.uint8(color), (len(self.faces), 1)))
+        return Surface(self.vertices, self.faces, np.tile(np.array(color, dtype=np.uint8), (len(self.faces), 1)))
 
     @staticmethod
     def box(center: Sequence[float], half_size: Sequence[float], color: Sequence[int]) -> Surface:
@@ -125,12 +149,18 @@ def read_mesh(file: Path) -> Surface | None:
     return Surface.joined(surfaces)
 
 
-def read_link(urdf: Urdf, link: str) -> Surface | None:
-    """What is shown of a link, in its frame; None: nothing.
+@lru_cache(maxsize=128)
+def read_links(file: Path) -> Mapping[str, Surface | None]:
+    """What is shown of each link of a URDF, in its frame; None: nothing. Read once a process.
 
     Raises:
         InputError: a visual is no mesh file, or cannot be read.
     """
+    urdf = read_urdf(file)
+    return {link: _read_link(urdf, link) for link in urdf.links}
+
+
+def _read_link(urdf: Urdf, link: str) -> Surface | None:
     surfaces = []
     for element, xml in zip(mesh_elements(urdf, link, "visual"), urdf.links[link].findall("visual"), strict=True):
         surface = read_mesh(urdf.file.parent / element.name)
