@@ -86,7 +86,7 @@ def _h5_write(libver: str, **filters: Any) -> Callable[[Path, Arrays], None]:
 def _h5_read(path: Path) -> Arrays:
     found: dict[str, npt.NDArray[Any]] = {}
     with h5py.File(path) as file:
-        group = file["traj"] if "traj" in file else file
+        group = file.get("traj", file)
         group.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
     return found
 

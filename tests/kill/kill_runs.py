@@ -35,7 +35,14 @@ MID_COLLECTION = 0.8
 """Share of kills that wait for the collection to begin; the others come at any moment."""
 
 VOLATILE = {".lock", "report.html", "errors.log"}
-"""Files that say when and how, not what; ``run.json`` is compared without such fields, that of a data set not at all."""
+"""Files that say when and how; ``run.json`` is compared without such fields, that of a data set not at all."""
+
+
+SCRIPT_ENVIRONMENT = {
+    **os.environ,
+    "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
+}
+"""In which this script runs as a child: its workers import the made-up world."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +187,7 @@ def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:
             stdout=stream,
             stderr=stream,
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])},
+            env=SCRIPT_ENVIRONMENT,
         )
 
 

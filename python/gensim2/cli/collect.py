@@ -29,15 +29,15 @@ from gensim2.cli.output import line, report, table
     "--ray",
     metavar="local|ADDRESS",
     default=None,
-    help="Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same path. "
-    "--workers is then the most environments at a time.  [default there: one a CPU]",
+    help="Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same "
+    "path. --workers is then the most environments at a time, one a CPU where it is not given.",
 )
 @click.option("--resume", is_flag=True, help="Go on with the data set in --out, if there is one.")
 @options.time_limit
 @options.jobs_per_worker
 @options.json_file
 @click.pass_context
-def collect(ctx: click.Context, tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
+def collect(ctx: click.Context, /, tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
     """Try --episodes episodes of each of TASKS (all of the suite where none is named) and keep them.
 
     Every episode that was tried has its record; those that hold have their states and actions. What the folder holds at

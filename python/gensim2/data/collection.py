@@ -85,8 +85,8 @@ def collect(
         seed: of the scenes; nothing else draws from the same ones.
         assets, instances, physics, robot, open_loop, randomization: as for ``demo``.
         keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
-        workers: simulator processes; what they leave does not depend on their number. On Ray the most that there are at
-            a time; None: one a CPU of the cluster.
+        workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
+            are at a time; None: one a CPU of the cluster.
         ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
             this machine.
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
@@ -98,7 +98,7 @@ def collect(
         WriteError: no room is left; what was finished is kept, and ``resume`` goes on.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
     """
-    check_counts(episodes=episodes, **({} if workers is None else {"workers": workers}))
+    check_counts(episodes=episodes)
     check_workers(time_limit, jobs_per_worker)
     wanted, skipped = of_these_objects(assets, tasks, instances)
     options: dict[str, Any] = {"physics": physics, "robot": robot, "open_loop": open_loop}

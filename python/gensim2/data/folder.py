@@ -46,7 +46,11 @@ class CollectionFolder:
                 _compare(path / DATASET_JSON, DataSet.open(path).record, record)
             self.dataset = DataSet(path, record)
             self.dataset.save()
-            self._run = {"command_line": sys.argv[1:], "host": socket.gethostname(), "platform": platform.platform()}
+            self._run: dict[str, Any] = {
+                "command_line": sys.argv[1:],
+                "host": socket.gethostname(),
+                "platform": platform.platform(),
+            }
             self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **circumstances}
             self.note({})
         except BaseException:

@@ -22,6 +22,7 @@ from gensim2.data.store import TaskStore
 from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
 from gensim2.errors import InputError, NotRunError
+from gensim2.files import remove_temporaries
 from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.evaluator import PoolEvaluator
@@ -186,6 +187,7 @@ class Queue:
             whole = self._read()
             self._begin = time.monotonic()
             self._run(evaluator, whole)
+            remove_temporaries(self._folder.path)  # a worker that was killed while it wrote leaves one
             self._record.complete = True
             self._folder.dataset.save()
         except BaseException:

@@ -55,8 +55,8 @@ class DatasetRecord(_Record):
     """``dataset.json``.
 
     Attributes:
-        arguments: ``assets``, ``physics``, ``robot``, ``open_loop``, ``disturbance``, ``randomization`` and ``attempts``:
-            what all episodes follow from, as :class:`~gensim2.pipeline.setting.Circumstances` has them.
+        arguments: what all episodes follow from, as :class:`~gensim2.pipeline.setting.Circumstances` has it:
+            ``assets``, ``physics``, ``robot``, ``open_loop``, ``disturbance``, ``randomization`` and ``attempts``.
         seed: of the collection.
         episodes: tried of each task.
         keep_failures: whether the states of failures are kept, too.

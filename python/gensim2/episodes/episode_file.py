@@ -20,8 +20,8 @@ from gensim2.episodes.world import Tree
 from gensim2.errors import InputError
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
-#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of index
-#: on each of the ten arrays.
+#: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
+#: index on each of the ten arrays.
 LIBVER = ("v110", "v110")
 _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuffle": True}
 
@@ -46,8 +46,8 @@ class EpisodeRow:
     Attributes:
         digest: by which the file is known.
         episode: the record.
-        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end) of
-            the recording; None where no states were kept.
+        recorded: ``seed``, ``control_mode``, ``steps``, ``reset_options``, ``instances`` and ``success`` (at the end)
+            of the recording; None where no states were kept.
     """
 
     digest: str

@@ -13,6 +13,7 @@ from gensim2.episodes.recording import Recording
 from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.episodes.video import Replay, film
 from gensim2.errors import GenSim2Error
+from gensim2.files import remove_temporaries
 from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
@@ -104,6 +105,7 @@ def collect(
         if digest is not None:
             progress.advance()
         collection.add(LoggedEpisode.of(episode, index, digest))
+    remove_temporaries(files.path)  # a worker that was killed while it wrote leaves one
     entries = log.finish(collection.needed())
     run.add_episodes(library, entries, log.path)
     run.save()

@@ -251,19 +251,23 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
     Raises:
         InputError: it cannot be joined.
     """
-    local: dict[str, Any] = {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
+    where: dict[str, Any] = {"address": address}
+    if address == "local":
+        where = {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        ray.init(
-            **(local if address == "local" else {"address": address}),
-            configure_logging=True,
-            logging_level=logging.ERROR,
-            log_to_driver=False,
-            runtime_env={"env_vars": _environment()},
-        )
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        words = " ".join(str(error).split())
-        raise InputError(f"no Ray cluster can be used there: {words}", field="--ray") from error
+        for number in range(TRIES):
+            try:
+                ray.init(
+                    **where, logging_level=logging.ERROR, log_to_driver=False, runtime_env={"env_vars": _environment()}
+                )
+                return
+            # Ray raises bare exceptions, too: a node of its own that takes over 15 s to start (its issue 65983).
+            except Exception as error:
+                ray.shutdown()
+                if address != "local" or number == TRIES - 1:
+                    words = " ".join(str(error).split())
+                    raise InputError(f"no Ray cluster can be used there: {words}", field="--ray") from error
     finally:
         with contextlib.suppress(ValueError):  # not in the main thread, where no handler can have been set either
             for number, handler in handlers.items():
