@@ -1,16 +1,8 @@
-"""One episode in one file: HDF5 that says in its first line what it is and whether it is whole.
-
-    bytes 0..511    ``gensim2-episode 1 <sha256>`` and a line feed, then zeros: HDF5's user block, which readers skip
-    from 512 on     HDF5 (docs/data.md): dataset ``episode``, and group ``traj`` where the states were kept
-
-The digest is of the line's first two words, a line feed, and everything from byte 512 on. Bytes that are not those that
-were written never reach the HDF5 library: damaged ones can end the process.
-"""
+"""One episode in one sealed file: HDF5 with the dataset ``episode``, and ``traj`` where the states were kept."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import io
 import json
 from collections.abc import Iterator, Mapping
@@ -26,11 +18,7 @@ from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
 from gensim2.episodes.world import Tree
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
-
-SCHEMA_VERSION = 1
-HEADER_SIZE = 512
-_MAGIC = "gensim2-episode"
+from gensim2.sealed_file import HEADER_SIZE, Seal
 
 #: Chosen by benchmarks/stores.py: half the bytes of plain HDF5 at the same CPU; versions before 1.10 spend 2 kB of
 #: index on each of the ten arrays.
@@ -45,6 +33,10 @@ _EPISODE = TypeAdapter(Episode)
 
 class DamagedEpisodeError(InputError):
     """A file is not the whole file of an episode."""
+
+
+_REMEDY = "delete it and resume"
+_SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, DamagedEpisodeError)
 
 
 @dataclass(frozen=True)
@@ -94,10 +86,7 @@ def write_episode(path: Path, episode: Episode, recording: Recording | None) -> 
         _write_array(file, "episode", np.frombuffer(text, np.uint8))
         if recording is not None:
             _write_recording(file.create_group("traj"), recording)
-    body = buffer.getvalue()[HEADER_SIZE:]
-    digest = _digest(SCHEMA_VERSION, body)
-    write_atomic(path, _header(SCHEMA_VERSION, digest) + body)
-    return digest
+    return _SEAL.write(path, buffer.getvalue()[HEADER_SIZE:])
 
 
 def episode_digest(path: Path) -> str:
@@ -107,7 +96,7 @@ def episode_digest(path: Path) -> str:
         DamagedEpisodeError: they are not.
         InputError: it cannot be read, or another version of gensim2 wrote it.
     """
-    return _checked(path)[0]
+    return _SEAL.read(path)[0]
 
 
 def read_row(path: Path) -> EpisodeRow:
@@ -137,7 +126,7 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
     Raises:
         DamagedEpisodeError, InputError: as for :func:`episode_digest`.
     """
-    digest, content = _checked(path)
+    digest, content = _SEAL.read(path)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             plain = json.loads(file["episode"][()].tobytes())
@@ -146,50 +135,9 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
             yield EpisodeRow(digest, episode, plain["recording"]), group
     except ValidationError as error:
         field = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise DamagedEpisodeError("is not a finished episode", file=path, field=field, remedy=_REMEDY) from error
+        raise _SEAL.broken(path, field) from error
     except (KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
-        raise _damaged(path) from error
-
-
-_REMEDY = "delete it and resume"
-
-
-def _damaged(path: Path) -> DamagedEpisodeError:
-    return DamagedEpisodeError("is not a finished episode", file=path, remedy=_REMEDY)
-
-
-def _checked(path: Path) -> tuple[str, bytes]:
-    """Digest and content of a file that says the truth about itself."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=_REMEDY) from error
-    words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")
-    if len(words) != 3 or words[0] != _MAGIC.encode() or not words[1].isdigit() or len(words[1]) > 9:
-        raise _damaged(path)
-    version = int(words[1])
-    body = memoryview(content)[HEADER_SIZE:]
-    digest = _digest(version, body)
-    if content[:HEADER_SIZE] != _header(version, digest):
-        raise _damaged(path)
-    if version != SCHEMA_VERSION:
-        raise InputError(
-            f"is version {version}, this gensim2 reads {SCHEMA_VERSION}",
-            file=path,
-            field="schema_version",
-            remedy="use the gensim2 that wrote it",
-        )
-    return digest, content
-
-
-def _digest(version: int, body: bytes | memoryview) -> str:
-    found = hashlib.sha256(f"{_MAGIC} {version}\n".encode())
-    found.update(body)
-    return found.hexdigest()
-
-
-def _header(version: int, digest: str) -> bytes:
-    return f"{_MAGIC} {version} {digest}\n".encode().ljust(HEADER_SIZE, b"\0")
+        raise _SEAL.broken(path) from error
 
 
 def _recorded(recording: Recording) -> dict[str, Any]:
