@@ -79,6 +79,7 @@ def _film(dataset: DataSet, store: TaskStore, progress: Progress) -> tuple[str |
     circumstances = dataset.record.circumstances
     replay = Replay.of(recording, store.spec(), circumstances.assets, circumstances.environment)
     film(replay, dataset.path / video, still=dataset.path / still)
+    progress.advance()
     return video, still
 
 

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from gensim2.data.card import write_card
-from gensim2.data.formats.frames import Frames, frames_of
+from gensim2.data.formats.frames import Array, Frames, frames_of
 from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.to_lerobot import export_lerobot
+from gensim2.data.observation_file import read_observation
 from gensim2.data.record import DatasetRecord
+from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
 from gensim2.episodes.trajectory import Provenance, write_trajectory
@@ -109,13 +111,18 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
         for row in rows:
             recording = store.read(row).recording
             assert recording is not None  # of what held it always is
-            observation = None  # TODO observations
+            observation = _observed(store, row) if observations else None
             seen.add(observation is not None)
             if len(seen) > 1:
                 remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
                 raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
             yield frames_of(recording, profile, sentence, observation)
             progress.advance()
+
+
+def _observed(store: TaskStore, row: LoggedEpisode) -> dict[str, Array] | None:
+    path = observation_path(store, row.index)
+    return read_observation(path, row.episode_digest).arrays if path.exists() else None
 
 
 def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:
