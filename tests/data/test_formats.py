@@ -21,6 +21,7 @@ from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
 from gensim2.errors import InputError
+from gensim2.observations.cloud import to_steps
 
 Gather = Callable[..., CollectionResult]
 
@@ -82,7 +83,10 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
     for row in rows:
         steps = row.control_steps
         clouds[row.index] = rng.normal(size=(steps + 1, 16, 3)).astype(np.float32)
-        arrays = {"pointcloud/xyz": clouds[row.index], "pointcloud/rgb": np.full((steps + 1, 16, 3), 51, np.uint8)}
+        arrays = {
+            "pointcloud/xyz": to_steps(clouds[row.index]),
+            "pointcloud/rgb": np.full((steps + 1, 16, 3), 51, np.uint8),
+        }
         write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
     only = Selection(tasks=("CloseBox",))
     export(dataset.path, tmp_path / "z", "zarr", only)

@@ -105,6 +105,7 @@ def _plot(quality: TaskQuality) -> str:
     ):
         if values:
             axes.hist(values, bins=min(20, len(values)), color="#3867b0")
+            axes.yaxis.get_major_locator().set_params(integer=True)
         else:
             axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
         axes.set(title=title, xlabel=unit)
