@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from gensim2.designers.llm import wording
 from gensim2.errors import InputError
 from gensim2.yaml_files import parse_yaml
 
@@ -53,7 +54,7 @@ class Prompts:
             autoescape=False,
         )
         self._environment.filters["quoted"] = quoted
-        self._environment.filters["yaml"] = as_yaml
+        self._environment.filters.update(yaml=as_yaml, motion=wording.motion, size=wording.size)
         self._folder = folder
 
     @cached_property
