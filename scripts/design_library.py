@@ -68,7 +68,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--tasks", nargs="*", default=list(task_names()))
+    parser.add_argument("--tasks", nargs="*", default=list(task_names("paper")))
     parser.add_argument("--effort", type=int, default=1)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 )
 @click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
 @options.seed
+@options.library
 @options.assets
 @options.instances
 @options.physics

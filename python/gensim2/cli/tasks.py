@@ -20,21 +20,24 @@ tasks.add_command(gallery)
 
 
 @tasks.command("list", cls=options.Command)
+@click.option("--origin", metavar="NAME", default=None, help="Only those that NAME proposed: paper, or a designer.")
+@options.library
 @options.json_file
-def list_tasks(json_file: str | None) -> None:
-    """List the tasks of the library."""
+def list_tasks(origin: str | None, json_file: str | None) -> None:
+    """List the tasks of the library: the paper's suite, those that were designed, and your own."""
     with report(json_file, _show_list) as (_, give):
-        from gensim2.tasks.library import load_task, task_names
+        from gensim2.tasks.library import load_task, origin_of, packaged_names, task_names
 
-        specs = [load_task(name) for name in task_names()]
+        specs = [load_task(name) for name in task_names(origin)]
         give(
             {
                 "schema_version": 1,
                 "tasks": [
                     {
                         **spec.model_dump(mode="json"),
-                        "env_id": spec.env_id,
-                        "origin": None if spec.provenance is None else spec.provenance.origin,
+                        "origin": origin_of(spec),
+                        "packaged": spec.name in packaged_names(),
+                        "env_id": spec.env_id if spec.name in packaged_names() else None,
                     }
                     for spec in specs
                 ],
@@ -44,6 +47,7 @@ def list_tasks(json_file: str | None) -> None:
 
 @tasks.command("show", cls=options.Command)
 @click.argument("task")
+@options.library
 @options.json_file
 def show(task: str, json_file: str | None) -> None:
     """Tell everything of TASK, a task of the library or a folder that holds task.yaml and strategies/.
@@ -64,14 +68,15 @@ def _show_list(result: dict[str, Any]) -> None:
     rows = [
         (
             task["name"],
+            f"{task['origin'] or ''}{'' if task['packaged'] else ' (yours)'}",
             ", ".join(dict.fromkeys(thing["class"] for thing in task["objects"].values())),
             len(task["steps"]),
             task["description"],
-            task["env_id"],
+            task["env_id"] or "",
         )
         for task in result["tasks"]
     ]
-    table(("task", "objects", "steps", "what", "environment"), rows)
+    table(("task", "origin", "objects", "steps", "what", "environment"), rows)
 
 
 def _show_task(task: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from gensim2.designers.base import Strategies
 from gensim2.objects import Library
 from gensim2.pipeline.tally import interval
 from gensim2.tasks.figures import Figure, figures_of
-from gensim2.tasks.library import load_strategies, load_task, task_names
+from gensim2.tasks.library import load_strategies, load_task, packaged_names
 from gensim2.tasks.published import MEASURED, PAPER
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.wording import criteria_in_words, name_in_words, place_in_words, randomization_in_words
@@ -47,7 +47,7 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
     """Whether figures under the task's name are its own."""
-    if task.name not in task_names():
+    if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
 

@@ -1,18 +1,24 @@
-"""The task library: one folder of data a task, read through the package so that a wheel carries it.
+"""The task library: one folder of data a task, on three shelves.
 
-``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/strategies/<name>.yaml`` a
-way to do one of its steps. Folders of other tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways
-that several tasks share lie in ``library/strategies/``: there a strategy is looked for that a task has not beside it.
+``library/`` in the package holds the paper's suite, ``designed/`` beside it what designers made of generated objects,
+and a folder of the user (:func:`user_library`) what their own runs kept. On each, ``<Name>/task.yaml`` is a
+:class:`~gensim2.tasks.spec.TaskSpec`, ``<Name>/strategies/<name>.yaml`` a way to do one of its steps. Folders of other
+tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways that several tasks share lie in
+``strategies/`` on the package's shelves: there a strategy is looked for that a task has not beside it.
 """
 
 from __future__ import annotations
 
 import difflib
+import os
+from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
+
+from platformdirs import user_data_path
 
 from gensim2.errors import InputError
 from gensim2.tasks import version_1
@@ -27,42 +33,106 @@ Strategy = dict[str, Any]
 """A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
-def _folder() -> Traversable:
+PAPER = "paper"
+"""Origin of the suite: what the paper's tables list."""
+
+LIBRARY_VARIABLE = "GENSIM2_LIBRARY"
+
+
+def user_library() -> Path:
+    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist."""
+    return Path(os.environ.get(LIBRARY_VARIABLE) or user_data_path("gensim2") / "tasks")
+
+
+def _suite() -> Traversable:
     return files("gensim2.tasks") / "library"
 
 
-@cache
-def task_names() -> tuple[str, ...]:
-    """Names of the tasks in the library, sorted."""
-    return tuple(sorted(entry.name for entry in _folder().iterdir() if (entry / TASK_FILE).is_file()))
+def _designed() -> Traversable:
+    return files("gensim2.tasks") / "designed"
+
+
+def task_names(origin: str | None = None) -> tuple[str, ...]:
+    """Names of the tasks in the library, sorted.
+
+    Args:
+        origin: only those that this one proposed: ``"paper"`` for the suite, else a designer's name; None: all.
+
+    Raises:
+        InputError: there are none of that origin; names those that there are. Or a task cannot be read.
+    """
+    if origin is None:
+        return tuple(sorted({*packaged_names(), *_names_on(user_library())}))
+    if origin == PAPER:
+        return _names_on_shelf(_suite)
+    found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
+    if not found:
+        known = sorted({str(origin_of(load_task(name))) for name in task_names()})
+        raise InputError(
+            f"no task of the library is of {origin!r}", field="origin", remedy=f"one of {', '.join(known)}"
+        )
+    return found
+
+
+def packaged_names() -> tuple[str, ...]:
+    """Names of the tasks that travel with the package, sorted."""
+    return tuple(sorted({*_names_on_shelf(_suite), *_names_on_shelf(_designed)}))
+
+
+def origin_of(task: TaskSpec) -> str | None:
+    """Who proposed a task; None where nobody says."""
+    return None if task.provenance is None else task.provenance.origin
 
 
 def task_folder(name: str) -> Traversable:
-    """The folder of a library task.
+    """The folder of a library task; where two shelves have the name, the package's.
 
     Raises:
         InputError: there is no such task; names near matches.
     """
-    if name in task_names():
-        return _folder() / name
+    for shelf in (_suite, _designed):
+        if name in _names_on_shelf(shelf):
+            return shelf() / name
+    if name in _names_on(user_library()):
+        return user_library() / name
     by_lower = {known.lower(): known for known in task_names()}
     near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
-    remedy = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(task_names())}"
+    remedy = f"did you mean {', '.join(near)}?" if near else "gensim2 tasks list names all"
     raise InputError(f"unknown task {name!r}", remedy=remedy)
 
 
-@cache
 def load_task(name: str) -> TaskSpec:
     """The spec of a library task.
 
     Raises:
-        InputError: there is no such task; names near matches.
+        InputError: there is no such task; names near matches. Or its file cannot be used.
     """
-    source = task_folder(name) / TASK_FILE
-    task = parse_task(parse_yaml(source.read_bytes(), str(source)), str(source))
+    return _packaged_task(name) if name in packaged_names() else _read_task(task_folder(name), name)
+
+
+@cache
+def _packaged_task(name: str) -> TaskSpec:
+    return _read_task(task_folder(name), name)
+
+
+def _read_task(folder: Traversable, name: str) -> TaskSpec:
+    source = folder / TASK_FILE
+    data = read_yaml(source) if isinstance(source, Path) else parse_yaml(source.read_bytes(), str(source))
+    task = parse_task(data, str(source))
     if task.name != name:
         raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
     return task
+
+
+@cache
+def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
+    """Of a shelf of the package: it does not change."""
+    return _names_on(shelf())
+
+
+def _names_on(shelf: Traversable) -> tuple[str, ...]:
+    entries = shelf.iterdir() if shelf.is_dir() else ()
+    return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 
 def load_strategies(name: str) -> dict[str, Strategy]:
@@ -122,7 +192,8 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
         places = _places(folder, name)
         file = next((file for file in places if file.is_file()), None)
         if file is None:
-            there = sorted({*_names_in(folder / STRATEGIES), *_names_in(_folder() / STRATEGIES)})
+            shared = (name for shelf in _shared() for name in _names_in(shelf))
+            there = sorted({*_names_in(folder / STRATEGIES), *shared})
             near = difflib.get_close_matches(name, there, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
             raise InputError(f"a step names a strategy {name!r} without a file", file=str(places[0]), remedy=remedy)
@@ -133,7 +204,11 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 def _places(folder: Traversable, name: str) -> list[Traversable]:
     """Where the file of a strategy may lie, first its own task's."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
-    return [folder / STRATEGIES / f"{name}.yaml", *former, _folder() / STRATEGIES / f"{name}.yaml"]
+    return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
+
+
+def _shared() -> tuple[Traversable, ...]:
+    return _suite() / STRATEGIES, _designed() / STRATEGIES
 
 
 def _read(file: Traversable) -> Strategy:
