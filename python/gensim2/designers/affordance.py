@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -39,7 +38,7 @@ class Affordance:
         joint_range: lower and upper limit, rad or m; openness goes from 0 to 1 between them.
         default_openness: mean openness at the start of an episode.
         grip_width: metres between the fingertips that hold a rigid object at its narrowest, as it rests.
-        picture: file with a picture of one, where one was made.
+        picture: makes a PNG of one, as bytes; None where nothing can be drawn.
     """
 
     asset_class: str
@@ -54,7 +53,7 @@ class Affordance:
     joint_range: tuple[float, float] | None = None
     default_openness: float | None = None
     grip_width: float | None = None
-    picture: Path | None = None
+    picture: Callable[[], bytes] | None = field(default=None, compare=False)
 
     @property
     def measured(self) -> str:
@@ -67,13 +66,15 @@ class Affordance:
         return bool(self.keypoints) and self.joint_type is not None and INSIDE in self.measured
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data, without what there is not."""
-        found = {name: value for name, value in asdict(self).items() if value not in (None, {})}
-        return found | ({"picture": str(self.picture)} if self.picture is not None else {})
+        """Return it as plain data, without what there is not, and without the picture."""
+        values = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "picture"}
+        return {name: value for name, value in values.items() if value not in (None, {})}
 
     @staticmethod
     def of(
-        objects: Sequence[Instance] | Sequence[RigidObject], description: str = "", picture: Path | None = None
+        objects: Sequence[Instance] | Sequence[RigidObject],
+        description: str = "",
+        picture: Callable[[], bytes] | None = None,
     ) -> Affordance:
         """Return what ``objects`` of one class have in common."""
         first = objects[0]

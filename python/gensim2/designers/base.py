@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.diagnosis import Diagnosis
+from gensim2.errors import GenSim2Error
 from gensim2.tasks.spec import TaskSpec
 
 Goal = Literal["articulated_open", "articulated_closed"]
@@ -17,6 +19,14 @@ DESIGNED = "designed"
 
 Strategies = dict[str, dict[str, Any]]
 """Strategies by name, as plain data: what stands in ``strategies/<name>.yaml``."""
+
+
+StepStrategies = Mapping[str, Strategies]
+"""For each step of a task its strategies by name, in order of preference."""
+
+
+class Declined(GenSim2Error):
+    """A designer has nothing for a task; the task is rejected with this reason, and the run goes on."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +110,7 @@ class Candidate:
 
     def of(self, task: TaskSpec) -> TaskSpec:
         """The task with its steps' strategies named as here."""
-        steps = tuple(step.model_copy(update={"strategies": tuple(self.steps[step.name])}) for step in task.steps)
-        return task.model_copy(update={"steps": steps})
+        return with_strategies(task, self.steps)
 
 
 @dataclass(frozen=True)
@@ -174,9 +183,22 @@ class CandidateResult:
 
 
 class Designer(Protocol):
-    """Proposes tasks, writes candidates, and learns from how they fared."""
+    """Proposes tasks, writes candidates, and learns from how they fared.
 
-    name: str
+    Attributes:
+        name: stands in run.json, and as the origin of its tasks.
+        notes: what a reader of the run should know; read when the run ends.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def notes(self) -> Sequence[str]: ...
+
+    def open(self, folder: Path) -> None:
+        """Called once, before anything else, with the run's folder: for records of the designer's own."""
+        ...
 
     def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
         """Yield new tasks, best first, of one or several steps and objects; none repeats a known one.
@@ -189,7 +211,7 @@ class Designer(Protocol):
         """Return the first round of candidates for a task.
 
         Raises:
-            InputError: the designer cannot design such a task.
+            Declined: the designer has nothing for it.
         """
         ...
 
@@ -198,3 +220,9 @@ class Designer(Protocol):
     ) -> list[Candidate]:
         """Return new candidates given how earlier ones fared, best first; an empty list ends the search."""
         ...
+
+
+def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
+    """The task with each step's strategies named as in ``ways``."""
+    steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
+    return task.model_copy(update={"steps": steps})

@@ -72,12 +72,16 @@ def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
     where = f"step {step!r}" + (f" by {strategy!r}" if strategy else "") + ": " if step else ""
     facts = [
         *_of_plan(numbers.get("plan", numbers)),
-        *(text.format(1000 * numbers[name]) for name, text in NUMBERS.items() if name in numbers),
-        *(text.format(numbers[name]) for name, text in SHARES.items() if name in numbers),
+        *(text.format(1000 * numbers[name]) for name, text in NUMBERS.items() if _is_number(numbers.get(name))),
+        *(text.format(numbers[name]) for name, text in SHARES.items() if _is_number(numbers.get(name))),
         *_deviations(numbers.get("deviations", ())),
         *_failing(numbers.get("failing", ())),
     ]
     return where + "; ".join([cause, *facts])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
 
 
 def _of_plan(detail: Mapping[str, Any]) -> list[str]:

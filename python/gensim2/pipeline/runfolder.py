@@ -57,6 +57,8 @@ FIXED_ARGUMENTS = (
     "stored_tasks",
     "episodes",
     "instances",
+    "verify",
+    "from_empty",
 )
 
 RUN_JSON = "run.json"
