@@ -126,13 +126,15 @@ class Client:
     def _answer(self, question: Question, raw: Any) -> Answer:
         try:
             choice = raw.parse().choices[0]
-            text, finish, usage = choice.message.content or "", choice.finish_reason, raw.parse().usage
+            text: Any = choice.message.content or ""
+            finish, usage = choice.finish_reason, raw.parse().usage
             refusal = getattr(choice.message, "refusal", None)
         except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
             # No chat completion, or one that was cut off: whatever it was meant to say, nobody can tell.
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
         except self._openai.APIResponseValidationError:
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
+        problem: str | None
         if not isinstance(text, str):
             text, problem = "", "it was no text"
         elif not text.strip():

@@ -1,4 +1,4 @@
-"""Strategies from what a model wrote: the parts of a config, validated one by one and as a whole. Nothing is evaluated."""
+"""Configs that a model wrote, validated in parts and as a whole. Nothing is evaluated."""
 
 from __future__ import annotations
 
@@ -50,7 +50,9 @@ def problems_of_config(config: Mapping[str, Any]) -> list[str]:
     """What is wrong with a whole config, beside the names of keypoints."""
     unknown = [name for name in config if name not in ALLOWED]
     if unknown:
-        return [f"there is no field {', '.join(str(name)[:40] for name in unknown)}; the fields are {', '.join(ALLOWED)}"]
+        return [
+            f"there is no field {', '.join(str(name)[:40] for name in unknown)}; the fields are {', '.join(ALLOWED)}"
+        ]
     if CONSTRAINTS not in config:
         return [f'the field "{CONSTRAINTS}" is missing']
     return [*problems_of_constraints(config[CONSTRAINTS]), *_problems_of_language(config), *_odd_motions(config)]
@@ -102,7 +104,7 @@ def _odd_offsets(constraints: Sequence[Any]) -> list[str]:
     found = []
     for index, each in enumerate(constraints):
         offset = each.get("target_offset", ()) if isinstance(each, dict) else ()
-        numbers = [value for value in _numbers(offset)]
+        numbers = _numbers(offset)
         if numbers and math.hypot(*numbers) > LONGEST_OFFSET:
             found.append(f"{CONSTRAINTS}[{index}].target_offset: is longer than {LONGEST_OFFSET} m")
         tolerance = each.get("tolerance") if isinstance(each, dict) else None

@@ -10,8 +10,8 @@ from typing import Any, Generic, TypeVar
 from gensim2.designers.llm.extraction import Data, mappings
 from gensim2.designers.llm.log import MODEL_FOLDER, ConversationRecord, Log, TurnRecord
 from gensim2.designers.llm.model import Model
-from gensim2.designers.llm.prompts import Prompts
 from gensim2.designers.llm.questions import Message, Picture, Question
+from gensim2.designers.llm.templating import Prompts
 from gensim2.errors import GenSim2Error, InputError
 
 #: Characters of a wrong answer that are shown to the model again.
@@ -102,10 +102,14 @@ class Conversations:
         start = question
         for _ in range(self.max_rounds):
             answer = self.model.answer(question)
-            value, problems = self._read(ask, answer.text, answer.problem)
-            turns.append(TurnRecord(answer=self.model.digest(question), problems=problems))
-            if value is not None:
-                record = self._record(ask, turns, "")
+            digest = self.model.digest(question)
+            try:
+                value = self._read(ask, answer.text, answer.problem)
+            except (Wrong, InputError) as wrong:
+                problems = list(wrong.problems[:MOST_PROBLEMS]) if isinstance(wrong, Wrong) else [str(wrong)]
+                turns.append(TurnRecord(answer=digest, problems=problems))
+            else:
+                record = self._record(ask, [*turns, TurnRecord(answer=digest, problems=[])], "")
                 self.log.add(record)
                 return value, record
             shown = answer.text if len(answer.text) <= SHOWN_AGAIN else f"{answer.text[:SHOWN_AGAIN]} ..."
@@ -116,15 +120,10 @@ class Conversations:
         raise Dropped(f"{ask.stage}{f' ({ask.about})' if ask.about else ''}: {reason}")
 
     @staticmethod
-    def _read(ask: Ask[T], text: str, problem: str | None) -> tuple[T | None, list[str]]:
+    def _read(ask: Ask[T], text: str, problem: str | None) -> T:
         if problem is not None:
-            return None, [problem]
-        try:
-            return ask.read([{"text": text}] if ask.prose else mappings(text)), []
-        except Wrong as wrong:
-            return None, list(wrong.problems[:MOST_PROBLEMS])
-        except InputError as error:
-            return None, [str(error)]
+            raise Wrong([problem])
+        return ask.read([{"text": text}] if ask.prose else mappings(text))
 
     @staticmethod
     def _record(ask: Ask[T], turns: list[TurnRecord], reason: str) -> ConversationRecord:

@@ -62,7 +62,7 @@ def mappings(text: str) -> list[Data]:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """Parts of a text that may be data: what is fenced; else what stands in braces; else all of it, if it has fields."""
+    """Parts of a text that may be data: what is fenced; else what stands in braces; else lines with fields."""
     fenced = [match.group(1) for match in _FENCE.finditer(text)]
     if fenced:
         for block in fenced:

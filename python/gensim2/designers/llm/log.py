@@ -62,7 +62,6 @@ class LogRecord(_Record):
     conversations: list[ConversationRecord] = []
 
 
-
 class Log:
     """The conversations of a run, written whenever one ends. Threads may share it."""
 

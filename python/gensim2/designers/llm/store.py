@@ -1,4 +1,4 @@
-"""Answers on disk by the digest of their question: a run's record, what it is resumed from, and what it is replayed from.
+"""Answers on disk by the digest of their question: what a run is recorded in, resumed from and replayed from.
 
 DIR/model.json                 who was asked, and how
 DIR/answers/<digest>.json      a question, its answer, and what they cost
@@ -47,7 +47,9 @@ class ModelRecord(_Record):
     @staticmethod
     def of(options: ModelOptions, prompts: str) -> ModelRecord:
         """Of the options, and of the digest of the prompts."""
-        fields = {name: getattr(options, name) for name in ModelRecord.model_fields if name in type(options).model_fields}
+        fields = {
+            name: getattr(options, name) for name in ModelRecord.model_fields if name in type(options).model_fields
+        }
         return ModelRecord(prompts=prompts, **fields)
 
 

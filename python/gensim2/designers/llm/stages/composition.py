@@ -9,10 +9,10 @@ from typing import Any
 from gensim2.designers.base import Known, Strategies
 from gensim2.designers.llm.conversations import Ask, Wrong
 from gensim2.designers.llm.extraction import Data
-from gensim2.designers.llm.prompts import Prompts
 from gensim2.designers.llm.specs import criterion, long_task, roles_of
 from gensim2.designers.llm.stages.decomposition import BRINGING, GRASP, WORKING
 from gensim2.designers.llm.stages.proposal import Wish
+from gensim2.designers.llm.templating import Prompts
 from gensim2.designers.llm.world import World, name_of, sentence_of
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -185,8 +185,8 @@ def _classes(
             problems.append(f"{where}: there is no skill {skill[:80]!r}")
     if not problems and (len(articulated) != 1 or len(rigid) > 1):
         problems.append(
-            f"the steps are about {', '.join(sorted(articulated | rigid))}; one articulated object and at most one rigid "
-            "one are allowed"
+            f"the steps are about {', '.join(sorted(articulated | rigid))}; one articulated object and at most one "
+            "rigid one are allowed"
         )
     if wish.object is not None and wish.object not in articulated | rigid:
         problems.append(f"the steps must be about {wish.object}")

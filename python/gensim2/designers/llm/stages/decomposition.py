@@ -1,8 +1,8 @@
 """Top-down: a long task into the paper's sub-tasks, and these into steps.
 
-In the paper ``grasp`` and ``ungrasp`` are sub-tasks of their own. Here a step is one actuation pose with what the fingers do
-there: a grasp of a rigid object is a step done by rule, a grasp of a handle belongs to the motion that follows, and a release
-to the motion that brought the object.
+In the paper ``grasp`` and ``ungrasp`` are sub-tasks of their own. Here a step is one actuation pose with what the
+fingers do there: a grasp of a rigid object is a step done by rule, a grasp of a handle belongs to the motion that
+follows, and a release to the motion that brought the object.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any
 
 from gensim2.designers.llm.conversations import Ask, Wrong
 from gensim2.designers.llm.extraction import ITEMS, Data
-from gensim2.designers.llm.prompts import Prompts
 from gensim2.designers.llm.specs import CRITERIA, criterion, long_task, roles_of
 from gensim2.designers.llm.stages.proposal import Proposal
+from gensim2.designers.llm.templating import Prompts
 from gensim2.designers.llm.world import World
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -58,7 +58,9 @@ def decomposition(prompts: Prompts, world: World, found: Proposal, origin: str) 
         task=found.to_dict(),
         most=MOST_SUBTASKS,
     )
-    return Ask("decomposition", found.name, "", text, SCHEMA, lambda data: read_decomposition(data, world, found, origin))
+    return Ask(
+        "decomposition", found.name, "", text, SCHEMA, lambda data: read_decomposition(data, world, found, origin)
+    )
 
 
 def read_decomposition(data: Sequence[Data], world: World, found: Proposal, origin: str) -> TaskSpec:
@@ -138,7 +140,7 @@ class _Chain:
     def end(self) -> None:
         if self.held:
             self.problems.append(
-                "at the end the hand still holds the object; bring it somewhere, then {\"task-name\": \"ungrasp\"}"
+                'at the end the hand still holds the object; bring it somewhere, then {"task-name": "ungrasp"}'
             )
 
     def _fingers(self, where: str, name: str, given: Data, rest: Sequence[Data]) -> None:
@@ -168,7 +170,9 @@ class _Chain:
         if len(assets) != 1 or assets[0] not in own:
             self.problems.append(f'{where}: "assets-used" must be one of {own[0]} and {own[1]}, not {_short(assets)}')
         if len(kinds) != 1 or kinds[0] not in CRITERIA:
-            self.problems.append(f'{where}: "success-criteria" must be one of {", ".join(CRITERIA)}, not {_short(kinds)}')
+            self.problems.append(
+                f'{where}: "success-criteria" must be one of {", ".join(CRITERIA)}, not {_short(kinds)}'
+            )
             return None
         return str(kinds[0])
 

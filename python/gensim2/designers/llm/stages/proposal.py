@@ -8,8 +8,8 @@ from typing import Any
 
 from gensim2.designers.llm.conversations import Ask, Wrong
 from gensim2.designers.llm.extraction import Data
-from gensim2.designers.llm.prompts import Prompts
 from gensim2.designers.llm.specs import CRITERIA, single_step
+from gensim2.designers.llm.templating import Prompts
 from gensim2.designers.llm.world import World, name_of, sentence_of
 from gensim2.tasks.criteria import CLOSED, OPEN
 from gensim2.tasks.spec import TaskSpec
@@ -104,7 +104,13 @@ def proposal(prompts: Prompts, world: World, wish: Wish, refused: Sequence[str],
         refused=list(refused),
     )
     return Ask(
-        "proposal", "", f"proposal {number + 1}", text, SCHEMA, lambda data: read_proposal(data, world, wish), sample=number
+        "proposal",
+        "",
+        f"proposal {number + 1}",
+        text,
+        SCHEMA,
+        lambda data: read_proposal(data, world, wish),
+        sample=number,
     )
 
 
@@ -120,8 +126,10 @@ def read_proposal(data: Sequence[Data], world: World, wish: Wish) -> Proposal:
     problems = [f'the key "{key}" is missing' for key in KEYS if key not in given]
     if problems:
         raise Wrong(problems)
-    target = wish.task is not None
-    name = name_of(wish.task and kebab(wish.task) or given["task-name"], problems, () if target else world.known)
+    if wish.task is None:
+        name = name_of(given["task-name"], problems, world.known)
+    else:
+        name = name_of(kebab(wish.task), problems, ())
     sentence = sentence_of(given["task-description"], problems)
     articulated, rigid = _objects(given["assets-used"], world, wish, problems)
     criteria = _criteria(given["success-criteria"], bool(rigid), wish, problems)

@@ -12,8 +12,8 @@ from gensim2.designers.llm import configs
 from gensim2.designers.llm.configs import CONSTRAINTS, FINGERS, MOTIONS
 from gensim2.designers.llm.conversations import Ask, Wrong
 from gensim2.designers.llm.extraction import ITEMS, Data
-from gensim2.designers.llm.prompts import Prompts
 from gensim2.designers.llm.questions import Picture
+from gensim2.designers.llm.templating import Prompts
 from gensim2.planning.strategies import PLANNER_FIELDS
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -175,9 +175,7 @@ class Tried:
     diagnosis: tuple[str, ...]
 
 
-def regeneration(
-    prompts: Prompts, job: Job, tried: Sequence[Tried], trials: int, round: int
-) -> Ask[list[Config]]:
+def regeneration(prompts: Prompts, job: Job, tried: Sequence[Tried], trials: int, round: int) -> Ask[list[Config]]:
     """Ask for better configs after some were tried."""
     text = prompts.text("regeneration", **job.for_prompts(), tried=tried, trials=trials)
     schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
@@ -199,9 +197,7 @@ class Example:
 
 
 def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
-    """Configs of tasks that are there, those most like the step first: the same tool or none, goal, joint; no two of one
-    class.
-    """
+    """Configs of tasks that are there, those most like the step first (tool, goal, class); no two of one class."""
     own = job.things[job.step.object]
     kinds = [criterion.type for criterion in job.step.done]
     ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
@@ -209,9 +205,10 @@ def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
         for step in each.task.steps:
             name = step.strategies[0]
             config = each.strategies.get(name, {})
-            if CONSTRAINTS not in config or each.task.name == job.task.name:
-                continue
             asset_class = each.task.objects[step.object].asset_class
+            same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
+            if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
+                continue  # what is designed anew is hidden
             unlike = (
                 (step.tool == HAND) != (job.step.tool == HAND),
                 [criterion.type for criterion in step.done] != kinds,
