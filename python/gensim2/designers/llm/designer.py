@@ -5,69 +5,31 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
 
 from gensim2.designers.base import Brief, Candidate, CandidateResult, Declined, Strategies
 from gensim2.designers.llm.conversations import Conversations, Dropped
 from gensim2.designers.llm.ledger import BudgetSpent
 from gensim2.designers.llm.model import Model
-from gensim2.designers.llm.questions import Picture
+from gensim2.designers.llm.solutions import Asking, Solutions, Views, in_words, tried_of
 from gensim2.designers.llm.stages import code as code_stage
 from gensim2.designers.llm.stages import composition, decomposition, proposal, solving
 from gensim2.designers.llm.stages.proposal import Wish
-from gensim2.designers.llm.stages.solving import Config, Job, Sight
+from gensim2.designers.llm.stages.solving import Config, Job
 from gensim2.designers.llm.templating import Prompts
 from gensim2.designers.llm.world import World
 from gensim2.robots import robot
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
-Mode = Literal["explore", "topdown", "bottomup"]
-
 #: Proposals in a row that come to nothing before no more are asked for.
 MOST_FAILURES = 5
-
-#: Configs of a step that are shown, with how they fared, when better ones are asked for.
-SHOWN_TRIED = 3
 
 GRASPS: Strategies = {
     "grasp": {"grasp": "antipodal"},
     "grasp_from_any_side": {"grasp": "antipodal", "tilt": 1.6, "candidates": 60},
 }
 """How a rigid object is taken up: by rule, as the paper's ``grasp``."""
-
-
-class Views(Protocol):
-    """Draws what a model is shown."""
-
-    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture | None:
-        """The scene with the arm at the actuation pose that the strategies of ``step`` lead to; None: there is none."""
-        ...
-
-
-@dataclass(frozen=True)
-class Asking:
-    """How a model's designs are asked for.
-
-    Attributes:
-        mode: ``"explore"``: tasks of one motion; ``"topdown"``: long tasks, taken apart; ``"bottomup"``: long tasks, put
-            together from verified ones.
-        target_task: propose this task; None: any.
-        target_object: propose tasks on this class; None: any.
-        trials: configs of a step that are asked for at once.
-        max_rounds: answers to a question before it is dropped, and rounds of better configs after physics.
-        visual: show pictures.
-        code: ask for each task as code, too.
-    """
-
-    mode: Mode = "explore"
-    target_task: str | None = None
-    target_object: str | None = None
-    trials: int = 3
-    max_rounds: int = 3
-    visual: bool = False
-    code: bool = False
 
 
 class LLMDesigner:
@@ -84,8 +46,9 @@ class LLMDesigner:
     def __init__(
         self, model: Model, prompts: Prompts, asking: Asking, robot_name: str = "panda", views: Views | None = None
     ) -> None:
-        self.model, self.prompts, self.asking, self.views = model, prompts, asking, views
+        self.model, self.prompts, self.asking = model, prompts, asking
         self.talk = Conversations(model, prompts, asking.max_rounds)
+        self._solutions = Solutions(self.talk, asking, views)
         self._profile = robot(robot_name)
         self._proposed: list[TaskSpec] = []
         self._skills: dict[str, Mapping[str, Strategies]] = {}
@@ -147,7 +110,7 @@ class LLMDesigner:
         jobs = [self._job(task, step, brief) for step in task.steps if step.name not in fixed]
         try:
             with ThreadPoolExecutor(max_workers=self.model.options.concurrency) as pool:
-                designed = list(pool.map(lambda job: self._configs(job, brief, fixed), jobs))
+                designed = list(pool.map(lambda job: self._solutions.configs(job, brief, fixed), jobs))
         except (Dropped, BudgetSpent) as error:
             raise Declined(str(error)) from error
         ways = {job.step.name: found for job, found in zip(jobs, designed, strict=True)}
@@ -172,7 +135,7 @@ class LLMDesigner:
         if step is None:
             return []
         name = step.strategies[0]
-        tried = _tried(step, [each for each in results if name in each.candidate.steps[step.name]])
+        tried = tried_of(step, [each for each in results if name in each.candidate.steps[step.name]])
         ask = solving.regeneration(self.prompts, self._job(task, step, brief), tried, self.asking.trials, round)
         try:
             found, _ = self.talk.ask(ask)
@@ -242,46 +205,6 @@ class LLMDesigner:
     def _job(self, task: TaskSpec, step: Step, brief: Brief) -> Job:
         return Job(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
 
-    def _configs(self, job: Job, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
-        """Both stages of the solver for one step."""
-        sight = self._sight(job)
-        found, _ = self.talk.ask(solving.constraints(self.prompts, job, brief.known, sight))
-        sight = self._with_actuation(job, found, fixed, sight)
-        trials, _ = self.talk.ask(solving.motions(self.prompts, job, brief.known, found, self.asking.trials, sight))
-        return trials
-
-    def _sight(self, job: Job) -> Sight:
-        """Pictures of the step's objects, where pictures are wanted and can be had."""
-        if not self.asking.visual:
-            return Sight()
-        captions, pictures = [], []
-        for thing in (job.things[job.step.object], job.held):
-            if thing is not None and thing.picture is not None:
-                captions.append(f"`{thing.asset_class}` as the robot has it before it, its keypoints marked and named")
-                pictures.append(Picture(f"class {thing.asset_class}", thing.picture))
-        return Sight(tuple(captions), tuple(pictures))
-
-    def _with_actuation(
-        self, job: Job, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: Sight
-    ) -> Sight:
-        """With the actuation pose that the constraints of stage 1 lead to."""
-        if not self.asking.visual or self.views is None:
-            return sight
-        fingers = "closed" if job.held is None else "release"
-        name = job.step.strategies[0]
-        config = {
-            "constraint_list": constraint_list,
-            "pre_actuation_motions": [["translate_z", -0.08]],
-            "gripper": fingers,
-        }
-        picture = self.views.actuation(job.task, {**fixed, job.step.name: {name: config}}, job.step.name)
-        if picture is None:
-            return sight
-        caption = (
-            "the arm at the actuation pose that the constraints below lead to; red, green, blue: x, y, z of the base"
-        )
-        return Sight((*sight.captions, caption), (*sight.pictures, picture))
-
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """The step whose config is to be written anew: the one that failed, else the last that the model wrote."""
         own = [step for step in task.steps if self._fixed(task, step) is None]
@@ -289,38 +212,8 @@ class LLMDesigner:
         return next((step for step in own if step.name in blamed), own[-1] if own else None)
 
     def _candidate(self, label: str, steps: Mapping[str, Strategies], written: Mapping[str, Config]) -> Candidate:
-        ways = "; ".join(
-            f"{name}: {_in_words(config)}" if len(steps) > 1 else _in_words(config) for name, config in written.items()
-        )
-        return Candidate(
-            f"{label}: {ways}"[:400], {name: dict(each) for name, each in steps.items()}, {"by": self.name}
-        )
-
-
-def _tried(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
-    """The best configs of a step so far, each with how it fared."""
-    name = step.strategies[0]
-    found: list[solving.Tried] = []
-    for result in results:
-        config = result.candidate.steps[step.name][name]
-        if len(found) == SHOWN_TRIED or any(each.config == config for each in found):
-            continue
-        told = f"Planned on {result.plan_score:.0%} of the scenes."
-        if result.episodes:
-            told += f" In physics it held in {result.held:.0f} of {result.episodes} episodes."
-        words = tuple(str(each) for each in result.diagnoses if each.step in (None, step.name))
-        found.append(solving.Tried(config, told, words))
-    return found
-
-
-def _in_words(config: Config) -> str:
-    """What a config does, in one phrase."""
-    contact = next((each for each in config["constraint_list"] if "target_keypoint_name" in each), {})
-    motions = [
-        " ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in motion)
-        if isinstance(motion, list)
-        else str(motion)
-        for motion in config.get("post_actuation_motions", [])
-    ]
-    target = str(contact.get("target_keypoint_name", "")).removeprefix("articulated_object_")
-    return f"{config.get('gripper', 'open')} at {target}" + (f", {', '.join(motions)}" if motions else "")
+        told = [
+            f"{name}: {in_words(config)}" if len(steps) > 1 else in_words(config) for name, config in written.items()
+        ]
+        ways = {name: dict(each) for name, each in steps.items()}
+        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name})

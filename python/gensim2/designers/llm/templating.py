@@ -67,7 +67,7 @@ class Prompts:
         """Good and bad tasks, each with its reason."""
         return parse_yaml(self._texts[BANK].encode(), BANK)
 
-    def text(self, name: str, **values: Any) -> str:
+    def text(self, prompt: str, /, **values: Any) -> str:
         """A prompt with its values filled in.
 
         Raises:
@@ -76,10 +76,10 @@ class Prompts:
         import jinja2
 
         try:
-            template: Template = self._environment.get_template(name + SUFFIX)
+            template: Template = self._environment.get_template(prompt + SUFFIX)
             return template.render(**values).strip() + "\n"
         except jinja2.TemplateError as error:
-            file = (self._folder or Path("prompts")) / (name + SUFFIX)
+            file = (self._folder or Path("prompts")) / (prompt + SUFFIX)
             raise InputError(f"cannot be filled in: {error}", file=file) from error
 
 
