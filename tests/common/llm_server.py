@@ -1,7 +1,7 @@
 """A server on loopback that speaks the OpenAI protocol, with answers from a script and with faults on demand.
 
-A fake, for tests: no model stands behind it. What it checks of requests is real: paths, fields, and that pictures come as
-data URLs that decode.
+A fake, for tests: no model stands behind it. What it checks of requests is real: paths, fields, and that pictures come
+as data URLs that decode.
 """
 
 from __future__ import annotations

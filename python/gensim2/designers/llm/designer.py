@@ -82,7 +82,7 @@ class LLMDesigner:
         for number in itertools.count():
             if failures == MOST_FAILURES:
                 self._notes.append(
-                    f"{failures} proposals of the model in a row came to nothing; no more were asked for"
+                    f"{failures} proposals in a row came to nothing; no more were asked for"
                 )
                 return
             try:

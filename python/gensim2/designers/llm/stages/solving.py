@@ -81,13 +81,13 @@ class Job:
     def problems(self, config: Mapping[str, Any]) -> list[str]:
         """What is wrong with a whole config for this step."""
         found = configs.problems_of_config(config)
-        if not found:
-            found = configs.problems_of_names(self.task, self.step, config, self.things, self.profile)
         gripper = config.get("gripper", "open")
         if not found and self.held is not None and gripper not in ("hold", "release"):
             found = [f"gripper: the hand holds {self.held.asset_class}; use release (or hold), not {gripper}"]
         if not found and self.held is None and gripper in ("hold", "release"):
             found = [f"gripper: nothing is held; use open, closed or grasp, not {gripper}"]
+        if not found:
+            found = configs.problems_of_names(self.task, self.step, config, self.things, self.profile)
         return found
 
 
