@@ -4,6 +4,7 @@ from gensim2.designers.llm.designer import LLMDesigner
 from gensim2.designers.llm.model import Model
 from gensim2.designers.llm.options import ModelOptions, model_options
 from gensim2.designers.llm.solutions import Asking, Mode, Views
+from gensim2.designers.llm.store import AnswerStore
 from gensim2.designers.llm.templating import Prompts
 
-__all__ = ["Asking", "LLMDesigner", "Mode", "Model", "ModelOptions", "Prompts", "Views", "model_options"]
+__all__ = ["AnswerStore", "Asking", "LLMDesigner", "Mode", "Model", "ModelOptions", "Prompts", "Views", "model_options"]

@@ -76,12 +76,16 @@ class Conversations:
         model: who is asked.
         prompts: in which words.
         max_rounds: answers to one question before it is dropped.
+
+    Attributes:
+        seed: of the run: runs with other seeds get other answers to the same questions.
+        log: of what was asked.
     """
 
     def __init__(self, model: Model, prompts: Prompts, max_rounds: int) -> None:
         self.model, self.prompts, self.max_rounds = model, prompts, max_rounds
+        self.seed = 0
         self.log = Log()
-        self.dropped = 0
 
     def open(self, folder: Path) -> None:
         """Keep everything in the run folder ``folder``."""
@@ -97,10 +101,10 @@ class Conversations:
             ModelError: the endpoint gives no answer.
         """
         first = (Message("system", self.prompts.text("system")), Message("user", ask.prompt, ask.pictures))
-        question = Question(ask.stage, ask.subject or ask.about, first, ask.schema, ask.sample)
+        start = Question(ask.stage, ask.subject or ask.about, first, ask.schema, (self.seed, ask.sample))
+        question = start
         turns: list[TurnRecord] = []
-        start = question
-        for _ in range(self.max_rounds):
+        for number in range(1, self.max_rounds + 1):
             answer = self.model.answer(question)
             digest = self.model.digest(question)
             try:
@@ -113,10 +117,10 @@ class Conversations:
                 self.log.add(record)
                 return value, record
             shown = answer.text if len(answer.text) <= SHOWN_AGAIN else f"{answer.text[:SHOWN_AGAIN]} ..."
-            question = start.followed_by(shown or "(nothing)", self.prompts.text("correction", problems=problems))
+            reply = self.prompts.text("correction", problems=problems)
+            question = start.followed_by(shown or "(nothing)", reply, number)
         reason = f"{len(turns)} answers could not be used; the last: {'; '.join(turns[-1].problems)}"
         self.log.add(self._record(ask, turns, reason))
-        self.dropped += 1
         raise Dropped(f"{ask.stage}{f' ({ask.about})' if ask.about else ''}: {reason}")
 
     @staticmethod

@@ -77,13 +77,12 @@ class LLMDesigner:
 
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
         """Yield what the model proposes, one after the other, until it has nothing more that can be used."""
+        self.talk.seed = seed
         refused: list[str] = []
         failures = 0
         for number in itertools.count():
             if failures == MOST_FAILURES:
-                self._notes.append(
-                    f"{failures} proposals in a row came to nothing; no more were asked for"
-                )
+                self._notes.append(f"{failures} proposals in a row came to nothing; no more were asked for")
                 return
             try:
                 task = self._proposal(brief, number, refused)
@@ -106,6 +105,7 @@ class LLMDesigner:
         Raises:
             Declined: the model's answers cannot be used, or the budget is spent.
         """
+        self.talk.seed = seed
         fixed = {step.name: found for step in task.steps if (found := self._fixed(task, step)) is not None}
         jobs = [self._job(task, step, brief) for step in task.steps if step.name not in fixed]
         try:
@@ -134,6 +134,7 @@ class LLMDesigner:
         step = self._to_blame(task, results[0])
         if step is None:
             return []
+        self.talk.seed = seed
         name = step.strategies[0]
         tried = tried_of(step, [each for each in results if name in each.candidate.steps[step.name]])
         ask = solving.regeneration(self.prompts, self._job(task, step, brief), tried, self.asking.trials, round)
@@ -152,7 +153,7 @@ class LLMDesigner:
 
     def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
         """One proposal; None where the model itself finds it bad."""
-        world = World.of(brief)
+        world = World.of(brief, articulated_only=self.asking.mode == "explore")
         world = replace(world, known=tuple({task.name: task for task in (*world.known, *self._proposed)}.values()))
         wish = Wish(self.asking.mode == "topdown", self.asking.target_task, self.asking.target_object)
         if self.asking.mode == "bottomup":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from gensim2.designers.llm.client import Client, estimated_tokens
 from gensim2.designers.llm.ledger import BudgetSpent, Ledger
@@ -18,6 +20,7 @@ class Model:
     Args:
         options: which model, and how it is asked.
         prompts: digest of the prompts, for the record.
+        asking: what is asked for, for the record.
         cache: folder of answers that all runs share; None: there is none.
         record: folder that gets every answer of the run beside the run's own; None: there is none.
         replay: folder that all answers come from, and no model is asked; None: one is.
@@ -31,24 +34,29 @@ class Model:
         self,
         options: ModelOptions,
         prompts: str = "",
+        asking: Mapping[str, Any] | None = None,
         *,
         cache: Path | None = None,
         record: Path | None = None,
         replay: Path | None = None,
     ) -> None:
-        self.options, self.prompts = options, prompts
+        self.options = options
         self.ledger = Ledger(options.budget)
         self._replay = AnswerStore(replay) if replay is not None else None
         self._record = AnswerStore(record) if record is not None else None
         self._cache = AnswerStore(cache) if cache is not None and replay is None else None
         self._run: AnswerStore | None = None
         self._client = Client(options) if replay is None else None
-        self._model_record = ModelRecord.of(options, prompts)
+        self._model_record = ModelRecord.of(options, prompts, asking or {})
         if self._record is not None:
             self._record.write_model(self._model_record)
 
     def open(self, folder: Path) -> None:
-        """Keep answers in ``folder``, and take from there what an earlier call of the run has asked."""
+        """Keep answers in ``folder``, and take from there what an earlier call of the run has asked.
+
+        Raises:
+            InputError: that call asked another model, or for something else.
+        """
         self._run = AnswerStore(folder)
         self._run.write_model(self._model_record)
 

@@ -28,7 +28,6 @@ class ModelOptions(BaseModel):
         timeout: seconds for one try of one answer, from the first byte sent to the last received.
         retries: further tries of a question after a failure of the endpoint or of the network.
         concurrency: questions under way at once.
-        max_rounds: answers to one question, the first and those after complaints, before it is dropped.
         price_in, price_out: USD for a million tokens of questions and of answers; None: nobody knows.
         budget: USD that a run may spend; None: any amount.
         structured: whether answers are asked for by a JSON schema; ``"auto"``: until the endpoint refuses one.
@@ -44,7 +43,6 @@ class ModelOptions(BaseModel):
     timeout: Annotated[float, Field(gt=0, le=3600)] = 120.0
     retries: Annotated[int, Field(ge=0, le=20)] = 4
     concurrency: Annotated[int, Field(ge=1, le=64)] = 4
-    max_rounds: Annotated[int, Field(ge=1, le=20)] = 3
     price_in: Price | None = None
     price_out: Price | None = None
     budget: Annotated[float, Field(gt=0, le=1e6)] | None = None

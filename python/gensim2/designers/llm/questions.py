@@ -41,25 +41,26 @@ class Question:
         subject: the task or class that it is about, for people.
         messages: so far.
         schema: JSON schema of the answer, for endpoints that keep to one.
-        sample: number of this question among equal ones, each of which is to have an answer of its own.
+        sample: tells equal questions apart that are to have answers of their own: the run's seed, the number of the
+            proposal, the round of complaints.
     """
 
     stage: str
     subject: str
     messages: tuple[Message, ...]
     schema: dict[str, Any]
-    sample: int = 0
+    sample: tuple[int, ...] = ()
 
     def digest(self, model: str, temperature: float | None, max_tokens: int) -> str:
         """Hex digest of all that the answer follows from: equal questions, equal digests."""
         said = [[m.role, m.text, [picture.of for picture in m.pictures]] for m in self.messages]
-        content = [model, temperature, max_tokens, self.stage, self.sample, said]
+        content = [model, temperature, max_tokens, self.stage, list(self.sample), said]
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
 
-    def followed_by(self, answer: str, reply: str) -> Question:
-        """The question after an answer that was replied to."""
+    def followed_by(self, answer: str, reply: str, round: int) -> Question:
+        """The question after an answer that was replied to; ``round`` tells it from one in which the same was said."""
         said = (Message("assistant", answer), Message("user", reply))
-        return replace(self, messages=(*self.messages, *said))
+        return replace(self, messages=(*self.messages, *said), sample=(*self.sample, round))
 
 
 @dataclass(frozen=True)

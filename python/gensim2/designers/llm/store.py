@@ -32,25 +32,35 @@ _R = TypeVar("_R", bound=_Record)
 
 
 class ModelRecord(_Record):
-    """``model.json``: what of the options answers follow from, and what a replay's costs follow from."""
+    """``model.json``: what questions and answers follow from, and what a replay's costs follow from.
+
+    Attributes:
+        model, temperature, max_tokens, price_in, price_out, budget: as of :class:`ModelOptions`.
+        prompts: digest of the prompts.
+        asking: what was asked for, as plain data.
+    """
 
     schema_version: Literal[1] = 1
     model: str
     temperature: float | None
     max_tokens: int
-    max_rounds: int
     price_in: float | None
     price_out: float | None
     budget: float | None
     prompts: str
+    asking: dict[str, Any]
+
+    @property
+    def options(self) -> ModelOptions:
+        """Options of a replay."""
+        shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
+        return ModelOptions(**{name: getattr(self, name) for name in shared})
 
     @staticmethod
-    def of(options: ModelOptions, prompts: str) -> ModelRecord:
-        """Of the options, and of the digest of the prompts."""
-        fields = {
-            name: getattr(options, name) for name in ModelRecord.model_fields if name in type(options).model_fields
-        }
-        return ModelRecord(prompts=prompts, **fields)
+    def of(options: ModelOptions, prompts: str, asking: Mapping[str, Any]) -> ModelRecord:
+        """Of the options, of the digest of the prompts, and of what is asked for."""
+        shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
+        return ModelRecord(prompts=prompts, asking=dict(asking), **{name: getattr(options, name) for name in shared})
 
 
 class AnswerRecord(_Record):
@@ -89,7 +99,19 @@ class AnswerStore:
         return _read(self.path / MODEL_JSON, ModelRecord)
 
     def write_model(self, record: ModelRecord) -> None:
-        """Write ``model.json``."""
+        """Write ``model.json``; a folder holds the answers of one model to one kind of questions.
+
+        Raises:
+            InputError: it holds those of another.
+        """
+        path = self.path / MODEL_JSON
+        if path.exists():
+            before = self.model()
+            for name in ("model", "temperature", "max_tokens", "prompts", "asking"):
+                was, now = getattr(before, name), getattr(record, name)
+                if was != now:
+                    remedy = "ask as before, or choose another folder"
+                    raise InputError(f"was begun with {was!r}, not {now!r}", file=path, field=name, remedy=remedy)
         write_json(self.path / MODEL_JSON, record.model_dump())
 
     def get(self, digest: str) -> Answer | None:

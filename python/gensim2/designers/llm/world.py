@@ -35,14 +35,16 @@ class World:
     known: tuple[TaskSpec, ...]
 
     @staticmethod
-    def of(brief: Brief, only: Sequence[str] | None = None) -> World:
-        """Read a brief; ``only``: classes to look at, None: all."""
+    def of(brief: Brief, articulated_only: bool = False) -> World:
+        """Read a brief, in which articulated classes come first; each takes a moment."""
         found: dict[str, Affordance] = {}
-        for name in brief.classes if only is None else only:
+        for name in brief.classes:
             try:
                 found[name] = brief.classes[name]
-            except (InputError, KeyError):
+            except InputError:
                 continue  # the run's notes name it
+            if articulated_only and found[name].kind == "rigid":
+                break
         return World(
             brief.settings,
             {name: each for name, each in found.items() if each.kind == "articulated"},
