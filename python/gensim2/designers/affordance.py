@@ -36,6 +36,7 @@ class Affordance:
             (prismatic); empty of a rigid object.
         joint_type: of the joint; None of a rigid object.
         joint_range: lower and upper limit, rad or m; openness goes from 0 to 1 between them.
+        joint_axis: ``"vertical"`` or ``"level"`` as it stands: a hinge's axis, or the way of what slides.
         default_openness: mean openness at the start of an episode.
         grip_width: metres between the fingertips that hold a rigid object at its narrowest, as it rests.
         picture: makes a PNG of one, as bytes; None where nothing can be drawn.
@@ -51,6 +52,7 @@ class Affordance:
     lever_arms: dict[str, float]
     joint_type: JointType | None = None
     joint_range: tuple[float, float] | None = None
+    joint_axis: Literal["vertical", "level"] | None = None
     default_openness: float | None = None
     grip_width: float | None = None
     picture: Callable[[], bytes] | None = field(default=None, compare=False)
@@ -108,6 +110,7 @@ class Affordance:
                 float(np.mean([each.joint.lower for each in instances])),
                 float(np.mean([each.joint.upper for each in instances])),
             ),
+            joint_axis="vertical" if abs(float((first.placement.rotation @ joint.axis)[2])) > 0.7 else "level",
             default_openness=first.default_openness,
             **common,
         )

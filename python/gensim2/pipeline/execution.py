@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from gensim2.designers import Designer
 from gensim2.designers.base import Brief, Declined, Known, StepStrategies, Strategies, with_strategies
 from gensim2.designers.proposals import goal_of
+from gensim2.errors import InputError
 from gensim2.objects import Library
 from gensim2.pipeline.briefing import Classes, settings_of
 from gensim2.pipeline.demonstrations import collect
@@ -21,7 +23,8 @@ from gensim2.pipeline.tally import Tally
 from gensim2.pipeline.unseen import kept_apart
 from gensim2.pipeline.verification import verify
 from gensim2.progress import Progress
-from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.library import strategies_of
+from gensim2.tasks.spec import Made, Provenance, TaskSpec
 
 #: Proposals put to the search for each task that was asked for, before the run gives up on reaching that number.
 PROPOSALS_PER_TASK = 3
@@ -124,22 +127,31 @@ class Execution:
         begin = self.evaluator.cpu_s
         try:
             found = self._search(task, folder)
-        except Declined as declined:
-            found = str(declined)
-        if isinstance(found, str):
+            if isinstance(found, str):
+                return self._rejected(task, folder, found)
+            ways, effort = found
+            task = _made(with_strategies(task, ways), "all" if kept_apart(self.library, task).search == "all" else "train")
             folder.write_task(task)
-            self.folder.reject(task.name)
-            return found
-        ways, effort = found
-        task = with_strategies(task, ways)
-        folder.write_task(task)
-        strategies = {name: data for own in ways.values() for name, data in own.items()}
-        outcome = self._tested(task, strategies, folder)
-        self._outcomes[-1] = replace(outcome, effort=replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s))
+            strategies = {name: data for own in ways.values() for name, data in own.items()}
+            outcome = self._tested(task, strategies, folder)
+        except Declined as declined:
+            return self._rejected(task, folder, str(declined))
+        except InputError as error:
+            if not _is_no_room(error):
+                raise
+            return self._rejected(task, folder, error.message)
+        effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
+        self._outcomes[-1] = replace(outcome, effort=effort)
         if outcome.kept:
             self._kept.append(task)
             self._known.append(Known(task, strategies, outcome.verification.held, outcome.verification.episodes))
         return None
+
+    def _rejected(self, task: TaskSpec, folder: TaskFolder, reason: str) -> str:
+        folder.write_task(task)
+        self.folder.reject(task.name)
+        self.progress.message(f"{task.name}: rejected: {reason}")
+        return reason
 
     def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
         """The ways that a search found, now or in an earlier call, or why there are none."""
@@ -215,3 +227,17 @@ class Execution:
             )
         )
         return self._outcomes[-1]
+
+
+def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
+    """The task, and that its strategies were found by a search on objects of that word."""
+    origin = "search" if task.provenance is None else task.provenance.origin
+    strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
+    return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})
+
+
+def _is_no_room(error: InputError) -> bool:
+    """Whether a scene's objects found no room, which is the proposal's fault and ends no run."""
+    from gensim2.sim.setup import PlacementError  # here: refusing arguments needs no simulator
+
+    return isinstance(error, PlacementError)

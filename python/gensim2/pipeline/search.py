@@ -63,10 +63,10 @@ class Budget:
         enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
     """
 
-    screen_scenes: int = 4
-    rounds: tuple[tuple[int, int], ...] = ((32, 2), (10, 6))
-    refine_episodes: int = 4
-    comparison: tuple[int, int] = (4, 10)
+    screen_scenes: int = 3
+    rounds: tuple[tuple[int, int], ...] = ((12, 2), (4, 4))
+    refined: tuple[int, int] = (12, 3)
+    comparison: tuple[int, int] = (3, 8)
     most_episodes: int = 40
     enough: float = 0.9
     enough_strict: float = 0.75
@@ -76,12 +76,13 @@ class Budget:
 #: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
 LONG_BUDGET = Budget(
     screen_scenes=2,
-    rounds=((6, 2), (3, 4)),
+    rounds=((4, 2), (2, 4)),
+    refined=(3, 4),
     comparison=(2, 6),
     most_episodes=24,
-    enough=0.75,
+    enough=0.8,
     enough_strict=0.0,
-    enough_episodes=10,
+    enough_episodes=6,
 )
 
 
@@ -144,7 +145,8 @@ class Search:
             planned = [r for r in self._screen(children) if r.plan_score > 0] if children else []
             if not planned:
                 break
-            tried = self._physics(planned, self.budget.refine_episodes, f"refinement {round_index + 1}")
+            count, episodes = self.budget.refined
+            tried = self._physics(planned[:count], episodes, f"refinement {round_index + 1}")
             remember(tried)
             standing = self._sorted([*standing, *tried])
         ranked = [*standing, *self._sorted([r for r in everything.values() if r not in standing])]
@@ -198,12 +200,12 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Give further episodes to those within the noise of the best, until one is ahead or they are called equal."""
+        """Give further episodes to the first few within the noise of the best, until one is ahead or all are equal."""
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:
             ranked = self._sorted(list(known.values()))
-            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)]
+            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)][:count]
             proven = [result for result in leaders if result.episodes >= self.budget.enough_episodes]
             if proven and self._enough(proven[0]):
                 return [proven[0], *(result for result in ranked if result is not proven[0])]

@@ -144,6 +144,19 @@ def load_strategies(name: str) -> dict[str, Strategy]:
     return {strategy: _read(file) for strategy, file in strategy_files(task_folder(name), load_task(name)).items()}
 
 
+@cache
+def shared_strategy(name: str) -> Strategy:
+    """One of the ways that tasks of the package share; not to be changed in place.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    file = next((file for file in (shelf / f"{name}.yaml" for shelf in _shared()) if file.is_file()), None)
+    if file is None:
+        raise InputError(f"no shared strategy {name!r}", field="strategies")
+    return _read(file)
+
+
 def load_task_file(path: Path) -> TaskSpec:
     """The spec in a YAML (or JSON) file, or in the ``task.yaml`` of a folder.
 
