@@ -50,16 +50,32 @@ PROGRAMS = (
     Hostile("delete a file", "import os\nos.remove('{secret}')", "import 'os'"),
     Hostile("rename a file", "from os import rename\nrename('{secret}', '{folder}/gone')", "import from 'os'"),
     Hostile("make a folder", "__import__('os').mkdir('{folder}/deep')", "call of .'mkdir'"),
-    Hostile("follow a symbolic link", "import os\nos.symlink('{secret}', '/tmp/l')\nopen('/tmp/l', 'w')", "import 'os'"),
+    Hostile(
+        "follow a symbolic link", "import os\nos.symlink('{secret}', '/tmp/l')\nopen('/tmp/l', 'w')", "import 'os'"
+    ),
     Hostile("a hard link", "import posix\nposix.link('{secret}', '{folder}/copy')", "import 'posix'"),
     Hostile("make it executable", "import sys\nsys.modules['posix'].chmod('{secret}', 0o777)", "import 'sys'"),
     Hostile("the environment of its parent", "raise ValueError(open('/proc/{parent}/environ').read())", "a raise"),
     Hostile("its own memory by /proc", "f = open('/proc/self/mem', 'r+b')\nf.seek(0)", "assignment outside"),
     Hostile("names in a folder", "import os\nraise ValueError(os.listdir('{folder}'))", "import 'os'"),
-    Hostile("raw calls to open", _RAW + "fd = libc.open(b'{folder}/raw', 0o102, 0o600)\nlibc.write(fd, b'x', 1)", "'ctypes'"),
-    Hostile("rewrite the language itself", "import task_code\nopen(task_code.__file__, 'a').write('#')", "import 'task_code'"),
-    Hostile("write to what is open", "import os\nfor fd in [0, *range(3, 256)]:\n    try: os.write(fd, b'x')\n    except OSError: pass", "'os'"),
-    Hostile("shared memory", _RAW + "raise ValueError(libc.shmget(1, 2**30, 0o1600), libc.memfd_create(b'x', 0))", "'ctypes'"),
+    Hostile(
+        "raw calls to open", _RAW + "fd = libc.open(b'{folder}/raw', 0o102, 0o600)\nlibc.write(fd, b'x', 1)", "'ctypes'"
+    ),
+    Hostile(
+        "rewrite the language itself",
+        "import task_code\nopen(task_code.__file__, 'a').write('#')",
+        "import 'task_code'",
+    ),
+    Hostile(
+        "write to what is open",
+        "import os\nfor fd in [0, *range(3, 256)]:\n    try: os.write(fd, b'x')\n    except OSError: pass",
+        "'os'",
+    ),
+    Hostile(
+        "shared memory",
+        _RAW + "raise ValueError(libc.shmget(1, 2**30, 0o1600), libc.memfd_create(b'x', 0))",
+        "'ctypes'",
+    ),
     # Network
     Hostile("connect", _CONNECT, "'ctypes'", 2),
     Hostile("fetch a page", "import urllib.request as r\nr.urlopen('http://127.0.0.1:{port}')", "'urllib.request'"),
@@ -78,8 +94,16 @@ PROGRAMS = (
     Hostile("what is done at the end", "import atexit, os\natexit.register(os.kill, {parent}, 10)", "'atexit'"),
     # Time, memory, output
     Hostile("endless loop", "while True: pass", "a while"),
-    Hostile("a loop that nothing ends", "while True:\n    try:\n        while True: pass\n    except BaseException: pass", "a while"),
-    Hostile("deaf to the limit", "import signal\nsignal.signal(signal.SIGXCPU, signal.SIG_IGN)\nwhile True: pass", "'signal'"),
+    Hostile(
+        "a loop that nothing ends",
+        "while True:\n    try:\n        while True: pass\n    except BaseException: pass",
+        "a while",
+    ),
+    Hostile(
+        "deaf to the limit",
+        "import signal\nsignal.signal(signal.SIGXCPU, signal.SIG_IGN)\nwhile True: pass",
+        "'signal'",
+    ),
     Hostile("sleep forever", "import time\nwhile True: time.sleep(1000)", "'time'"),
     Hostile("wait for input", "import sys\nwhile not sys.stdin.read(): pass", "'sys'"),
     Hostile("memory bomb", "x = ['x' * 2**20 for _ in iter(int, 1)]", "assignment outside"),
@@ -111,7 +135,9 @@ PROGRAMS = (
         "    if 'wrap_close' in c.__name__: c.__init__.__globals__['system']('touch {folder}/escape')",
         "'__subclasses__'",
     ),
-    Hostile("by a format", "from task_code import Task\nx = '{0.__init__.__globals__}'.format(Task)", "call of .'format'", 2),
+    Hostile(
+        "by a format", "from task_code import Task\nx = '{0.__init__.__globals__}'.format(Task)", "call of .'format'", 2
+    ),
     Hostile("by a decorator", "@print\nclass A: pass", "a decorator", 2),
     Hostile("by a metaclass", "class A(metaclass=print): pass", "derived from Task"),
     Hostile("by letters that look alike", "ｅｘｅｃ('import os; os.remove(\"{secret}\")')", "'exec'"),
@@ -119,11 +145,18 @@ PROGRAMS = (
     Hostile("by the frame above", "import sys\nsys._getframe(1).f_globals['lock'](dict(), b'')", "'sys'"),
     Hostile("by builtins", "__builtins__['eval']('open(\"{secret}\", \"w\")')", "anything but a name"),
     Hostile("by a lambda in a default", "def f(x=(lambda: open('{folder}/new', 'w'))()): pass", "a function"),
-    Hostile("an exception that never ends", "class E(Exception):\n    def __str__(self):\n        while True: pass\nraise E", "a while", 3),
+    Hostile(
+        "an exception that never ends",
+        "class E(Exception):\n    def __str__(self):\n        while True: pass\nraise E",
+        "a while",
+        3,
+    ),
     # Ways out of the box
     Hostile("undo the limits", "import resource as r\nr.setrlimit(r.RLIMIT_AS, (-1, -1))", "'resource'"),
     Hostile("another filter", _RAW + "raise ValueError(libc.prctl(22, 0, 0, 0, 0))", "'ctypes'"),
-    Hostile("namespaces of its own", _RAW + "raise ValueError(libc.unshare(0x10000000), libc.chroot(b'/'))", "'ctypes'"),
+    Hostile(
+        "namespaces of its own", _RAW + "raise ValueError(libc.unshare(0x10000000), libc.chroot(b'/'))", "'ctypes'"
+    ),
     Hostile("mount", _RAW + "raise ValueError(libc.mount(b'/', b'/mnt', None, 4096, None))", "'ctypes'"),
     Hostile("machine code", "import mmap\nmmap.mmap(-1, 4096, prot=7)", "'mmap'"),
     Hostile(
@@ -131,10 +164,14 @@ PROGRAMS = (
         _RAW + "raise ValueError([libc.syscall(n, 0, 0, 0, 0, 0, 0) for n in (425, 321, 250, 323, 310, 438)])",
         "'ctypes'",
     ),
-    Hostile("a pickle for an answer", "import os\nos.write(1, b'\\x80\\x04cos\\nsystem\\n(S\"x\"\\ntR.')\nos._exit(0)", "'os'"),
+    Hostile(
+        "a pickle for an answer",
+        "import os\nos.write(1, b'\\x80\\x04cos\\nsystem\\n(S\"x\"\\ntR.')\nos._exit(0)",
+        "'os'",
+    ),
     Hostile(
         "a forged answer",
-        "import os\nos.write(1, b'{\"task\": {\"name\": \"__class__\", \"objects\": {}}}')\nos._exit(0)",
+        'import os\nos.write(1, b\'{"task": {"name": "__class__", "objects": {}}}\')\nos._exit(0)',
         "'os'",
     ),
 )

@@ -84,7 +84,11 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (('object="safe"', 'object="sofa"'), "invalid", "names an object 'sofa' that is not there"),
         (("-pi / 2", "1 / 0"), "failed", "line 12: ZeroDivisionError"),
         (('"golf_ball"', "1e999"), "invalid", "objects.ball.class"),
-        (("articulated_open(self.safe", "articulated_open(Object('x')"), "failed", "an object is used that was not given"),
+        (
+            ("articulated_open(self.safe", "articulated_open(Object('x')"),
+            "failed",
+            "an object is used that was not given",
+        ),
         (("class FillSafe(Task):", "class FillSafe:"), "refused", "line 5: a class must be derived from Task"),
     ],
 )

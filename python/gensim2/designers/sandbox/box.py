@@ -1,9 +1,9 @@
 """A process that can do nothing but compute and answer: for programs that nobody has read.
 
 Two walls of the operating system, neither of which needs a privilege. The inner one is a seccomp filter that the
-process puts on before it looks at the program (``filter``, ``inside/main.py``), beside limits on time, memory and files.
-The outer one is bubblewrap: namespaces of its own in which there is no network, nobody else's process and no file but
-Python's. The inner one is a must; the outer one is there where bubblewrap is installed and may make namespaces.
+process puts on before it looks at the program (``filter``, ``inside/main.py``), beside limits on time, memory and
+files. The outer one is bubblewrap: namespaces of its own in which there is no network, nobody else's process and no
+file but Python's. The inner one is a must; the outer one is there where bubblewrap is installed and works.
 """
 
 from __future__ import annotations

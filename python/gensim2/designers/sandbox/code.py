@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from gensim2.designers.sandbox.box import Ended, Sandbox, sandbox, to_json_value
 from gensim2.errors import InputError
@@ -48,8 +48,9 @@ def run_task_code(source: str, within: Sandbox | None = None) -> TaskSpec:
     if not isinstance(found, dict) or ended.why is not None or ended.code != 0:
         raise _of_its_end(ended)
     if "task" not in found:
-        kind, problems = found.get("kind"), found.get("problems")
-        known = kind if kind in typing.get_args(Kind) else "failed"
+        kind: Any = found.get("kind")
+        problems = found.get("problems")
+        known: Kind = kind if kind in typing.get_args(Kind) else "failed"
         raise TaskCodeError(known, tuple(map(str, problems)) if isinstance(problems, list) else ("it failed",))
     fields = found["task"]
     if not isinstance(fields, dict):

@@ -61,7 +61,7 @@ def instructions() -> bytes:
     for name in WITHOUT_EXECUTION:
         made.add_rule(pyseccomp.ALLOW, name, pyseccomp.Arg(2, pyseccomp.MASKED_EQ, mmap.PROT_EXEC, 0))
     reading, writing = os.pipe()  # a filter takes hundreds of bytes, a pipe thousands
-    with open(reading, "rb") as result:
-        with open(writing, "wb") as stream:
+    with os.fdopen(reading, "rb") as result:
+        with os.fdopen(writing, "wb") as stream:
             made.export_bpf(stream)
         return result.read()

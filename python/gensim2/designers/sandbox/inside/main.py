@@ -13,11 +13,12 @@ import resource
 import sys
 import traceback
 import types
+from typing import Any
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120 - pathlib takes 10 ms
 
-import allow_list
-import task_code
+import allow_list  # type: ignore[import-not-found]
+import task_code  # type: ignore[import-not-found]
 
 PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_SET_NO_NEW_PRIVS = 1, 22, 38
 SECCOMP_MODE_FILTER, SIGKILL = 2, 9
@@ -32,7 +33,7 @@ class Program(ctypes.Structure):
     _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
 
 
-def lock(limits, instructions):
+def lock(limits: dict[str, int], instructions: bytes) -> None:
     """Give up for good what is not needed.
 
     Args:
@@ -56,7 +57,7 @@ def lock(limits, instructions):
             raise OSError(ctypes.get_errno(), "prctl")
 
 
-def answer(source, checked):
+def answer(source: str, checked: bool) -> dict[str, Any]:
     """What a program comes to, as plain data: ``task``, or ``kind`` and ``problems``."""
     lines = source.splitlines()
     try:
@@ -73,11 +74,11 @@ def answer(source, checked):
     try:
         exec(code, module.__dict__)
         return {"task": task_code.fields_of(the_class(module)())}
-    except BaseException as error:
+    except BaseException as error:  # noqa: BLE001 - whatever a program raises is its answer
         return {"kind": "failed", "problems": [told(error, lines)]}
 
 
-def the_class(module):
+def the_class(module: types.ModuleType) -> type[Any]:
     """The class that the program is about.
 
     Raises:
@@ -89,14 +90,14 @@ def the_class(module):
     raise ValueError("there is no class derived from Task")
 
 
-def told(error, lines):
+def told(error: BaseException, lines: list[str]) -> str:
     """An exception with the line of the program that it comes from."""
     numbers = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "task"]
     where = f"line {numbers[-1]}: " if numbers and numbers[-1] and numbers[-1] <= len(lines) else ""
     return f"{where}{type(error).__name__}: {str(error)[:LONGEST_MESSAGE]}"
 
 
-def main():
+def main() -> None:
     given = json.load(sys.stdin)
     task_code.add_criteria(vars(task_code), given["criteria"])
     lock(given["limits"], base64.b64decode(given["filter"]))

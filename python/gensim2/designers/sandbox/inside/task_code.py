@@ -5,7 +5,9 @@ what must hold at the end (``self.goal``). Criteria are functions called as the 
 :mod:`gensim2.tasks.criteria` are; :func:`add_criteria` makes them. Values are checked by whoever reads the result.
 """
 
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import pi
+from typing import Any
 
 __all__ = ["Object", "Place", "Randomization", "Task", "pi"]
 
@@ -20,9 +22,9 @@ class Fields:
         TypeError: a field is unknown or given twice; names those that there are.
     """
 
-    names = ()
+    names: tuple[str, ...] = ()
 
-    def __init__(self, *values, **named):
+    def __init__(self, *values: Any, **named: Any) -> None:
         self.given = arguments(type(self).__name__, self.names, values, named)
 
 
@@ -42,19 +44,19 @@ class Object(Fields):
     """An object of a class of assets; it is called as the attribute of the task that it is given to."""
 
     names = ("asset_class", "instances", "place", "randomization")
-    name = None
+    name: str | None = None
 
 
 class Task:
     """A task; its ``description`` is what a person would ask for, one phrase in lower case."""
 
     description = ""
-    max_episode_steps = None
+    max_episode_steps: int | None = None
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Do nothing: for those who are used to call it."""
 
-    def __setattr__(self, name, value):
+    def __setattr__(self, name: str, value: Any) -> None:
         """An object takes the name of the attribute that it is given to."""
         if isinstance(value, Object):
             if value.name not in (None, name):
@@ -62,7 +64,9 @@ class Task:
             value.name = name
         object.__setattr__(self, name, value)
 
-    def step(self, name, object, tool=HAND, strategies=None, done=()):
+    def step(
+        self, name: str, object: Any, tool: Any = HAND, strategies: Sequence[str] | None = None, done: Any = ()
+    ) -> None:
         """One actuation pose with its motions.
 
         Args:
@@ -76,22 +80,23 @@ class Task:
         step = {"name": name, "object": object, "tool": tool, "strategies": ways, "done": listed(done)}
         self.__dict__.setdefault("_steps", []).append(step)
 
-    def goal(self, *criteria):
+    def goal(self, *criteria: Any) -> None:
         """What must hold at the end, all of it; without, what the last step's ``done`` says."""
         self.__dict__.setdefault("_goal", []).extend(one for given in criteria for one in listed(given))
 
 
-def listed(value):
+def listed(value: Any) -> list[Any]:
     """A list of it, or the list that it is."""
     return list(value) if isinstance(value, (list, tuple)) else [value]
 
 
-def arguments(function, names, values, named):
+def arguments(function: str, names: Sequence[str], values: Iterable[Any], named: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments by name, as Python binds them; None are left out.
 
     Raises:
         TypeError: one is unknown or given twice.
     """
+    values = list(values)
     takes = f"{function}() takes {', '.join(names)}"
     if len(values) > len(names):
         raise TypeError(f"{takes}; {len(values)} were given")
@@ -105,7 +110,7 @@ def arguments(function, names, values, named):
     return {name: value for name, value in found.items() if value is not None}
 
 
-def add_criteria(namespace, types):
+def add_criteria(namespace: dict[str, Any], types: Mapping[str, Sequence[str]]) -> None:
     """Put a function for each type of criterion into a namespace.
 
     Args:
@@ -117,25 +122,25 @@ def add_criteria(namespace, types):
         namespace["__all__"].append(kind)
 
 
-def criterion(kind, names):
+def criterion(kind: str, names: tuple[str, ...]) -> Callable[..., dict[str, Any]]:
     """The function that makes a criterion of one type."""
 
-    def make(*values, **named):
+    def make(*values: Any, **named: Any) -> dict[str, Any]:
         return {"type": kind, **arguments(kind, names, values, named)}
 
     make.__name__ = kind
     return make
 
 
-def fields_of(task):
+def fields_of(task: Task) -> dict[str, Any]:
     """A task's fields as :func:`gensim2.tasks.parse.parse_task` reads them."""
     members = vars(task)
     objects = {name: value for name, value in members.items() if isinstance(value, Object)}
-    fields = {
+    fields: dict[str, Any] = {
         "schema_version": 2,
         "name": type(task).__name__,
         "description": task.description or (type(task).__doc__ or "").strip(),
-        "objects": {name: plain({"class": None, **_object(value)}) for name, value in objects.items()},
+        "objects": {name: plain(_object(value)) for name, value in objects.items()},
         "steps": plain(members.get("_steps", [])),
     }
     if "_goal" in members:
@@ -145,12 +150,12 @@ def fields_of(task):
     return fields
 
 
-def _object(value):
+def _object(value: Object) -> dict[str, Any]:
     fields = dict(value.given)
     return {"class": fields.pop("asset_class", None), **fields}
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """The same without objects of this module: an object is its name, a value with fields is its fields.
 
     Raises:
