@@ -29,7 +29,6 @@ from gensim2.pipeline.worker import Screened
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.tasks.spec import TaskSpec
 
-
 LEADERS = 1.96
 """Standard errors of the difference within which two candidates are in the noise of each other."""
 

@@ -9,9 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import json_repair
-
-from gensim2.errors import InputError
+from gensim2.errors import InputError, MissingExtraError
 from gensim2.yaml_files import check_finite, parse_yaml
 
 #: Characters of the longest text that data is looked for in; no answer of a stage needs a tenth of it.
@@ -130,6 +128,10 @@ def _read(piece: str) -> Data:
             raise InputError(f"the answer {where}{error.message}") from error
     if _brackets(stripped) > MOST_BRACKETS:
         raise InputError("the answer has too many values inside each other")
+    try:
+        import json_repair  # here: it comes with an extra
+    except ImportError as error:
+        raise MissingExtraError("json_repair", "llm") from error
     try:
         value = json_repair.loads(stripped)
     except (ValueError, RecursionError, IndexError, TypeError) as error:
