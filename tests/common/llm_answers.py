@@ -83,6 +83,13 @@ def config_for(prompt: str) -> dict[str, Any]:
     return load_strategies(task)[strategy]
 
 
+def _call(criterion: dict[str, Any]) -> str:
+    """A criterion as generated code writes it."""
+    given = {name: value for name, value in criterion.items() if name != "type"}
+    words = [f"{name}=self.{value}" if isinstance(value, str) else f"{name}={value}" for name, value in given.items()]
+    return f"{criterion['type']}({', '.join(words)})"
+
+
 class GoodModel:
     """Answers each stage well.
 
@@ -111,6 +118,29 @@ class GoodModel:
     def composition(self, asked: Asked) -> str:
         self._proposed += 1
         return json.dumps(COMPOSED)
+
+    def code(self, asked: Asked) -> str:
+        name = re.findall(r"^Write the class of the task `(\w+)`", asked.prompt, re.MULTILINE)[0]
+        told = yaml.safe_load(asked.prompt.split("## The task")[1].split("## Answer")[0])
+        called = {criterion["type"] for step in told["steps"] for criterion in step["done"]}
+        objects = [f"        self.{role} = Object({found!r})" for role, found in told["objects"].items()]
+        steps = [
+            f"        self.step({step['name']!r}, self.{step['object']}"
+            + ("" if step["tool"] == "hand" else f", tool=self.{step['tool']}")
+            + f", done=[{', '.join(_call(criterion) for criterion in step['done'])}])"
+            for step in told["steps"]
+        ]
+        goal = ", ".join(_call(criterion) for criterion in told["goal"])
+        lines = [
+            f"from task_code import Object, Task, {', '.join(sorted(called))}",
+            f"class {name}(Task):",
+            f"    description = {told['description']!r}",
+            "    def __init__(self):",
+            *objects,
+            *steps,
+            f"        self.goal({goal})",
+        ]
+        return "Here it is.\n```python\n" + "\n".join(lines) + "\n```"
 
     def constraints(self, asked: Asked) -> str:
         return yaml.safe_dump({"constraint_list": config_for(asked.prompt)["constraint_list"]})

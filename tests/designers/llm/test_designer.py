@@ -96,6 +96,25 @@ def test_long_tasks_are_put_together_from_what_is_known(server: ModelServer, bri
     assert "open_drawer_from_inside" in candidate.steps["open"]
 
 
+def test_a_task_comes_by_way_of_code_in_a_sandbox(server: ModelServer, brief: Brief) -> None:
+    from gensim2.designers.sandbox import NoSandboxError, sandbox
+
+    try:
+        sandbox()
+    except NoSandboxError as error:
+        pytest.skip(str(error))
+    model = GoodModel(LONG)
+    hostile = "```python\nimport os\nos.system('touch /tmp/owned')\n```"
+    server.script = lambda asked: hostile if asked.stage == "code" and not asked.again else model(asked)
+    (task,) = proposed(designer(server, mode="topdown", code=True), brief)
+    assert server.stages() == ["proposal", "reflection", "decomposition", "code", "code"]
+    assert "class OpenDrawer(Task)" in server.asked[3].prompt or "class PlaceGolfBall" in server.asked[3].prompt
+    assert "import 'os'" in server.asked[4].last
+    assert [step.strategies[0] for step in task.steps][:2] == ["designed_open", "designed_grasp"]
+    assert task.objects["golf_ball"].place.at == (-0.2, -0.45)
+    assert task.provenance is not None
+
+
 def test_a_wished_task_and_a_wished_object(server: ModelServer, brief: Brief) -> None:
     tasks = proposed(designer(server, target_task="YankBoxOpen"), brief, 5)
     assert [task.name for task in tasks] == ["YankBoxOpen"], "the name is the user's"

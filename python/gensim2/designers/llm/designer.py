@@ -20,7 +20,7 @@ from gensim2.designers.llm.stages.solving import Config, Job
 from gensim2.designers.llm.templating import Prompts
 from gensim2.designers.llm.world import World
 from gensim2.robots import robot
-from gensim2.tasks.spec import HAND, Step, TaskSpec
+from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 
 #: Proposals in a row that come to nothing before no more are asked for.
 MOST_FAILURES = 5
@@ -194,7 +194,13 @@ class LLMDesigner:
             return task
         names = {step.name: step.strategies for step in task.steps}
         steps = tuple(step.model_copy(update={"strategies": names[step.name]}) for step in found.steps)
-        return found.model_copy(update={"steps": steps, "provenance": task.provenance})
+        # Where the code says nothing of an object's place, it stands where it was to stand.
+        placed = dict(zip(found.objects, task.objects.values(), strict=True))
+        objects = {
+            name: placed[name] if thing == ObjectSpec(asset_class=thing.asset_class) else thing
+            for name, thing in found.objects.items()
+        }
+        return found.model_copy(update={"steps": steps, "objects": objects, "provenance": task.provenance})
 
     def _fixed(self, task: TaskSpec, step: Step) -> Strategies | None:
         """How a step is done that nobody is asked about."""

@@ -72,6 +72,7 @@ def read_code(data: Sequence[Data], task: TaskSpec, run: Callable[[str], TaskSpe
 
 def _told(task: TaskSpec) -> dict[str, object]:
     return {
+        "description": task.description,
         "objects": {name: thing.asset_class for name, thing in task.objects.items()},
         "steps": [
             {
