@@ -45,8 +45,6 @@ raise ValueError("went through: " + ", ".join(done))
 """
 #: What bubblewrap's complaint means on Ubuntu from 23.10 on, and in containers.
 _FORBIDDEN = "; it may make no namespaces: on Ubuntu give it an AppArmor profile (docs/sandbox.md)"
-    "; this system lets no ordinary program make namespaces: on Ubuntu give bwrap an AppArmor profile (docs/sandbox.md)"
-)
 _NOTHING_WENT_THROUGH = "ValueError: went through: "
 
 
@@ -69,7 +67,7 @@ class Limits:
         answer: bytes of its answer.
     """
 
-    wall_s: float = 10.0
+    wall_s: float = 30.0
     cpu_s: int = 3
     memory: int = 256 * 2**20
     answer: int = 2**20
