@@ -76,6 +76,7 @@ def doctor(assets: str | Path | None = None) -> Diagnosis:
         _simulation,
         vulkan,
         _video,
+        sandbox,
         lambda: _assets(assets),
         _cache,
         _cores,
@@ -101,6 +102,21 @@ def vulkan() -> Check:
         return Check(name, "ok", "software (Mesa)" if device == "cpu" else device)
     lines = probe.stderr.strip().splitlines()
     return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
+
+
+def sandbox() -> Check:
+    """Whether generated task code can be run here, which is tried out, and behind how many walls."""
+    from gensim2.designers.sandbox import NoSandboxError
+    from gensim2.designers.sandbox import sandbox as tried
+
+    try:
+        found = tried()
+    except NoSandboxError as error:
+        return Check(
+            "Sandbox", "limited", "none: generated task code is refused", f"{error.why}; all else works without"
+        )
+    remedy = f"a second wall: {found.without}" if found.without else ""
+    return Check("Sandbox", "ok", found.in_words, remedy)
 
 
 def _python() -> Check:

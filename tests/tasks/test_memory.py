@@ -55,7 +55,8 @@ def test_a_verified_task_is_found_by_its_name_with_where_it_comes_from(memory: M
     assert found.provenance == Provenance(origin="offline", verification=verified())
     assert load_strategies("PutScissorsIntoDrawer") == strategies  # those that the package's tasks share as well
     note = json.loads((folder / ADDED_FILE).read_text())
-    assert note["run"] == "runs/one"
+    assert note["run"] == memory.run_of("PutScissorsIntoDrawer") == "runs/one"
+    assert memory.run_of("OpenDrawer") is None
     assert "added" not in (folder / "task.yaml").read_text()
     assert {path.name for path in memory.folder.iterdir()} == {".lock", "PutScissorsIntoDrawer"}
     with pytest.raises(InputError, match=r"no task of the library is of 'bob'.*offline, paper"):

@@ -9,7 +9,7 @@ import click
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_gallery import gallery
-from gensim2.cli.tasks_memory import export, remove
+from gensim2.cli.tasks_memory import add, export, remove
 
 
 @click.group("tasks")
@@ -17,7 +17,7 @@ def tasks() -> None:
     """The task library."""
 
 
-for command in (gallery, remove, export):
+for command in (gallery, add, remove, export):
     tasks.add_command(command)
 
 
@@ -83,7 +83,8 @@ def _show_list(result: dict[str, Any]) -> None:
 
 def _show_task(task: dict[str, Any]) -> None:
     line(f"{task['name']}: {task['description']}")
-    line(f"{task['type']}, {task['env_id']}, at most {task['max_episode_steps']} control steps")
+    environment = "" if task["env_id"] is None else f"{task['env_id']}, "
+    line(f"{task['type']}, {environment}at most {task['max_episode_steps']} control steps")
     _show_provenance(task)
     line(f"goal: {task['goal']}\n")
     rows = [(thing["name"], thing["class"], thing["place"], thing["randomization"]) for thing in task["objects"]]

@@ -1,7 +1,8 @@
-"""``gensim2 tasks remove`` and ``gensim2 tasks export``."""
+"""``gensim2 tasks add``, ``remove`` and ``export``."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,21 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report
+
+
+@click.command("add", cls=options.Command, short_help="Add what a run kept to your own library.")
+@click.argument("run", type=click.Path(path_type=Path))
+@options.library
+@options.json_file
+def add(run: Path, json_file: str | None) -> None:
+    """Add the tasks that RUN, the folder of a run-pipeline, designed and kept to your own library.
+
+    A task that the library has already, by its name or in other words, is named and left out.
+    """
+    with report(json_file, show_remembered) as (_, give):
+        from gensim2.pipeline.remembering import remember
+
+        give({"schema_version": 1, **asdict(remember(run))})
 
 
 @click.command("remove", cls=options.Command, short_help="Remove a task from your own library.")
@@ -53,6 +69,14 @@ def export(names: tuple[str, ...], origin: str | None, out: Path, json_file: str
         wanted = list(dict.fromkeys(names)) or list(task_names(origin))
         memory.export(wanted, out)
         give({"schema_version": 1, "out": str(out), "exported": wanted})
+
+
+def show_remembered(result: dict[str, Any]) -> None:
+    """Say what was added and what was not."""
+    for name, why in result["left_out"].items():
+        line(f"left out {name}: {why}")
+    if result["added"]:
+        line(f"in your library {result['library']}: {', '.join(result['added'])}")
 
 
 def _show_removed(result: dict[str, Any]) -> None:

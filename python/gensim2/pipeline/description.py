@@ -28,7 +28,7 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         "type": "single-step" if task.is_single_step else "long-horizon",
         "description": task.description,
         **_provenance(task),
-        "env_id": task.env_id,
+        "env_id": task.env_id if task.name in packaged_names() else None,
         "max_episode_steps": task.max_episode_steps,
         "objects": [
             {

@@ -38,22 +38,26 @@ Strategy = dict[str, Any]
 PAPER = "paper"
 """Origin of the suite: what the paper's tables list."""
 
-LIBRARY_VARIABLE = "GENSIM2_LIBRARY"
+LIBRARY_VARIABLE, NO_LIBRARY = "GENSIM2_LIBRARY", "none"
 
 
-def user_library() -> Path:
-    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist."""
-    return Path(os.environ.get(LIBRARY_VARIABLE) or user_data_path("gensim2") / "tasks")
+def user_library() -> Path | None:
+    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist.
+
+    None where the variable says ``none``: nothing is read there and nothing kept.
+    """
+    given = os.environ.get(LIBRARY_VARIABLE)
+    return None if given == NO_LIBRARY else Path(given or user_data_path("gensim2") / "tasks")
 
 
-def _user_shelf() -> Traversable:
-    """The user's own shelf; an archive that ``gensim2 tasks export`` wrote is one that can be read.
+def _user_shelf() -> Traversable | None:
+    """The user's own shelf, if any; an archive that ``gensim2 tasks export`` wrote is one that can be read.
 
     Raises:
         InputError: it is no archive.
     """
     path = user_library()
-    if path.suffix != ".zip" or not path.is_file():
+    if path is None or path.suffix != ".zip" or not path.is_file():
         return path
     try:
         return zipfile.Path(path)
@@ -110,8 +114,9 @@ def task_folder(name: str) -> Traversable:
     for shelf in (_suite, _designed):
         if name in _names_on_shelf(shelf):
             return shelf() / name
-    if name in names_in(_user_shelf()):
-        return _user_shelf() / name
+    own = _user_shelf()
+    if own is not None and name in names_in(own):
+        return own / name
     by_lower = {known.lower(): known for known in task_names()}
     near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
     remedy = f"did you mean {', '.join(near)}?" if near else "gensim2 tasks list names all"
@@ -146,9 +151,9 @@ def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
     return names_in(shelf())
 
 
-def names_in(shelf: Traversable) -> tuple[str, ...]:
+def names_in(shelf: Traversable | None) -> tuple[str, ...]:
     """Names of the tasks that lie in a folder, sorted."""
-    entries = shelf.iterdir() if shelf.is_dir() else ()
+    entries = shelf.iterdir() if shelf is not None and shelf.is_dir() else ()
     return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 

@@ -38,7 +38,7 @@ from gensim2.tasks.library import (
 )
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec, Verified
-from gensim2.yaml_files import dump_yaml
+from gensim2.yaml_files import dump_yaml, read_yaml
 
 ADDED_FILE = "added.json"
 LOCK_FILE = ".lock"
@@ -77,11 +77,41 @@ class Memory:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.folder = user_library() if folder is None else folder
+        self._folder = user_library() if folder is None else folder
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies.
+
+        Raises:
+            InputError: the user wants none, or it is an archive.
+        """
+        if self._folder is None:
+            raise InputError("there is no library of your own", field="library", remedy="give a folder, not none")
+        if self._folder.is_file():
+            raise InputError("is no folder: an archive is only read", file=self._folder, field="library")
+        return self._folder
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is one; it may be empty."""
+        return self._folder is not None
 
     def names(self) -> tuple[str, ...]:
         """Names of its tasks, sorted."""
-        return names_in(self.folder)
+        return names_in(self._folder)
+
+    def run_of(self, name: str) -> str | None:
+        """Folder of the run that a task comes from; None where nobody says, or it is no task of this library.
+
+        Raises:
+            InputError: what was written down when it was added cannot be read.
+        """
+        path = self.folder / name / ADDED_FILE
+        if name not in self.names() or not path.is_file():
+            return None
+        run = read_yaml(path).get("run")
+        return run if isinstance(run, str) else None
 
     def add(
         self,
@@ -128,7 +158,7 @@ class Memory:
         Raises:
             InputError: it is not among the user's own, or cannot be removed.
         """
-        if name not in self.names():
+        if name not in names_in(self.folder):
             if name in packaged_names():
                 raise InputError(f"{name} is part of the package", remedy="only your own tasks can be removed")
             raise InputError(f"there is no task {name!r} in {self.folder}", remedy="gensim2 tasks list names all")

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,12 @@ def test_a_class_becomes_a_task() -> None:
     assert [step.strategies for step in task.steps] == [("open",), ("drop", "throw")]
     assert task.steps[0].done[0].threshold == pytest.approx(0.7)
     assert [criterion.type for criterion in task.success] == ["distance_articulated_rigidbody", "articulated_open"]
+
+
+def test_the_example_in_the_documentation_is_a_task() -> None:
+    text = (Path(__file__).parents[3] / "docs/sandbox.md").read_text()
+    example = text.partition("## The language")[2].partition("```python\n")[2].partition("```")[0]
+    assert run_task_code(example).name == "PutBallIntoDrawer"
 
 
 def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:

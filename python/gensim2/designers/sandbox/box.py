@@ -43,6 +43,8 @@ for name, arguments in acts.items():
         done.append(name)
 raise ValueError("went through: " + ", ".join(done))
 """
+#: What bubblewrap's complaint means on Ubuntu from 23.10 on, and in containers.
+_FORBIDDEN = "; it may make no namespaces: on Ubuntu give it an AppArmor profile (docs/sandbox.md)"
 _NOTHING_WENT_THROUGH = "ValueError: went through: "
 
 
@@ -65,7 +67,7 @@ class Limits:
         answer: bytes of its answer.
     """
 
-    wall_s: float = 10.0
+    wall_s: float = 30.0
     cpu_s: int = 3
     memory: int = 256 * 2**20
     answer: int = 2**20
@@ -110,6 +112,11 @@ class Sandbox:
     bubblewrap: str | None
     limits: Limits = Limits()
     without: str | None = None
+
+    @property
+    def in_words(self) -> str:
+        """Its walls: ``"seccomp inside bubblewrap"``."""
+        return "seccomp" if self.bubblewrap is None else "seccomp inside bubblewrap"
 
     def run(self, source: str, criteria: dict[str, list[str]], *, checked: bool = True) -> Ended:
         """Run a program to its end, by itself or by force.
@@ -184,7 +191,8 @@ def _complaint(tried: Sandbox) -> str:
     """The last line of what bubblewrap says when it cannot make its namespaces."""
     done = subprocess.run(tried._command(), stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     lines = done.stderr.strip().splitlines()
-    return lines[-1] if lines and lines[-1].startswith("bwrap: ") else ""
+    said = lines[-1] if lines and lines[-1].startswith("bwrap: ") else ""
+    return f"{said}{_FORBIDDEN}" if said.endswith(("Permission denied", "Operation not permitted")) else said
 
 
 def _namespaces() -> list[str]:
@@ -237,11 +245,6 @@ def _watched(process: subprocess.Popen[bytes], limits: Limits) -> Ended:
 def _killed(process: subprocess.Popen[bytes], found: bytearray, why: str) -> Ended:
     process.kill()
     return Ended(bytes(found), why, process.wait())
-
-
-def describe(found: Sandbox) -> str:
-    """A sandbox in words."""
-    return "seccomp" if found.bubblewrap is None else f"seccomp inside {Path(found.bubblewrap).name}"
 
 
 def to_json_value(ended: Ended) -> Any:
