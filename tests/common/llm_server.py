@@ -194,8 +194,8 @@ class ModelServer:
 def _asked(body: dict[str, Any]) -> Asked:
     messages = body["messages"]
     assert isinstance(body["model"], str)
-    assert [message["role"] for message in messages[:2]] == ["system", "user"]
-    prompt, pictures = _text_and_pictures(messages[1]["content"])
+    first = next(message for message in messages if message["role"] == "user")
+    prompt, pictures = _text_and_pictures(first["content"])
     last, _ = _text_and_pictures(messages[-1]["content"])
     first_line = prompt.splitlines()[0]
     return Asked(STAGES.get(first_line, first_line), prompt, last, tuple(pictures), body)

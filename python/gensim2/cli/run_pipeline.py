@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import click
 from gensim2.cli import options
 from gensim2.cli.designers import NAMES, designer_of_command, designer_options
 from gensim2.cli.output import line, report, table
+from gensim2.cli.tasks_memory import show_remembered
 
 if TYPE_CHECKING:
     from gensim2.pipeline.setting import Physics
@@ -58,6 +60,7 @@ if TYPE_CHECKING:
 @options.randomization
 @options.robot
 @options.open_loop
+@options.library
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.workers
 @options.time_limit
@@ -79,30 +82,30 @@ def run_pipeline(
     """Propose new tasks, find strategies that solve them, verify them in physics and record demonstrations.
 
     Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
-    run folder. A task is kept if 70 % of at least 20 fresh episodes hold that do not with a still arm, on objects that
-    the search never saw. With a language model the folder also holds every question, its answer and what it cost
-    (docs/pipeline.md).
+    run folder. A task is kept if enough of its fresh episodes hold that do not with a still arm, on objects that the
+    search never saw; it goes into your own library. With a language model the folder also holds every question, its
+    answer and what it cost (docs/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.objects import open_library
         from gensim2.pipeline import run_pipeline as function
+        from gensim2.pipeline.remembering import remember
         from gensim2.pipeline.setting import Circumstances
 
         asked = {name: given.pop(name) for name in NAMES}
         circumstances = Circumstances(open_library(assets).location, physics, robot, randomization=randomization)
         by, target = designer_of_command(designer, target_task, target_object, circumstances, asked)
-        give(
-            function(
-                designer=by,
-                target_task=target,
-                assets=assets,
-                physics=physics,
-                randomization=randomization,
-                robot=robot,
-                progress=progress,
-                **given,
-            ).to_dict()
-        )
+        result = function(
+            designer=by,
+            target_task=target,
+            assets=assets,
+            physics=physics,
+            randomization=randomization,
+            robot=robot,
+            progress=progress,
+            **given,
+        ).to_dict()
+        give({**result, "remembered": asdict(remember(Path(result["run_dir"])))})
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -123,4 +126,5 @@ def _show(result: dict[str, Any]) -> None:
         line(f"rejected {rejected['name']}: {rejected['reason']}")
     for note in result["notes"]:
         line(f"note: {note}")
+    show_remembered(result["remembered"])
     line(f"report: {Path(result['run_dir']) / 'report.html'}")

@@ -25,6 +25,9 @@ from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 #: Proposals in a row that come to nothing before no more are asked for.
 MOST_FAILURES = 5
 
+#: Strategies of a step that are tried one after the other.
+MOST_IN_TURN = 4
+
 GRASPS: Strategies = {
     "grasp": {"grasp": "antipodal"},
     "grasp_from_any_side": {"grasp": "antipodal", "tilt": 1.6, "candidates": 60},
@@ -115,14 +118,20 @@ class LLMDesigner:
             raise Declined(str(error)) from error
         ways = {job.step.name: found for job, found in zip(jobs, designed, strict=True)}
         count = max((len(found) for found in ways.values()), default=1)
+        choices = [
+            (f"trial {n + 1}", {name: [found[n % len(found)]] for name, found in ways.items()}) for n in range(count)
+        ]
+        if not task.is_single_step and count > 1:
+            choices.insert(0, ("all trials in turn", {name: list(found) for name, found in ways.items()}))
         made = []
-        for trial in range(count):
-            chosen = {name: found[trial % len(found)] for name, found in ways.items()}
+        for label, chosen in choices:
             steps = {
-                step.name: dict(fixed[step.name]) if step.name in fixed else {step.strategies[0]: chosen[step.name]}
+                step.name: dict(fixed[step.name])
+                if step.name in fixed
+                else _in_turn(step.strategies[0], chosen[step.name])
                 for step in task.steps
             }
-            made.append(self._candidate(f"trial {trial + 1}", steps, chosen))
+            made.append(self._candidate(label, steps, {name: each[0] for name, each in chosen.items()}))
         return made
 
     def refine(
@@ -146,7 +155,8 @@ class LLMDesigner:
         seen = [result.candidate.steps for result in results]
         children = []
         for number, config in enumerate(found):
-            steps = {**results[0].candidate.steps, step.name: {name: config}}
+            former = [] if task.is_single_step else list(results[0].candidate.steps[step.name].values())
+            steps = {**results[0].candidate.steps, step.name: _in_turn(name, [config, *former])}
             if steps not in seen:
                 children.append(self._candidate(f"round {round + 1}, config {number + 1}", steps, {step.name: config}))
         return children
@@ -215,8 +225,8 @@ class LLMDesigner:
     def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
         """The step whose config is to be written anew: the one that failed, else the last that the model wrote."""
         own = [step for step in task.steps if self._fixed(task, step) is None]
-        blamed = {each.step for each in result.diagnoses}
-        return next((step for step in own if step.name in blamed), own[-1] if own else None)
+        blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
+        return next(blamed, own[-1] if own else None)
 
     def _candidate(self, label: str, steps: Mapping[str, Strategies], written: Mapping[str, Config]) -> Candidate:
         told = [
@@ -224,3 +234,8 @@ class LLMDesigner:
         ]
         ways = {name: dict(each) for name, each in steps.items()}
         return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name})
+
+
+def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
+    """Configs as strategies of a step, in order of preference, the first under ``name``."""
+    return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MOST_IN_TURN])}
