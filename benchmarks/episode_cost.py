@@ -117,7 +117,7 @@ def main() -> None:
     options = parser.parse_args()
     os.sched_setaffinity(0, {options.core})
 
-    single = [name for name in task_names() if load_task(name).is_single_step]
+    single = [name for name in task_names("paper") if load_task(name).is_single_step]
     watch, held, steps, whole = Stopwatch(), 0, 0, 0.0
     names = options.tasks or single
     instrument(watch)

@@ -52,7 +52,7 @@ def main() -> int:
     given = parser.parse_args()
     classes = open_library(given.assets).classes()
     counted, differ, true, cost = 0, 0, 0, [0.0, 0.0]
-    for name in task_names():
+    for name in task_names("paper"):
         if not all(thing.asset_class in classes for thing in load_task(name).objects.values()):
             print(f"{name}: skipped, an object is not there")
             continue

@@ -84,7 +84,7 @@ def good_folder(folder: Path, problems: str) -> None:
         folder: to fill.
         problems: planning problems, one a line.
     """
-    for number, name in enumerate(task_names()):  # each of the library's, for the sake of its fields
+    for number, name in enumerate(task_names("paper")):  # each of the library's, for the sake of its fields
         files = TaskFolder(folder / f"task{number}")
         files.write_task(load_task(name))
         files.write_strategies(load_strategies(name))
@@ -139,7 +139,7 @@ def subjects() -> list[Subject]:
         Subject("episode.h5", inside("episodes/000001.h5"), "binary", _merge),
         Subject("problems.jsonl", "problems.jsonl", "lines", lambda f: read_problems(f / "problems.jsonl"), problems),
     ]
-    for number, name in enumerate(task_names()):
+    for number, name in enumerate(task_names("paper")):
         folder = f"task{number}"
         for file in ("task.yaml", *(f"strategies/{strategy}.yaml" for strategy in load_strategies(name))):
             kind = "task.yaml" if file == "task.yaml" else "strategy"

@@ -40,6 +40,7 @@ VOLATILE = {".lock", "report.html", "errors.log"}
 
 SCRIPT_ENVIRONMENT = {
     **os.environ,
+    "GENSIM2_LIBRARY": "none",
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
 }
 """In which this script runs as a child: its workers import the made-up world."""

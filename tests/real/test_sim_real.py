@@ -15,7 +15,7 @@ from gensim2.tasks.library import task_names
 pytestmark = pytest.mark.real
 
 
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", task_names("paper"))
 def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(name: str, real_assets: Path) -> None:
     lane = Lane(name, assets=real_assets)
     result = still_arm(lane, 1, steps=100)

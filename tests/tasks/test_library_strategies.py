@@ -24,7 +24,7 @@ def evaluator() -> Iterator[PoolEvaluator]:
         yield evaluator
 
 
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", task_names("paper"))
 def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator) -> None:
     strategies = load_strategies(name)
     setting = evaluator.setting(load_task(name), "all")

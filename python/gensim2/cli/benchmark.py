@@ -15,6 +15,8 @@ from gensim2.cli.output import line, report, table
 @click.argument("tasks", nargs=-1)
 @click.option("--runs", type=options.count(1000), default=5, show_default=True, help="Repetitions.")
 @click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task in each run.")
+@options.origin
+@options.library
 @options.seed
 @options.assets
 @options.instances
@@ -45,7 +47,7 @@ from gensim2.cli.output import line, report, table
 @options.resume
 @options.json_file
 def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
-    """Run TASKS (all of the library where none is named) on random scenes, in the paper's protocol.
+    """Run TASKS (the paper's suite, or all of --origin, where none is named) on random scenes, in the paper's protocol.
 
     Three verdicts stand beside each other: paper (what the paper counts), held (true at the end, at rest, and not with
     a still arm) and strict, each with its 95 % interval. The JSON holds every episode, from which the table follows.

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.argument("task")
 @click.option("--episodes", type=options.count(), default=5, show_default=True, help="Demonstrations to record.")
 @options.seed
+@options.library
 @options.assets
 @options.instances
 @options.physics

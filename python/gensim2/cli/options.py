@@ -41,6 +41,21 @@ class Command(click.Command):
         return any(not isinstance(given.get(param.name), str | tuple) for param in needed)
 
 
+def _use_library(ctx: click.Context, _: click.Parameter, folder: str | None) -> None:
+    """Set the variable while the command runs: worker processes inherit it."""
+    if folder is None:
+        return
+    before = os.environ.get("GENSIM2_LIBRARY")
+    os.environ["GENSIM2_LIBRARY"] = folder
+
+    def restore() -> None:
+        os.environ.pop("GENSIM2_LIBRARY")
+        if before is not None:
+            os.environ["GENSIM2_LIBRARY"] = before
+
+    ctx.call_on_close(restore)
+
+
 def count(most: int = 1_000_000) -> click.IntRange:
     """A whole number from 1 to ``most``: what could never end is refused, not begun."""
     return click.IntRange(1, most)
@@ -113,6 +128,22 @@ json_file = click.option(
     metavar="[FILE]",
     help="Write the result as JSON to FILE, the word that follows; where none follows, or it is needed as an argument, "
     "to standard output, and all else to standard error.",
+)
+
+
+origin = click.option(
+    "--origin",
+    metavar="NAME",
+    default=None,
+    help="All tasks of the library that NAME proposed, a designer.  [default: paper, whose suite it is]",
+)
+library = click.option(
+    "--library",
+    metavar="DIR|FILE.zip|none",
+    default=None,
+    expose_value=False,
+    callback=_use_library,
+    help="Your own tasks beside those of the package.  [default: $GENSIM2_LIBRARY, else a folder among your data]",
 )
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 @click.command("solve", cls=options.Command, short_help="Plan the motions of a task.")
 @click.argument("task")
 @options.seed
+@options.library
 @options.assets
 @options.instances
 @options.physics

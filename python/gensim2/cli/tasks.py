@@ -9,6 +9,7 @@ import click
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_gallery import gallery
+from gensim2.cli.tasks_memory import add, export, remove
 
 
 @click.group("tasks")
@@ -16,25 +17,29 @@ def tasks() -> None:
     """The task library."""
 
 
-tasks.add_command(gallery)
+for command in (gallery, add, remove, export):
+    tasks.add_command(command)
 
 
 @tasks.command("list", cls=options.Command)
+@click.option("--origin", metavar="NAME", default=None, help="Only those that NAME proposed: paper, or a designer.")
+@options.library
 @options.json_file
-def list_tasks(json_file: str | None) -> None:
-    """List the tasks of the library."""
+def list_tasks(origin: str | None, json_file: str | None) -> None:
+    """List the tasks of the library: the paper's suite, those that were designed, and your own."""
     with report(json_file, _show_list) as (_, give):
-        from gensim2.tasks.library import load_task, task_names
+        from gensim2.tasks.library import load_task, origin_of, packaged_names, task_names
 
-        specs = [load_task(name) for name in task_names()]
+        specs = [load_task(name) for name in task_names(origin)]
         give(
             {
                 "schema_version": 1,
                 "tasks": [
                     {
                         **spec.model_dump(mode="json"),
-                        "env_id": spec.env_id,
-                        "origin": None if spec.provenance is None else spec.provenance.origin,
+                        "origin": origin_of(spec),
+                        "packaged": spec.name in packaged_names(),
+                        "env_id": spec.env_id if spec.name in packaged_names() else None,
                     }
                     for spec in specs
                 ],
@@ -44,6 +49,7 @@ def list_tasks(json_file: str | None) -> None:
 
 @tasks.command("show", cls=options.Command)
 @click.argument("task")
+@options.library
 @options.json_file
 def show(task: str, json_file: str | None) -> None:
     """Tell everything of TASK, a task of the library or a folder that holds task.yaml and strategies/.
@@ -64,20 +70,22 @@ def _show_list(result: dict[str, Any]) -> None:
     rows = [
         (
             task["name"],
+            f"{task['origin'] or ''}{'' if task['packaged'] else ' (yours)'}",
             ", ".join(dict.fromkeys(thing["class"] for thing in task["objects"].values())),
             len(task["steps"]),
             task["description"],
-            task["env_id"],
+            task["env_id"] or "",
         )
         for task in result["tasks"]
     ]
-    table(("task", "objects", "steps", "what", "environment"), rows)
+    table(("task", "origin", "objects", "steps", "what", "environment"), rows)
 
 
 def _show_task(task: dict[str, Any]) -> None:
     line(f"{task['name']}: {task['description']}")
-    origin = "" if task["origin"] is None else f", origin: {task['origin']}"
-    line(f"{task['type']}, {task['env_id']}, at most {task['max_episode_steps']} control steps{origin}")
+    environment = "" if task["env_id"] is None else f"{task['env_id']}, "
+    line(f"{task['type']}, {environment}at most {task['max_episode_steps']} control steps")
+    _show_provenance(task)
     line(f"goal: {task['goal']}\n")
     rows = [(thing["name"], thing["class"], thing["place"], thing["randomization"]) for thing in task["objects"]]
     table(("object", "class", "stands", "randomization"), rows)
@@ -85,6 +93,16 @@ def _show_task(task: dict[str, Any]) -> None:
     table(("", "step", "acts on", "with", "strategies, in order", "until"), _steps(task["steps"]))
     line("")
     _show_figures(task["figures"])
+
+
+def _show_provenance(task: dict[str, Any]) -> None:
+    if task["origin"] is not None:
+        line(f"proposed by {task['origin']}" + (f", prompts {task['prompts'][:12]}" if task["prompts"] else ""))
+    if (found := task["verification"]) is not None:
+        low, high = found["interval"]
+        objects = ", ".join(f"{count} {name}" for name, count in found["objects"].items())
+        held = f"{found['held']} of {found['episodes']} fresh episodes held ({low:.2f} to {high:.2f})"
+        line(f"verified: {held}, seed {found['seed']}, {found['instances']} objects: {objects}")
 
 
 def _steps(steps: list[dict[str, Any]]) -> list[tuple[object, ...]]:

@@ -14,6 +14,8 @@ from gensim2.cli.output import line, report
 @click.command("gallery", cls=options.Command, short_help="Page with a film of every task.")
 @click.argument("tasks", nargs=-1)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, metavar="DIR", help="The page.")
+@options.origin
+@options.library
 @options.seed
 @options.assets
 @options.physics
@@ -22,7 +24,7 @@ from gensim2.cli.output import line, report
 @options.resume
 @options.json_file
 def gallery(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
-    """Make a page that shows TASKS (all of the library where none is named).
+    """Make a page that shows TASKS (the paper's suite, or all of --origin, where none is named).
 
     Of each task a picture, a short film of an episode that held, its sentence, its steps and its figures; of five
     random episodes the first that holds. What is finished stays: after Ctrl-C the same with --resume goes on.

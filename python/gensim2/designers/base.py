@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from gensim2.objects.types import Instance
+from gensim2.designers.affordance import Affordance
+from gensim2.designers.diagnosis import Diagnosis
+from gensim2.errors import GenSim2Error
 from gensim2.tasks.spec import TaskSpec
 
 Goal = Literal["articulated_open", "articulated_closed"]
@@ -18,48 +21,71 @@ Strategies = dict[str, dict[str, Any]]
 """Strategies by name, as plain data: what stands in ``strategies/<name>.yaml``."""
 
 
+StepStrategies = Mapping[str, Strategies]
+"""For each step of a task its strategies by name, in order of preference."""
+
+
+class Declined(GenSim2Error):
+    """A designer has nothing for a task; the task is rejected with this reason, and the run goes on."""
+
+
 @dataclass(frozen=True)
-class Affordance:
-    """What a designer is told of an object class: no simulator, no geometry beyond what it needs.
+class Settings:
+    """The robot and what is drawn of a scene, as far as a designer needs to know.
 
     Attributes:
-        asset_class: class name.
-        joint_type: ``"revolute"`` or ``"prismatic"``.
-        default_openness: mean openness at the start of an episode.
-        keypoints: name to description, those that every seen instance has on its moving link.
-        lever_arms: name to mean distance in metres from the joint axis (revolute), or zero (prismatic).
+        robot: its name.
+        base: x and y of its base in the world, m; the table's top is at z = 0, x points away from the robot.
+        reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
+        stroke: most that the fingers open, m between the pads.
+        tool_keypoints: name to description.
+        randomization: name of the preset that scenes are drawn with.
+        physics: whose, ``"ours"`` or ``"original"``.
     """
 
-    asset_class: str
-    joint_type: Literal["revolute", "prismatic"]
-    default_openness: float
-    keypoints: dict[str, str]
-    lever_arms: dict[str, float]
-
-    @staticmethod
-    def of(instances: Sequence[Instance]) -> Affordance:
-        """Return what ``instances`` of one class have in common."""
-        first = instances[0]
-        shared = [
-            name
-            for name in first.keypoints
-            if all(
-                name in other.keypoints and other.keypoints[name].link == other.joint.child_link for other in instances
-            )
-        ]
-        return Affordance(
-            asset_class=first.asset_class,
-            joint_type=first.joint.type,
-            default_openness=first.default_openness,
-            keypoints={name: first.keypoints[name].description for name in shared},
-            lever_arms={
-                name: sum(_lever_arm(instance, name) for instance in instances) / len(instances) for name in shared
-            },
-        )
+    robot: str
+    base: tuple[float, float]
+    reach: float
+    stroke: float
+    tool_keypoints: dict[str, str]
+    randomization: str
+    physics: str
 
 
-def _lever_arm(instance: Instance, keypoint: str) -> float:
-    return instance.lever_arm(keypoint) if instance.joint.type == "revolute" else 0.0
+@dataclass(frozen=True)
+class Known:
+    """A task that is there already.
+
+    Attributes:
+        task: its spec.
+        strategies: how its steps are done, by name.
+        held, episodes: of its last verification; zero where nobody says.
+    """
+
+    task: TaskSpec
+    strategies: Strategies
+    held: int = 0
+    episodes: int = 0
+
+
+@dataclass(frozen=True)
+class Brief:
+    """All that a designer is told.
+
+    Attributes:
+        settings: of robot and interface.
+        classes: what each class of objects affords, articulated and rigid, by class name.
+        known: tasks that are there: nothing proposed may repeat one, and long tasks can be made of them. A run adds
+            what it keeps while it goes on, so a designer that yields its proposals one by one can build on them.
+    """
+
+    settings: Settings
+    classes: Mapping[str, Affordance]
+    known: Sequence[Known] = ()
+
+    def of(self, task: TaskSpec) -> dict[str, Affordance]:
+        """What is known of each object of a task, by its name in the task."""
+        return {name: self.classes[thing.asset_class] for name, thing in task.objects.items()}
 
 
 @dataclass(frozen=True)
@@ -68,7 +94,8 @@ class Candidate:
 
     Attributes:
         label: a phrase for the report.
-        steps: for each step of the task its strategies.
+        steps: for each step of the task its strategies by name, in order of preference. The task that is kept names
+            them so, whatever names its proposal had. Steps may share one.
         provenance: how it came about (search parameters, or prompt and answer).
     """
 
@@ -81,6 +108,10 @@ class Candidate:
         """Those of all steps by name, as a task's folder holds them."""
         return {name: data for strategies in self.steps.values() for name, data in strategies.items()}
 
+    def of(self, task: TaskSpec) -> TaskSpec:
+        """The task with its steps' strategies named as here."""
+        return with_strategies(task, self.steps)
+
 
 @dataclass(frozen=True)
 class StageResult:
@@ -92,6 +123,7 @@ class StageResult:
         score: share of them that were planned whole, or held.
         causes: counts of what went wrong.
         strict: share of the episodes that meet the strict verdict as well; 0 where none was run.
+        diagnoses: what went wrong, in words with numbers, the most frequent first.
     """
 
     name: Literal["plan", "physics"]
@@ -99,6 +131,7 @@ class StageResult:
     score: float
     causes: dict[str, int]
     strict: float = 0.0
+    diagnoses: tuple[Diagnosis, ...] = field(default=())
 
 
 @dataclass(frozen=True)
@@ -134,6 +167,11 @@ class CandidateResult:
         return sum(stage.strict * stage.trials for stage in self._physics)
 
     @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """What went wrong in the last stage in which anything did."""
+        return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
+
+    @property
     def _physics(self) -> list[StageResult]:
         return [stage for stage in self.stages if stage.name == "physics"]
 
@@ -145,29 +183,46 @@ class CandidateResult:
 
 
 class Designer(Protocol):
-    """Proposes tasks, writes candidates, and learns from how they fared."""
+    """Proposes tasks, writes candidates, and learns from how they fared.
 
-    name: str
+    Attributes:
+        name: stands in run.json, and as the origin of its tasks.
+        notes: what a reader of the run should know; read when the run ends.
+    """
 
-    def propose(self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int) -> Iterable[TaskSpec]:
-        """Yield new tasks, best first; none repeats the class and goal of a known one."""
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def notes(self) -> Sequence[str]: ...
+
+    def open(self, folder: Path) -> None:
+        """Called once, before anything else, with the run's folder: for records of the designer's own."""
         ...
 
-    def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
-        """Return the first round of candidates for a task whose steps leave their strategies to the designer.
+    def propose(self, brief: Brief, seed: int) -> Iterable[TaskSpec]:
+        """Yield new tasks, best first, of one or several steps and objects; none repeats a known one.
+
+        Their provenance says who proposes them. Their steps name at least one strategy each, which candidates replace.
+        """
+        ...
+
+    def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
+        """Return the first round of candidates for a task.
 
         Raises:
-            InputError: the designer cannot design such a task.
+            Declined: the designer has nothing for it.
         """
         ...
 
     def refine(
-        self,
-        task: TaskSpec,
-        affordance: Affordance,
-        results: Sequence[CandidateResult],
-        seed: int,
-        round: int,
+        self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
         """Return new candidates given how earlier ones fared, best first; an empty list ends the search."""
         ...
+
+
+def with_strategies(task: TaskSpec, ways: StepStrategies) -> TaskSpec:
+    """The task with each step's strategies named as in ``ways``."""
+    steps = tuple(step.model_copy(update={"strategies": tuple(ways[step.name])}) for step in task.steps)
+    return task.model_copy(update={"steps": steps})

@@ -83,7 +83,7 @@ class Manipulation:
         """Return the parameters as plain data."""
         return asdict(self)
 
-    def config(self, task_name: str) -> dict[str, Any]:
+    def config(self) -> dict[str, Any]:
         """Return the solver config as plain data."""
         sign = 1.0 if self.opening else -1.0
         contact: dict[str, Any] = {
@@ -120,8 +120,6 @@ class Manipulation:
                 }
             )
         return {
-            "task_name": task_name,
-            "category_name": "Articulated",
             "tool_keypoint_name_list": ["tool_head", "tool_tail", "tool_side"],
             "object_keypoint_name_list": [self.keypoint],
             "constraint_list": constraints,

@@ -1,190 +1,175 @@
-"""A designer that needs no key: it searches over alignments, keypoints and motions in the joint's own frame.
+"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions; physics says what holds.
 
-It knows nothing of any class. What it tries follows from the joint's type, from which keypoints the moving link has and
-how far they lie from the axis, and from where the joint stands; physics says what holds.
+Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from gensim2 import seeding
-from gensim2.designers import proposals
-from gensim2.designers.base import Affordance, Candidate, CandidateResult
-from gensim2.designers.manipulation import Axis, Direction, Manipulation, Motion
-from gensim2.errors import InputError
-from gensim2.tasks.criteria import ArticulatedOpen
-from gensim2.tasks.spec import TaskSpec
+from gensim2.designers import composition, joint_search, proposals, skills
+from gensim2.designers.affordance import Affordance
+from gensim2.designers.base import Brief, Candidate, CandidateResult, Declined, Strategies
+from gensim2.designers.manipulation import Manipulation
+from gensim2.objects.words import Goal
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen
+from gensim2.tasks.spec import HAND, Step, TaskSpec
 
-#: First-round candidates a task; more are drawn only in refinement.
-FIRST_ROUND = 240
+#: Alignments drawn for a joint beside the rules, at first, and once more where those beside them hold too seldom.
+FIRST_DRAW, SECOND_DRAW = 12, 90
 
 #: How many of the best are varied in a round of refinement, and how often each.
-REFINE_PARENTS = 4
-REFINE_CHILDREN = 6
-REFINE_ROUNDS = 2
+REFINE_PARENTS = 3
+REFINE_CHILDREN = 4
+REFINE_ROUNDS = 3
 
-_HALF = math.sqrt(0.5)
-_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_NAMES = "xyz"
+#: Tasks of one step that are proposed before the first long one, which needs some to be made of.
+FIRST_SINGLE = 12
 
+#: Strategies of one step that is done by several.
+TEAM = 3
 
-def _directions() -> list[Direction]:
-    """Six axes of the joint frame, their twelve diagonals, and three directions that an arm on a table is good at."""
-    found = []
-    for index, axis in enumerate(_AXES):
-        for sign in (1.0, -1.0):
-            vector = (sign * axis[0], sign * axis[1], sign * axis[2])
-            found.append(Direction(f"{'+' if sign > 0 else '-'}{_NAMES[index]}", "joint", vector))
-    for i, j in itertools.combinations(range(3), 2):
-        for a, b in itertools.product((1.0, -1.0), repeat=2):
-            v = [0.0, 0.0, 0.0]
-            v[i], v[j] = a * _HALF, b * _HALF
-            name = f"{'+' if a > 0 else '-'}{_NAMES[i]}{'+' if b > 0 else '-'}{_NAMES[j]}"
-            found.append(Direction(name, "joint", (v[0], v[1], v[2])))
-    found.append(Direction("straight down", "world", (0.0, 0.0, -1.0)))
-    found.append(Direction("forward and down", "world", (_HALF, 0.0, -_HALF)))
-    found.append(Direction("forward", "world", (1.0, 0.0, 0.0)))
-    return found
-
-
-DIRECTIONS = tuple(_directions())
-
-
-def _pushes_from_the_wrong_side(direction: Direction, opening: bool) -> bool:
-    """True where the fingers would point against the motion, so the palm would have to pass through the part."""
-    along = direction.vector[1] if direction.frame == "joint" else 0.0
-    return (along if opening else -along) < -0.5
+OPENING: dict[Goal, bool] = {
+    "articulated_open": True,
+    "half_open": True,
+    "articulated_closed": False,
+    "half_closed": False,
+}
 
 
 class OfflineDesigner:
     """Proposes what the library lacks and searches for how to do it."""
 
     name = "offline"
+    notes: Sequence[str] = ()
 
-    def propose(self, affordances: Iterable[Affordance], known: Sequence[TaskSpec], seed: int) -> Iterator[TaskSpec]:
-        """Yield tasks that ``known`` lacks, in the order in which the affordances come."""
-        return proposals.propose(affordances, known)
+    def open(self, folder: Path) -> None:
+        """It keeps no records of its own."""
 
-    def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
-        """Return the first round: every alignment, thinned by a seeded draw where there are too many."""
-        if proposals.affordance_of(task) is None:
-            raise InputError(
-                f"{task.name} is not one step that opens or closes one joint",
-                field="target_task",
-                remedy="the offline designer designs such tasks only",
-            )
-        opening = isinstance(task.success[0], ArticulatedOpen)
-        manipulations = list(self._grid(affordance, opening))
-        if len(manipulations) > FIRST_ROUND:
-            generator = seeding.rng(seed, f"{task.name}/candidates")
-            chosen = sorted(generator.choice(len(manipulations), FIRST_ROUND, replace=False).tolist())
-            manipulations = [manipulations[index] for index in chosen]
-        return [self._candidate(task, manipulation) for manipulation in manipulations]
+    def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
+        """Yield tasks of one step, and soon in turn with them such as can be made of what is known by then."""
+        known = [each.task for each in brief.known]
+        single = proposals.propose(brief.classes, known, brief.settings.stroke)
+        yield from itertools.islice(single, FIRST_SINGLE)
+        long = composition.propose(brief)
+        for pair in itertools.zip_longest(single, long):
+            yield from (task for task in pair if task is not None)
+
+    def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
+        """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""
+        if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
+            step, thing = task.steps[0], brief.classes[goal[0]]
+            rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
+            teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
+            alone = [_rules(step, {name: data}) for name, data in rules.items()]
+            return [*teams, *alone, *_drawn(task, thing, goal[1], FIRST_DRAW, seed)]
+        ways = {step.name: self._ways(task, step, brief) for step in task.steps}
+        return _orders(ways)
 
     def refine(
-        self,
-        task: TaskSpec,
-        affordance: Affordance,
-        results: Sequence[CandidateResult],
-        seed: int,
-        round: int,
+        self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Vary the offsets, the reach and the tolerance of the best so far."""
+        """Put the best together, vary those that were drawn; where nothing held, draw more."""
         if round >= REFINE_ROUNDS:
             return []
-        generator = seeding.rng(seed, f"{task.name}/refine", round)
         seen = {str(result.candidate.steps) for result in results}
-        children: list[Candidate] = []
-        for result in results[:REFINE_PARENTS]:
-            parent = manipulation_from(result.candidate.provenance)
+        if not task.is_single_step or (goal := proposals.joint_goal(task)) is None:
+            return [each for each in _reordered(results) if str(each.steps) not in seen]
+        found = [_team(task.steps[0], group) for group in _groups(results)]
+        generator = seeding.rng(seed, f"{task.name}/refine", round)
+        halfway = goal[1].startswith("half")
+        drawn = [result for result in results if "approach" in result.candidate.provenance and result.held]
+        parents = drawn[:REFINE_PARENTS]
+        for parent in parents:
+            manipulation = joint_search.manipulation_from(parent.candidate.provenance)
             for _ in range(REFINE_CHILDREN):
-                step = 1.0 if parent.opening else -1.0
-                child = replace(
-                    parent,
-                    behind=round_to(max(0.0, parent.behind + generator.uniform(-0.02, 0.03))),
-                    inset=round_to(max(-0.01, parent.inset + generator.uniform(-0.02, 0.03))),
-                    retreat=round_to(min(0.16, max(0.05, parent.retreat + generator.uniform(-0.04, 0.04)))),
-                    goal_openness=round_to(parent.goal_openness + step * generator.uniform(-0.1, 0.2), 0.05),
-                    tolerance=float(generator.choice([0.05, 0.15, 0.3, 0.5])),
-                    motion="trace_joint_to" if generator.random() < 0.3 else parent.motion,
+                found.append(_candidate(task, joint_search.vary(manipulation, halfway, generator)))
+        if round == 0:
+            found += _drawn(task, brief.classes[goal[0]], goal[1], SECOND_DRAW, seed + 1)
+        return list({str(each.steps): each for each in found if str(each.steps) not in seen}.values())
+
+    @staticmethod
+    def _ways(task: TaskSpec, step: Step, brief: Brief) -> Strategies:
+        """What is known of how to do one step of a long task."""
+        things = brief.of(task)
+        thing = things[step.object]
+        if step.tool == HAND and thing.kind == "rigid":
+            return skills.grasps()
+        if step.tool != HAND and things[step.tool].kind == "rigid":
+            held = things[step.tool]
+            if thing.kind == "rigid":
+                return skills.places_on(thing, held)
+            if thing.is_container:
+                return skills.places_in(thing, held)
+        for criterion in step.done:
+            if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
+                return composition.piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
+                    thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
                 )
-                candidate = self._candidate(task, child)
-                if str(candidate.steps) not in seen:
-                    seen.add(str(candidate.steps))
-                    children.append(candidate)
-        return children
-
-    def _grid(self, affordance: Affordance, opening: bool) -> Iterator[Manipulation]:
-        reach = 1.05 if opening else -0.1
-        longest = max(affordance.lever_arms.values(), default=0.0)
-        for keypoint in affordance.keypoints:
-            if longest and affordance.lever_arms[keypoint] < 0.3 * longest:
-                continue  # too near the hinge to move it
-            for direction in DIRECTIONS:
-                yield from self._pushes(keypoint, direction, opening, reach)
-                yield from self._grasps(keypoint, direction, opening, reach)
-
-    @staticmethod
-    def _pushes(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-        """Closed fingers, which are nearly round: their roll is left to the solver."""
-        if _pushes_from_the_wrong_side(direction, opening):
-            return
-        motions: tuple[Motion, ...] = ("follow_joint_to", "trace_joint_to")
-        for (behind, inset), motion in itertools.product(((0.0, 0.0), (0.03, 0.0), (0.03, 0.03)), motions):
-            yield Manipulation(
-                keypoint=keypoint,
-                gripper="closed",
-                approach=direction,
-                roll=None,
-                behind=behind,
-                inset=inset,
-                retreat=0.1,
-                motion=motion,
-                goal_openness=goal,
-                tolerance=0.3,
-                opening=opening,
-            )
-
-    @staticmethod
-    def _grasps(keypoint: str, direction: Direction, opening: bool, goal: float) -> Iterator[Manipulation]:
-        """Fingers that close across one axis of the joint frame: without it they would miss thin parts."""
-        axes: tuple[Axis, ...] = ("x", "y", "z")
-        for roll, inset in itertools.product(axes, (0.0, 0.015)):
-            if direction.frame == "joint" and abs(direction.vector["xyz".index(roll)]) > 0.9:
-                continue  # orthogonal already
-            yield Manipulation(
-                keypoint=keypoint,
-                gripper="grasp",
-                approach=direction,
-                roll=roll,
-                behind=0.0,
-                inset=inset,
-                retreat=0.1,
-                motion="follow_joint_to",
-                goal_openness=goal,
-                tolerance=0.15,
-                opening=opening,
-            )
-
-    @staticmethod
-    def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
-        step = task.steps[0]
-        strategies = {step.strategies[0]: manipulation.config(task.name)}
-        return Candidate(manipulation.label, {step.name: strategies}, manipulation.provenance())
+        raise Declined(f"the offline designer knows no way to do the step {step.name!r}")
 
 
-def manipulation_from(provenance: dict[str, Any]) -> Manipulation:
-    """Return the manipulation whose ``provenance()`` this is."""
-    values = dict(provenance)
-    approach = values.pop("approach")
-    return Manipulation(approach=Direction(approach["name"], approach["frame"], tuple(approach["vector"])), **values)
+def _rules(step: Step, rules: Strategies) -> Candidate:
+    label = " or else ".join(name.replace("_", " ") for name in rules)
+    return Candidate(label, {step.name: rules}, {"rules": list(rules)})
 
 
-def round_to(value: float, step: float = 0.005) -> float:
-    """Round to a multiple of ``step``, so that configs stay legible."""
-    return round(round(value / step) * step, 6)
+def _drawn(task: TaskSpec, thing: Affordance, goal: Goal, count: int, seed: int) -> list[Candidate]:
+    ends = {"articulated_open": joint_search.OPENED, "articulated_closed": joint_search.CLOSED_UP}
+    end = ends.get(goal, joint_search.HALFWAY)
+    drawn = joint_search.sample(thing, OPENING[goal], end, count, seed, f"{task.name}/candidates")
+    return [_candidate(task, manipulation) for manipulation in drawn]
+
+
+def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
+    step = task.steps[0]
+    return Candidate(
+        manipulation.label, {step.name: {step.strategies[0]: manipulation.config()}}, manipulation.provenance()
+    )
+
+
+def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
+    """The best that held at all, two and three at once, each with the first in front."""
+    alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
+    return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
+
+
+def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
+    """One candidate that does a step as several do: as the first where that can be planned, else as the next."""
+    ways: Strategies = {}
+    for number, result in enumerate(group, 1):
+        ((name, data),) = result.candidate.strategies.items()
+        ways[name if name != step.strategies[0] else f"{name}_{number}"] = data
+    label = " or else ".join(result.candidate.label for result in group)
+    return Candidate(label, {step.name: ways}, {"team": [result.candidate.provenance for result in group]})
+
+
+def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
+    """All ways of all steps; and the same with those of one or of every step in another order of preference."""
+    turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
+    found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
+    several = [name for name, own in ways.items() if len(own) > 1]
+    for group in [*([name] for name in several), several]:
+        steps = {name: turned[name] if name in group else own for name, own in ways.items()}
+        label = f"another rule first for {', '.join(group)}"
+        if all(str(steps) != str(other.steps) for other in found):
+            found.append(Candidate(label, steps, {"turned": list(group)}))
+    return found
+
+
+def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
+    """The best, with the first two rules of the step changed that its failures blame most."""
+    found = []
+    for result in results[:2]:
+        blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)
+        if blamed is None or len(result.candidate.steps[blamed]) < 2:
+            continue
+        items = list(result.candidate.steps[blamed].items())
+        for order in itertools.islice(itertools.permutations(items[:3]), 1, 4):
+            steps: dict[str, Any] = {**result.candidate.steps, blamed: dict([*order, *items[3:]])}
+            found.append(Candidate(f"{result.candidate.label}; {blamed} reordered", steps, {"blamed": blamed}))
+    return found

@@ -22,7 +22,7 @@ from gensim2.episodes.measured_faults import (
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
 from gensim2.planning.steps import INVALID, NO_GRASP
-from gensim2.tasks.criteria import DistanceArticulatedRigid, DistanceGripperRigid, all_hold
+from gensim2.tasks.criteria import DistanceArticulatedRigid, DistanceGripperRigid, RigidLifted, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -156,7 +156,7 @@ class _Facts:
     def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
         """Whether a step that was to take up its object left it behind, or lost it on the way up."""
         wanted = {later.tool for later in self.task.steps[index + 1 :]}
-        wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid)}
+        wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
         if step.object not in wanted or not own or own[-1].last == own[-1].first:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,10 +12,13 @@ import numpy.typing as npt
 from gensim2.episodes.motion import change
 from gensim2.episodes.record import Cause
 from gensim2.tasks.criteria import (
+    ArticulatedBetween,
     ArticulatedClosed,
     ArticulatedOpen,
     DistanceArticulatedRigid,
-    DistanceGripperRigid,
+    DistanceGripperArticulated,
+    RigidMoved,
+    RigidOnRigid,
 )
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step
@@ -54,6 +58,7 @@ def fault_of_criterion(
         return Cause.OBJECT_DRIFTED, {"distance": moved}
     if step.tool != HAND and (distance := was_lost(measured, step.tool)) is not None:
         return Cause.GRASP_LOST, {"distance": distance}
+    start = measured[0]
     for criterion in step.done:
         if criterion.holds(measured[-1]):
             continue
@@ -64,7 +69,13 @@ def fault_of_criterion(
             return Cause.PLACED_BESIDE, {
                 "distance": distance_apart(measured[-1], criterion.articulated, criterion.rigid)
             }
-        name = criterion.rigid if isinstance(criterion, DistanceGripperRigid) else criterion.articulated
+        if isinstance(criterion, ArticulatedBetween):
+            return _of_joint(criterion.object, math.copysign(1.0, criterion.low - start.openness[criterion.object]), measured)
+        if isinstance(criterion, RigidOnRigid):
+            return Cause.PLACED_BESIDE, {"distance": _apart(measured[-1], criterion.rigid, criterion.support)}
+        if isinstance(criterion, RigidMoved):
+            return _of_push(criterion.rigid, measured)
+        name = criterion.articulated if isinstance(criterion, DistanceGripperArticulated) else criterion.rigid
         if name in measured[0].poses and (moved := change(measured[0], measured[-1], name).distance) > LEFT_BEHIND:
             return Cause.OBJECT_DRIFTED, {"distance": moved}
     return None
@@ -114,6 +125,19 @@ def released(measured: Sequence[Measurement]) -> Measurement | None:
 def distance_apart(measured: Measurement, first: str, second: str) -> float:
     """Metres between the measured points of two objects, horizontally."""
     return float(np.linalg.norm((measured.point(first) - measured.point(second))[:2]))
+
+
+def _apart(measured: Measurement, first: str, second: str) -> float:
+    """Metres between the middles of two rigid objects, horizontally."""
+    return float(np.linalg.norm((measured.poses[first] - measured.poses[second])[:2]))
+
+
+def _of_push(name: str, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:
+    """Of a rigid object that was to be elsewhere."""
+    way = float(np.linalg.norm((measured[-1].poses[name] - measured[0].poses[name])[:2]))
+    if way < DRIFTED:
+        return Cause.NO_CONTACT, {"distance": way, "nearest": min(_distances(measured, name))}
+    return Cause.STOPPED_SHORT, {"distance": way}
 
 
 def _of_joint(name: str, sign: float, measured: Sequence[Measurement]) -> tuple[Cause, dict[str, Any]]:

@@ -17,6 +17,7 @@ from gensim2.tasks.criteria import (
     DistanceArticulatedRigid,
     DistanceGripperArticulated,
     DistanceGripperRigid,
+    RigidLifted,
     all_hold,
 )
 from gensim2.tasks.measurement import Measurement
@@ -77,7 +78,7 @@ def strict_misses(
 
 
 def _is_about_the_gripper(task: TaskSpec) -> bool:
-    return any(isinstance(c, DistanceGripperRigid | DistanceGripperArticulated) for c in task.success)
+    return any(isinstance(c, DistanceGripperRigid | DistanceGripperArticulated | RigidLifted) for c in task.success)
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:

@@ -12,6 +12,9 @@ from typing import Any, Literal
 End = Literal["articulated_open", "articulated_closed"]
 """The ends of a joint: openness 1 and 0."""
 
+Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_closed"]
+"""What a joint is brought to: an end, or halfway from the closed or from the open side."""
+
 UNKNOWN = 0.6
 """Usefulness of what no table knows: below what people are known to ask for, above what they are known not to."""
 
@@ -62,6 +65,26 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
     spoken, motion = _taken_apart(asset_class)
     name, sentence = (MOTIONS[motion] if motion else BY_JOINT[joint_type])[goal == "articulated_closed"]
     return Phrase(name.format(_camel_case(spoken)), sentence.format(spoken), spoken, UNKNOWN)
+
+
+def halfway(asset_class: str, goal: Goal) -> Phrase | None:
+    """How to ask for a class's joint to be left halfway; None where nobody would."""
+    entry = _table()["articulated"].get(asset_class, {})
+    if goal not in entry:
+        return None
+    name, sentence, usefulness = entry[goal]
+    return Phrase(name, sentence, entry["noun"], float(usefulness))
+
+
+def room(asset_class: str) -> str | None:
+    """Where an articulated object is found; None where no table knows it. What is found in one room is used together."""
+    found = _table()["articulated"].get(asset_class, {}).get("room")
+    return None if found is None else str(found)
+
+
+def belongs(asset_class: str) -> tuple[str, ...]:
+    """Classes of rigid objects that people keep in or put on one of this class, the likeliest first."""
+    return tuple(_table()["belongs"].get(asset_class, ()))
 
 
 def noun(asset_class: str) -> str:

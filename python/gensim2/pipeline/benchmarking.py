@@ -61,6 +61,7 @@ class BenchmarkResult:
 def benchmark(
     tasks: Sequence[str] = (),
     *,
+    origin: str | None = None,
     runs: int = 5,
     episodes: int = 50,
     seed: int = 0,
@@ -82,8 +83,9 @@ def benchmark(
     """Run every task on random scenes; each episode is kept as soon as it is finished.
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole library. Those
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``. Those
             that these objects do not do for are named and left out.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
         runs: repetitions, for the deviation between them.
         episodes: of each task in each run.
         seed: of the scenes; no search draws from the same ones.
@@ -104,7 +106,7 @@ def benchmark(
     check_workers(time_limit, jobs_per_worker)
     if disturbance is not None and disturbance not in KINDS:
         raise InputError(f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(KINDS)}")
-    wanted, skipped = of_these_objects(assets, tasks, instances)
+    wanted, skipped = of_these_objects(assets, tasks, instances, origin)
     given = [
         read_task_input(
             task,

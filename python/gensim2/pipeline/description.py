@@ -8,7 +8,7 @@ from gensim2.designers.base import Strategies
 from gensim2.objects import Library
 from gensim2.pipeline.tally import interval
 from gensim2.tasks.figures import Figure, figures_of
-from gensim2.tasks.library import load_strategies, load_task, task_names
+from gensim2.tasks.library import load_strategies, load_task, packaged_names
 from gensim2.tasks.published import MEASURED, PAPER
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 from gensim2.tasks.wording import criteria_in_words, name_in_words, place_in_words, randomization_in_words
@@ -27,8 +27,8 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         "name": task.name,
         "type": "single-step" if task.is_single_step else "long-horizon",
         "description": task.description,
-        "origin": None if task.provenance is None else task.provenance.origin,
-        "env_id": task.env_id,
+        **_provenance(task),
+        "env_id": task.env_id if task.name in packaged_names() else None,
         "max_episode_steps": task.max_episode_steps,
         "objects": [
             {
@@ -45,9 +45,14 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
     }
 
 
+def _provenance(task: TaskSpec) -> dict[str, Any]:
+    told = None if task.provenance is None else task.provenance.model_dump(mode="json")
+    return {name: None if told is None else told[name] for name in ("origin", "prompts", "verification")}
+
+
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
     """Whether figures under the task's name are its own."""
-    if task.name not in task_names():
+    if task.name not in packaged_names():
         return False
     return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
 

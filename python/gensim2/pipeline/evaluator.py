@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from gensim2.designers.base import Strategies
+from gensim2.designers.base import StepStrategies
 from gensim2.episodes.record import Episode
 from gensim2.pipeline import worker
-from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.pipeline.setting import Circumstances, Drawn, Setting
 from gensim2.processes import (
     JOBS_PER_WORKER,
     TIME_LIMIT,
@@ -82,7 +82,7 @@ class PoolEvaluator:
         """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
         return time.process_time() - self._begin + self._elsewhere
 
-    def setting(self, task: TaskSpec, instances: str | tuple[str, ...]) -> Setting:
+    def setting(self, task: TaskSpec, instances: Drawn) -> Setting:
         """Return the environment of a task, as a value that pickles."""
         return Setting(task, instances, self.circumstances)
 
@@ -108,9 +108,9 @@ class PoolEvaluator:
             yield outcome
 
     def screen(
-        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
+        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
-        """Plan each candidate on each seed's scene; one list a candidate, one (score, cause) a seed."""
+        """Plan each candidate on each seed's scene; one list a candidate, one result a seed."""
         jobs = enumerated((setting, seed, candidates) for seed in seeds)
         by_seed: dict[int, list[worker.Screened]] = {}
         for index, screened in self.run(worker.screen_scene, jobs, f"{setting.task.name}: planning of candidates"):
@@ -118,11 +118,11 @@ class PoolEvaluator:
             self._progress.advance()
         return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
-        """Run (strategies, seed) episodes in physics; their records in the order of the jobs."""
-        numbered = enumerated((setting, strategies, seed) for strategies, seed in jobs)
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run (strategies of each step, seed) episodes in physics; their records in the order of the jobs."""
+        numbered = enumerated((setting, ways, seed) for ways, seed in jobs)
         found: dict[int, Episode] = {}
-        for index, episode in self.run(worker.episode, numbered, f"{setting.task.name}: episodes"):
+        for index, episode in self.run(worker.trial, numbered, f"{setting.task.name}: episodes"):
             found[index] = episode
             self._progress.advance()
         return [found[index] for index in range(len(jobs))]

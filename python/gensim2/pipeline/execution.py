@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from gensim2 import seeding
-from gensim2.designers import Affordance, Designer
-from gensim2.designers.base import Strategies
+from gensim2.designers import Designer
+from gensim2.designers.base import Brief, Declined, Known, StepStrategies, Strategies, with_strategies
 from gensim2.designers.proposals import goal_of
 from gensim2.errors import InputError
-from gensim2.objects import Instance, Library
+from gensim2.objects import Library
+from gensim2.pipeline.briefing import Classes, settings_of
 from gensim2.pipeline.demonstrations import collect
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.inputs import TaskInput, chosen_word, has_instances
-from gensim2.pipeline.records import PipelineResult, TaskOutcome
+from gensim2.pipeline.inputs import TaskInput, chosen_word
+from gensim2.pipeline.records import DesignEffort, PipelineResult, TaskOutcome
 from gensim2.pipeline.report import write_report
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.pipeline.search import Budget, Search
@@ -21,19 +23,52 @@ from gensim2.pipeline.tally import Tally
 from gensim2.pipeline.unseen import kept_apart
 from gensim2.pipeline.verification import verify
 from gensim2.progress import Progress
-from gensim2.tasks.library import load_task, task_names
-from gensim2.tasks.spec import TaskSpec
-
-#: Instances from which an affordance is read.
-AFFORDANCE_INSTANCES = 3
+from gensim2.tasks.library import strategies_of
+from gensim2.tasks.spec import Made, Provenance, TaskSpec
 
 #: Proposals put to the search for each task that was asked for, before the run gives up on reaching that number.
 PROPOSALS_PER_TASK = 3
 
 
-def acted_on(task: TaskSpec) -> str:
-    """Class of the object that the first step acts on."""
-    return task.objects[task.steps[0].object].asset_class
+@dataclass(frozen=True)
+class Wanted:
+    """How many tasks a run is to keep.
+
+    Attributes:
+        total: of any kind.
+        single, long: of these no more than so many of one step, of several; None: any number.
+    """
+
+    total: int
+    single: int | None = None
+    long: int | None = None
+
+    def wants(self, task: TaskSpec, kept: Sequence[TaskSpec]) -> bool:
+        """Whether a task of this kind is still wanted."""
+        most = self.single if task.is_single_step else self.long
+        return most is None or sum(each.is_single_step == task.is_single_step for each in kept) < most
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What is done with each task.
+
+    Attributes:
+        verify: fresh episodes of the verification.
+        demos: demonstrations to collect; 0: none.
+        instances: what demonstrations draw from, as in ``--instances``.
+        video: film each kept task where this machine can render.
+    """
+
+    verify: int
+    demos: int
+    instances: str
+    video: bool
+
+
+def classes_of(task: TaskSpec) -> str:
+    """Classes of a task's objects, in their order."""
+    return ", ".join(dict.fromkeys(thing.asset_class for thing in task.objects.values()))
 
 
 class Execution:
@@ -46,105 +81,101 @@ class Execution:
         folder: RunFolder,
         evaluator: PoolEvaluator,
         seed: int,
-        episodes: int,
-        instances: str,
-        video: bool,
-        budget: Budget,
+        extent: Extent,
+        known: Sequence[Known],
+        budget: Budget | None,
         progress: Progress,
     ) -> None:
         self.library, self.designer, self.folder, self.evaluator = library, designer, folder, evaluator
-        self.seed, self.episodes, self.instances, self.video = seed, episodes, instances, video
-        self.budget, self.progress = budget, progress
+        self.seed, self.extent, self.budget, self.progress = seed, extent, budget, progress
         self.notes: list[str] = []
-        self._affordances: dict[str, Affordance] = {}
+        self._known = list(known)
+        self._classes = Classes(library, extent.instances, seed, folder, progress)
+        self._brief = Brief(settings_of(evaluator.circumstances), self._classes, self._known)
         self._outcomes: list[TaskOutcome] = []
+        self._kept: list[TaskSpec] = []
 
-    def run(self, wanted: int, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
-        """Design until ``wanted`` tasks are kept, or the one that is the target; then take the stored ones."""
-        known = [load_task(name) for name in task_names()]
+    def run(self, wanted: Wanted, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
+        """Design until what is wanted is kept, or the one that is the target; then take the stored ones."""
         rejected: list[dict[str, str]] = []
         tried = 0
-        proposals = iter([target]) if target is not None else self._proposals(known)
-        while sum(outcome.kept for outcome in self._outcomes) < wanted and tried < PROPOSALS_PER_TASK * wanted:
+        self.designer.open(self.folder.path)
+        proposals = iter([target] if target is not None else self.designer.propose(self._brief, self.seed))
+        while len(self._kept) < wanted.total and tried < PROPOSALS_PER_TASK * wanted.total:
             task = next(proposals, None)
             if task is None:
                 break
+            if not wanted.wants(task, self._kept):
+                continue
             tried += 1
             if (reason := self._designed(task)) is not None:
-                rejected.append({"name": task.name, "class": acted_on(task), "reason": reason})
+                rejected.append({"name": task.name, "class": classes_of(task), "reason": reason})
             write_report(self.folder.path)
-        kept = sum(outcome.kept for outcome in self._outcomes)
-        if kept < wanted:
-            self.notes.append(f"{wanted} tasks were asked for; {tried} were tried and {kept} held")
+        if len(self._kept) < wanted.total:
+            self.notes.append(f"{wanted.total} tasks were asked for; {tried} were tried and {len(self._kept)} held")
         for given in stored:
             folder = self.folder.task(given.spec.name)
             folder.write_task(given.spec)
             self._tested(given.spec, given.strategies, folder)
             write_report(self.folder.path)
-        return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), tuple(self.notes))
-
-    def _proposals(self, known: list[TaskSpec]) -> Iterator[TaskSpec]:
-        """The designer's proposals over the library's classes in a seeded order."""
-        classes = [
-            name for name in self.library.classes("articulated") if has_instances(self.library, name, self.instances)
-        ]
-        order = seeding.rng(self.seed, "classes").permutation(len(classes))
-        affordances = (self._affordance(classes[index]) for index in order)
-        return iter(self.designer.propose((a for a in affordances if a is not None), known, self.seed))
-
-    def _affordance(self, asset_class: str) -> Affordance | None:
-        """What a few instances of a class have in common, of those that a search may see; None where none is usable."""
-        if asset_class not in self._affordances:
-            ids = self.library.choose(asset_class, kept_apart(self.library, asset_class).search)
-            order = seeding.rng(self.seed, f"{asset_class}/affordance").permutation(len(ids))
-            instances: list[Instance] = []
-            self.progress.start(f"{asset_class}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
-            for index in order:
-                try:
-                    instances.append(self.library.load_articulated(asset_class, ids[index]))
-                    self.progress.advance()
-                except InputError as error:
-                    self.notes.append(f"{asset_class}/{ids[index]} left out: {error}")
-                if len(instances) == AFFORDANCE_INSTANCES:
-                    break
-            if not instances:
-                return None
-            for instance in instances:
-                self.folder.add_object(instance)
-            self._affordances[asset_class] = Affordance.of(instances)
-        return self._affordances[asset_class]
+        notes = (*self._classes.notes, *self.notes, *self.designer.notes)
+        return PipelineResult(str(self.folder.path), tuple(self._outcomes), tuple(rejected), notes)
 
     def _designed(self, task: TaskSpec) -> str | None:
         """Take one proposal as far as it goes; why it was not designed, or None."""
         folder = self.folder.task(task.name)
-        strategies = self._search(task, folder)
-        if isinstance(strategies, str):
-            self.folder.reject(task.name)
-            return strategies
-        self._tested(task, strategies, folder)
+        begin = self.evaluator.cpu_s
+        try:
+            found = self._search(task, folder)
+            if isinstance(found, str):
+                return self._rejected(task, folder, found)
+            ways, effort = found
+            task = _made(with_strategies(task, ways), "all" if kept_apart(self.library, task).search == "all" else "train")
+            folder.write_task(task)
+            strategies = {name: data for own in ways.values() for name, data in own.items()}
+            outcome = self._tested(task, strategies, folder)
+        except Declined as declined:
+            return self._rejected(task, folder, str(declined))
+        except InputError as error:
+            if not _is_no_room(error):
+                raise
+            return self._rejected(task, folder, error.message)
+        effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
+        self._outcomes[-1] = replace(outcome, effort=effort)
+        if outcome.kept:
+            self._kept.append(task)
+            self._known.append(Known(task, strategies, outcome.verification.held, outcome.verification.episodes))
         return None
 
-    def _search(self, task: TaskSpec, folder: TaskFolder) -> Strategies | str:
-        """The strategies that a search found, now or in an earlier call, or why there are none."""
-        affordance = self._affordance(acted_on(task))  # also where it is not needed: its notes are part of the result
+    def _rejected(self, task: TaskSpec, folder: TaskFolder, reason: str) -> str:
+        folder.write_task(task)
+        self.folder.reject(task.name)
+        self.progress.message(f"{task.name}: rejected: {reason}")
+        return reason
+
+    def _search(self, task: TaskSpec, folder: TaskFolder) -> tuple[StepStrategies, DesignEffort] | str:
+        """The ways that a search found, now or in an earlier call, or why there are none."""
+        for thing in task.objects.values():
+            _ = self._classes[thing.asset_class]  # also where it is not needed: its notes are part of the result
         self.folder.save()
         record = folder.design()
         if record is None:
-            if affordance is None:
-                return f"no instance of {acted_on(task)} can be used"
-            setting = self.evaluator.setting(task, kept_apart(self.library, acted_on(task)).search)
-            search = Search(setting, affordance, self.designer, self.evaluator, self.seed, self.budget, self.progress)
+            setting = self.evaluator.setting(task, kept_apart(self.library, task).search)
+            search = Search(setting, self._brief, self.designer, self.evaluator, self.seed, self.budget, self.progress)
             folder.write_design(search.run())
             record = folder.design()
             assert record is not None
-        folder.write_task(task)
-        return record.notes[-1] if record.strategies is None else record.strategies
+        effort = DesignEffort(
+            candidates=len(record.candidates),
+            episodes=sum(s.episodes for c in record.candidates for s in c.stages if s.name == "physics"),
+        )
+        return record.notes[-1] if record.steps is None else (record.steps, effort)
 
-    def _tested(self, task: TaskSpec, strategies: Strategies, folder: TaskFolder) -> None:
+    def _tested(self, task: TaskSpec, strategies: Strategies, folder: TaskFolder) -> TaskOutcome:
         """Verify, and collect demonstrations of what is kept."""
         folder.write_strategies(strategies)
         begin = self.evaluator.cpu_s
-        apart = kept_apart(self.library, acted_on(task))
+        apart = kept_apart(self.library, task)
         verification = verify(
             task,
             strategies,
@@ -153,17 +184,17 @@ class Execution:
             self.evaluator,
             self.library,
             apart,
-            episodes=self.episodes,
+            episodes=max(self.extent.verify, self.extent.demos),
             seed=self.seed,
             progress=self.progress,
         )
-        if apart.kind == "all":
+        if apart.kind == "all" and apart.classes:
             self.notes.append(
-                f"{task.name}: there are too few {acted_on(task)} objects to keep some apart; "
+                f"{task.name}: there are too few {', '.join(apart.classes.values())} objects to keep some apart; "
                 "the verification draws from those that the search saw"
             )
         fresh, demos = verification.episodes, 0
-        if verification.kept:
+        if verification.kept and self.extent.demos:
             collected = collect(
                 task,
                 strategies,
@@ -171,22 +202,22 @@ class Execution:
                 self.folder,
                 self.evaluator,
                 self.library,
-                chosen_word(task, self.library, self.instances, self.seed),
-                episodes=self.episodes,
+                chosen_word(task, self.library, self.extent.instances, self.seed),
+                episodes=self.extent.demos,
                 seed=self.seed,
-                video=self.video,
+                video=self.extent.video,
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
             self.notes.extend(collected.notes)
-        else:
+        if not verification.kept:
             self.folder.reject(task.name)
         held = f"{task.name}: {verification.tally.held} of {verification.tally.episodes} fresh episodes hold"
         self.progress.message(held + (f", {demos} demonstrations" if verification.kept else ", not kept"))
         self._outcomes.append(
             TaskOutcome(
                 name=task.name,
-                asset_class=acted_on(task),
+                asset_class=classes_of(task),
                 goal=goal_of(task),
                 kept=verification.kept,
                 verification=verification.tally,
@@ -195,3 +226,18 @@ class Execution:
                 cpu_s=self.evaluator.cpu_s - begin,
             )
         )
+        return self._outcomes[-1]
+
+
+def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
+    """The task, and that its strategies were found by a search on objects of that word."""
+    origin = "search" if task.provenance is None else task.provenance.origin
+    strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
+    return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})
+
+
+def _is_no_room(error: InputError) -> bool:
+    """Whether a scene's objects found no room, which is the proposal's fault and ends no run."""
+    from gensim2.sim.setup import PlacementError  # here: refusing arguments needs no simulator
+
+    return isinstance(error, PlacementError)

@@ -43,6 +43,7 @@ class TasksGallery:
 def tasks_gallery(
     tasks: Sequence[str] = (),
     *,
+    origin: str | None = None,
     out: Path,
     seed: int = 0,
     assets: str | Path | None = None,
@@ -57,7 +58,8 @@ def tasks_gallery(
     The page is written anew whenever a task is finished. Films are H.264, about 100 kB.
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole library.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
         out: folder to write to.
         seed: of the scenes; of the first five of each task the first that holds is shown.
         assets, physics, workers, time_limit: as for ``demo``.
@@ -70,7 +72,7 @@ def tasks_gallery(
         NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
     """
     check_workers(time_limit, jobs_per_worker=1)
-    names, skipped = of_these_objects(assets, tasks)
+    names, skipped = of_these_objects(assets, tasks, origin=origin)
     given = [read_task_input(name, assets, "all", seed, physics=physics) for name in names]
     if len({one.spec.name for one in given}) < len(given):
         raise InputError("a task is named twice", field="tasks")

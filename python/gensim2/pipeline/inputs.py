@@ -20,6 +20,7 @@ from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
 from gensim2.seeding import check_seed, rng
 from gensim2.tasks.library import (
+    PAPER,
     load_strategies,
     load_strategies_beside,
     load_task,
@@ -140,21 +141,24 @@ def _classes(spec: TaskSpec) -> dict[str, str]:
 
 
 def of_these_objects(
-    assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all"
+    assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Tasks that these objects do for, and why the others are left out.
 
     Args:
         assets: as for :func:`read_task_input`.
-        tasks: names of library tasks, or folders; none: the whole library.
+        tasks: names of library tasks, or folders; none: all of ``origin``.
         instances: as for :func:`read_task_input`.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
 
     Raises:
-        InputError: the folder cannot be used, a task is none, or no task is left.
+        InputError: the folder cannot be used, a task is none, no task is left, or both tasks and an origin are named.
     """
+    if tasks and origin is not None:
+        raise InputError("is of no use where tasks are named", field="origin", remedy="name either")
     library = open_library(assets)
     skipped: dict[str, InputError] = {}
-    named = tuple(tasks) or task_names()
+    named = tuple(tasks) or task_names(origin or PAPER)
     for name in named:
         spec = load_task_file(Path(name)) if _is_folder(name) else load_task(name)
         lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gensim2.designers.base import CandidateResult, Strategies
+from gensim2.designers.base import CandidateResult, StepStrategies
 from gensim2.episodes.record import Episode
 from gensim2.pipeline.tally import Tally
 
@@ -122,6 +122,15 @@ class RunSummary(BaseModel):
     result: ResultSummary | None
 
 
+class DiagnosisRecord(Record):
+    """One way in which trials of a candidate failed, in ``design.json``."""
+
+    step: str | None
+    cause: str
+    words: str
+    count: Annotated[int, Field(ge=1)]
+
+
 class StageRecord(Record):
     """One stage of a candidate in ``design.json``."""
 
@@ -130,6 +139,7 @@ class StageRecord(Record):
     successes: float
     causes: dict[str, int]
     strict: float = 0.0
+    diagnoses: list[DiagnosisRecord] = []
 
 
 class CandidateRecord(Record):
@@ -146,17 +156,17 @@ class CandidateRecord(Record):
 class DesignRecord(Record):
     """``design.json``."""
 
-    schema_version: Literal[2]
+    schema_version: Literal[3]
     candidates: list[CandidateRecord]
     chosen: Literal[0] | None
-    strategies: dict[str, dict[str, Any]] | None
+    steps: dict[str, dict[str, dict[str, Any]]] | None
     notes: list[str]
 
     @model_validator(mode="after")
     def _says_why_nothing_was_chosen(self) -> Self:
-        if (self.strategies is None) != (self.chosen is None):
-            raise ValueError("chosen and strategies do not go together")
-        if self.strategies is None and not self.notes:
+        if (self.steps is None) != (self.chosen is None):
+            raise ValueError("chosen and steps do not go together")
+        if self.steps is None and not self.notes:
             raise ValueError("nothing was chosen, and notes do not say why")
         return self
 
@@ -205,19 +215,19 @@ class Verification:
 
 @dataclass(frozen=True)
 class Design:
-    """The outcome of a search: every candidate with its stages, best first, and the strategies that won, if any."""
+    """The outcome of a search: every candidate with its stages, best first, and the ways of each step that won, if any."""
 
     results: tuple[CandidateResult, ...]
-    chosen: Strategies | None
+    chosen: StepStrategies | None
     notes: tuple[str, ...] = field(default=())
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
         return {
-            "schema_version": 2,
+            "schema_version": 3,
             "candidates": [_candidate(index, result) for index, result in enumerate(self.results)],
             "chosen": 0 if self.chosen is not None else None,
-            "strategies": self.chosen,
+            "steps": self.chosen,
             "notes": list(self.notes),
         }
 
@@ -238,6 +248,7 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
                 "successes": s.score * s.trials,
                 "causes": s.causes,
                 "strict": s.strict * s.trials,
+                "diagnoses": [each.to_dict() for each in s.diagnoses],
             }
             for s in result.stages
         ],
@@ -246,17 +257,38 @@ def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
+class DesignEffort:
+    """What a search took.
+
+    Attributes:
+        candidates: that were planned.
+        episodes: of physics.
+        cpu_s: CPU of all processes in this call; next to nothing where it was done in an earlier one.
+    """
+
+    candidates: int
+    episodes: int
+    cpu_s: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"candidates": self.candidates, "episodes": self.episodes, "cpu_s": round(self.cpu_s, 3)}
+
+
+@dataclass(frozen=True)
 class TaskOutcome:
     """One line of the result: a task that was verified, kept or not.
 
     Attributes:
-        name, asset_class: of the task, and of its first object.
+        name: of the task.
+        asset_class: of its objects, with commas between them.
         goal: types of the criteria that must hold in the end.
         kept: whether enough episodes of the verification held.
         verification: over its episodes.
         fresh: over the episodes of the verification and of the collection.
         demos: demonstrations that were collected.
         cpu_s: CPU of all processes for these episodes, in this call.
+        effort: of the search; None where there was none.
     """
 
     name: str
@@ -267,6 +299,7 @@ class TaskOutcome:
     fresh: Tally
     demos: int
     cpu_s: float
+    effort: DesignEffort | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it with the field names of the command's JSON."""
@@ -285,6 +318,7 @@ class TaskOutcome:
             "episodes_run": self.fresh.episodes,
             **self.fresh.verdicts(),
             "cpu_s": round(self.cpu_s, 3),
+            "design": None if self.effort is None else self.effort.to_dict(),
         }
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from gensim2 import seeding
 from gensim2.designers import Designer, OfflineDesigner
-from gensim2.designers.proposals import affordance_of, redesigned
+from gensim2.designers.base import Known
+from gensim2.designers.proposals import redesigned
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.execution import Execution
+from gensim2.pipeline.execution import Execution, Extent, Wanted
 from gensim2.pipeline.inputs import (
     check_circumstances,
     check_counts,
@@ -24,12 +25,13 @@ from gensim2.pipeline.inputs import (
 from gensim2.pipeline.records import PipelineResult
 from gensim2.pipeline.report import reported
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
-from gensim2.pipeline.search import Budget
+from gensim2.pipeline.search import LONG_BUDGET, Budget
 from gensim2.pipeline.setting import Circumstances, Physics
+from gensim2.pipeline.verification import VERIFY_EPISODES
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.library import load_strategies, load_task, task_names
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
@@ -38,6 +40,10 @@ DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
 def run_pipeline(
     *,
     num_tasks: int = 2,
+    single: int | None = None,
+    long: int | None = None,
+    verify: int = VERIFY_EPISODES,
+    from_empty: bool = False,
     episodes: int = 5,
     seed: int = 0,
     assets: str | Path | None = None,
@@ -51,7 +57,7 @@ def run_pipeline(
     randomization: PresetName = DEFAULT_PRESET,
     instances: str = "all",
     resume: bool = False,
-    designer: str = "offline",
+    designer: str | Designer = "offline",
     video: bool = True,
     budget: Budget | None = None,
     time_limit: float = TIME_LIMIT,
@@ -61,8 +67,12 @@ def run_pipeline(
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
     Args:
-        num_tasks: how many tasks to keep; fewer if the library affords fewer, and the notes say so.
-        episodes: demonstrations to keep of each task.
+        num_tasks: how many tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
+            ``long`` take its place where one of them is given.
+        single, long: how many tasks of one step, and of several.
+        verify: fresh episodes that decide of each task whether it is kept.
+        from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again.
+        episodes: demonstrations to keep of each task; 0: none.
         seed: of everything that is drawn.
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
         out: run folder; default ``runs/<date>-<time>``.
@@ -76,7 +86,7 @@ def run_pipeline(
         instances: what demonstrations draw from, as for ``demo``; search and verification keep theirs apart. Only tasks
             on objects that have such instances are proposed.
         resume: go on with the run that ``out`` holds.
-        designer: ``"offline"``.
+        designer: ``"offline"``, or a designer.
         video: film each kept task where this machine can render.
         budget: of the search.
         time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
@@ -88,23 +98,19 @@ def run_pipeline(
         NotRunError: some jobs could not be run; what else there was to do with the task at hand is done, and
             ``resume`` goes on.
     """
-    check_counts(num_tasks=num_tasks, episodes=episodes, workers=workers)
+    wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
+    check_counts(num_tasks=wanted.total, verify=verify, workers=workers)
+    if episodes < 0:
+        raise InputError(f"must be at least 0, not {episodes}", field="episodes")
     check_workers(time_limit, jobs_per_worker)
-    if designer not in DESIGNERS:
-        raise InputError(f"unknown designer {designer!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
+    by = _designer(designer)
     target = redesigned(load_task(target_task)) if target_task is not None else None
-    if target is not None and affordance_of(target) is None:
-        raise InputError(
-            f"{target.name} is not one step that opens or closes one joint",
-            field="target_task",
-            remedy=f"the designer {designer} designs such tasks only; record it with `gensim2 demo {target.name}`",
-        )
     seeding.check_seed(seed)
     check_circumstances(physics, robot, randomization)
     library = open_library(assets)
     if target is not None:
         chosen_word(target, library, instances, seed)  # what is not there is said before anything starts
-    elif not any(has_instances(library, name, instances) for name in library.classes("articulated")):
+    elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
     stored = [
         read_task_input(
@@ -119,7 +125,7 @@ def run_pipeline(
         )
         for name in dict.fromkeys(stored_tasks)
     ]
-    budget = budget or Budget()
+    known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in task_names()]
     circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     with (
         RunFolder(
@@ -131,14 +137,18 @@ def run_pipeline(
                 "seed": seed,
                 **asdict(circumstances),
                 "instances": instances,
-                "designer": designer,
+                "designer": by.name,
+                "verify": verify,
+                "from_empty": from_empty,
+                "single": single,
+                "long": long,
                 "target_task": target_task,
                 "stored_tasks": [given.spec.name for given in stored],
                 "workers": workers,
             },
             {
-                "budget": digest(asdict(budget)),
-                "known tasks": digest([load_task(name).model_dump(mode="json") for name in task_names()]),
+                "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
+                "known tasks": digest([each.task.model_dump(mode="json") for each in known]),
                 "stored strategies": digest([given.strategies for given in stored]),
                 "objects": listing(library, library.classes()),
             },
@@ -154,9 +164,22 @@ def run_pipeline(
             log=folder.errors_log,
         ) as evaluator,
     ):
-        execution = Execution(
-            library, DESIGNERS[designer](), folder, evaluator, seed, episodes, instances, video, budget, progress
-        )
-        result = execution.run(num_tasks if target is None else 1, target, stored)
+        extent = Extent(verify, episodes, instances, video)
+        execution = Execution(library, by, folder, evaluator, seed, extent, known, budget, progress)
+        result = execution.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())
     return result
+
+
+def _by_kind(single: int, long: int) -> Wanted:
+    if min(single, long) < 0:
+        raise InputError("must be at least 0", field="single" if single < 0 else "long")
+    return Wanted(single + long, single, long)
+
+
+def _designer(given: str | Designer) -> Designer:
+    if not isinstance(given, str):
+        return given
+    if given not in DESIGNERS:
+        raise InputError(f"unknown designer {given!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
+    return DESIGNERS[given]()

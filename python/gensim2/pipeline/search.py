@@ -1,8 +1,9 @@
 """Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. Unless one of the best holds nearly
-always, the designer varies them and the best are compared again.
+the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise of
+each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly always, the
+designer varies them and the best are compared again.
 
 Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
 strict verdict decides among them.
@@ -18,24 +19,31 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gensim2 import seeding
-from gensim2.designers.base import Affordance, Candidate, CandidateResult, Designer, StageResult, Strategies
+from gensim2.designers.base import Brief, Candidate, CandidateResult, Designer, StageResult, StepStrategies
+from gensim2.designers.diagnosis import diagnoses
 from gensim2.episodes.record import Episode
 from gensim2.pipeline.records import Design, merge_causes
 from gensim2.pipeline.setting import Setting
+from gensim2.pipeline.tally import interval
+from gensim2.pipeline.worker import Screened
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.tasks.spec import TaskSpec
+
+LEADERS = 1.96
+"""Standard errors of the difference within which two candidates are in the noise of each other."""
 
 
 class Evaluator(Protocol):
     """What the search asks of the simulator; the same interface serves one process or many."""
 
     def screen(
-        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
-    ) -> list[list[tuple[float, str | None]]]:
-        """Plan each candidate on each seed's scene: for each candidate, one (score, cause) a seed."""
+        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+    ) -> list[list[Screened]]:
+        """Plan each candidate on each seed's scene: for each candidate, one result a seed."""
         ...
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
-        """Run (strategies, seed) episodes in physics, in order."""
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run (strategies of each step, seed) episodes in physics, in order."""
         ...
 
 
@@ -48,18 +56,38 @@ class Budget:
         rounds: (candidates, episodes each) of successive physics rounds of the first generation.
         refine_episodes: episodes of each refined candidate.
         comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
+        most_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
         enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
             ``enough_episodes`` episodes ends the search.
         enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
     """
 
-    screen_scenes: int = 4
-    rounds: tuple[tuple[int, int], ...] = ((32, 2), (10, 6))
-    refine_episodes: int = 4
-    comparison: tuple[int, int] = (4, 10)
+    screen_scenes: int = 3
+    rounds: tuple[tuple[int, int], ...] = ((12, 2), (4, 4))
+    refined: tuple[int, int] = (12, 3)
+    comparison: tuple[int, int] = (3, 8)
+    most_episodes: int = 40
     enough: float = 0.9
     enough_strict: float = 0.75
     enough_episodes: int = 14
+
+
+#: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
+LONG_BUDGET = Budget(
+    screen_scenes=2,
+    rounds=((4, 2), (2, 4)),
+    refined=(3, 4),
+    comparison=(2, 6),
+    most_episodes=24,
+    enough=0.8,
+    enough_strict=0.0,
+    enough_episodes=6,
+)
+
+
+def budget_for(task: TaskSpec) -> Budget:
+    """The usual budget of a search for this task."""
+    return Budget() if task.is_single_step else LONG_BUDGET
 
 
 class Search:
@@ -67,7 +95,7 @@ class Search:
 
     Args:
         setting: the task, and which instances the search may see.
-        affordance: of the object.
+        brief: what the designer is told.
         designer: writes the candidates.
         evaluator: tries them.
         seed: of everything that is drawn.
@@ -78,7 +106,7 @@ class Search:
     def __init__(
         self,
         setting: Setting,
-        affordance: Affordance,
+        brief: Brief,
         designer: Designer,
         evaluator: Evaluator,
         seed: int,
@@ -86,18 +114,19 @@ class Search:
         progress: Progress = NULL_PROGRESS,
     ) -> None:
         self.setting, self.task = setting, setting.task
-        self.affordance, self.designer, self.evaluator = affordance, designer, evaluator
-        self.seed, self.budget, self.progress = seed, budget or Budget(), progress
+        self.brief, self.designer, self.evaluator = brief, designer, evaluator
+        self.seed, self.budget, self.progress = seed, budget or budget_for(setting.task), progress
         self._episodes_run: dict[str, int] = defaultdict(int)
+        self._notes: list[str] = []
 
     def run(self) -> Design:
         """Return the search's outcome; ``chosen`` is None where nothing held even once."""
-        first = self._screen(self.designer.candidates(self.task, self.affordance, self.seed))
+        first = self._screen(self.designer.candidates(self.task, self.brief, self.seed))
         everything = {self._key(result): result for result in first}
         standing = [result for result in first if result.plan_score > 0]
-        notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
+        self._notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
         if not standing:
-            return Design(tuple(first), None, (*notes, "no candidate could be planned"))
+            return Design(tuple(first), None, (*self._notes, "no candidate could be planned"))
 
         def remember(results: Sequence[CandidateResult]) -> None:
             everything.update((self._key(result), result) for result in results)
@@ -111,23 +140,24 @@ class Search:
             standing = compared
             if self._enough(standing[0]):
                 break
-            children = self.designer.refine(self.task, self.affordance, standing, self.seed, round_index)
+            children = self.designer.refine(self.task, self.brief, standing, self.seed, round_index)
             planned = [r for r in self._screen(children) if r.plan_score > 0] if children else []
             if not planned:
                 break
-            tried = self._physics(planned, self.budget.refine_episodes, f"refinement {round_index + 1}")
+            count, episodes = self.budget.refined
+            tried = self._physics(planned[:count], episodes, f"refinement {round_index + 1}")
             remember(tried)
             standing = self._sorted([*standing, *tried])
         ranked = [*standing, *self._sorted([r for r in everything.values() if r not in standing])]
-        best = standing[0] if standing[0].physics_score > 0 else None
-        if best is None:
-            notes.append("no candidate held in physics")
-        return Design(tuple(ranked), best.candidate.strategies if best else None, tuple(notes))
+        if not standing[0].held:
+            return Design(tuple(ranked), None, (*self._notes, "no candidate held in physics"))
+        self._notes.append(_compared(standing))
+        return Design(tuple(ranked), standing[0].candidate.steps, tuple(self._notes))
 
     def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
         seeds = seeding.scene_seeds(self.seed, self.task.name, "screen", self.budget.screen_scenes)
         self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
-        outcomes = self.evaluator.screen(self.setting, [c.strategies for c in candidates], seeds)
+        outcomes = self.evaluator.screen(self.setting, [c.steps for c in candidates], seeds)
         results = [
             CandidateResult(
                 candidate,
@@ -135,8 +165,9 @@ class Search:
                     StageResult(
                         "plan",
                         len(seeds),
-                        sum(score for score, _ in planned) / len(seeds),
-                        merge_causes([cause for _, cause in planned]),
+                        sum(score for score, _, _ in planned) / len(seeds),
+                        merge_causes([cause for _, cause, _ in planned]),
+                        diagnoses=diagnoses((cause, numbers) for _, cause, numbers in planned if cause is not None),
                     ),
                 ),
             )
@@ -154,7 +185,7 @@ class Search:
         for index, result in enumerate(results):
             done = self._episodes_run[self._key(result)]
             for seed in seeding.scene_seeds(self.seed, self.task.name, "design", episodes, done):
-                jobs.append((result.candidate.strategies, seed))
+                jobs.append((result.candidate.steps, seed))
                 owners.append(index)
             self._episodes_run[self._key(result)] += episodes
         self.progress.start(f"{self.task.name}: {what}", len(jobs))
@@ -168,19 +199,20 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Give further episodes to what may yet be the best, until the best is known by enough of them."""
+        """Give further episodes to the first few within the noise of the best, until one is ahead or all are equal."""
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:
             ranked = self._sorted(list(known.values()))
-            proven = [r for r in ranked if r.episodes >= self.budget.enough_episodes]
-            bar = proven[0].physics_score if proven else 0.0
-            hopeful = [r for r in ranked if r not in proven and r.held > 0 and self._hope(r) > bar]
-            if not hopeful or (proven and self._enough(proven[0])):
-                # What is not known well enough stands behind what is.
-                return [*proven, *(r for r in ranked if r not in proven)]
-            hopeful.sort(key=self._hope, reverse=True)
-            for result in self._physics(hopeful[:count], episodes, f"comparison {round_index + 1}"):
+            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)][:count]
+            proven = [result for result in leaders if result.episodes >= self.budget.enough_episodes]
+            if proven and self._enough(proven[0]):
+                return [proven[0], *(result for result in ranked if result is not proven[0])]
+            short = [result for result in leaders if result.episodes < self.budget.most_episodes]
+            if not short or (len(leaders) == 1 and proven):
+                return ranked
+            short.sort(key=lambda result: result.episodes)
+            for result in self._physics(short[:count], episodes, f"comparison {round_index + 1}"):
                 known[self._key(result)] = result
 
     def _enough(self, result: CandidateResult) -> bool:
@@ -190,11 +222,6 @@ class Search:
             and result.held >= budget.enough * trials
             and result.strict >= budget.enough_strict * trials
         )
-
-    @staticmethod
-    def _hope(result: CandidateResult) -> float:
-        """Score if one more episode were to hold."""
-        return (result.held + 1) / (result.episodes + 1)
 
     @staticmethod
     def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:
@@ -208,13 +235,25 @@ class Search:
         return str(result.candidate.steps)
 
 
-def _is_tied(result: CandidateResult, best: CandidateResult) -> bool:
-    """Whether a candidate holds less often than the best by no more than one standard error of that difference."""
+def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0) -> bool:
+    """Whether a candidate holds less often than the best by no more than so many standard errors of that difference."""
     if not result.held:
         return False
     rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)
     error = math.sqrt(rate * (1 - rate) * (1 / result.episodes + 1 / best.episodes))
-    return best.held / best.episodes - result.held / result.episodes <= error
+    return best.held / best.episodes - result.held / result.episodes <= errors * error
+
+
+def _compared(standing: Sequence[CandidateResult]) -> str:
+    """Who won, by how much, and who is as good, in one sentence."""
+    best = standing[0]
+    low, high = interval(round(best.held), best.episodes)
+    equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]
+    told = f"the chosen one held in {best.held:.0f} of {best.episodes} episodes ({low:.2f} to {high:.2f})"
+    if not equal:
+        return f"{told}, ahead of all others"
+    others = ", ".join(f"{other.held:.0f} of {other.episodes}" for other in equal[:4])
+    return f"{told}; {len(equal)} more are equal within the noise ({others})"
 
 
 def _stage(episodes: Sequence[Episode]) -> StageResult:
@@ -224,4 +263,5 @@ def _stage(episodes: Sequence[Episode]) -> StageResult:
         sum(episode.held for episode in episodes) / len(episodes),
         merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
         sum(episode.strict for episode in episodes) / len(episodes),
+        diagnoses((str(e.cause), e.diagnosis) for e in episodes if e.cause is not None),
     )

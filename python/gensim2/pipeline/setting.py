@@ -13,6 +13,9 @@ from gensim2.tasks.spec import TaskSpec
 Physics = Literal["ours", "original"]
 """Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
 
+Drawn = str | tuple[str, ...] | frozenset[tuple[str, str]]
+"""Which instances episodes draw from."""
+
 PHYSICS: tuple[Physics, ...] = get_args(Physics)
 
 
@@ -52,12 +55,12 @@ class Setting:
 
     Attributes:
         task: what is to be done.
-        instances: which instances are drawn from: one word, or several ids.
+        instances: which instances are drawn from: one word, several ids, or (object's name, word) pairs.
         circumstances: of the run.
     """
 
     task: TaskSpec
-    instances: str | tuple[str, ...]
+    instances: Drawn
     circumstances: Circumstances
 
     def __hash__(self) -> int:

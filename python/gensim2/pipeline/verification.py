@@ -16,11 +16,14 @@ from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.spec import TaskSpec
 
-#: Share of fresh episodes that must hold for a task to be kept.
-KEEP_THRESHOLD = 0.7
+#: Share of fresh episodes that must hold for a task to be kept: of one step, of several.
+KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
-#: Fresh episodes of a verification, unless more demonstrations than that are asked for.
+#: Fresh episodes of a verification where nobody says how many.
 VERIFY_EPISODES = 20
+
+#: Episodes after which it is looked at whether the threshold can still be reached.
+STRIDE = 10
 
 #: Episodes of a verification that is under way.
 UNDER_WAY = "verification.jsonl"
@@ -41,33 +44,41 @@ def verify(
 ) -> Verification:
     """Run fresh episodes and write ``verification.json``; a second call reads it.
 
+    A task that can no longer reach its threshold is not run to the end: what it has then is all of its verification.
+
     Args:
         apart: which instances the episodes draw from.
-        episodes: demonstrations asked for; where they are more than ``VERIFY_EPISODES``, as many are run.
+        episodes: how many.
 
     Raises:
         NotRunError: episodes could not be run; all others are finished.
         InputError: what an earlier run left cannot be used.
     """
-    seeds = scene_seeds(seed, task.name, "verify", max(VERIFY_EPISODES, episodes))
+    seeds = scene_seeds(seed, task.name, "verify", episodes)
     log_path = files.path / UNDER_WAY
     verification = files.verification()
     if verification is not None:
-        if [episode.seed for episode in verification.episodes] != seeds:
+        found = [episode.seed for episode in verification.episodes]
+        if found != seeds[: len(found)] or (verification.kept and len(found) != len(seeds)):
             raise InputError(
                 "is not of this run", file=files.verification_path, field="episodes", remedy="delete it and resume"
             )
     else:
         log = AttemptLog(log_path, seeds)
+        threshold = KEEP_THRESHOLD if task.is_single_step else KEEP_LONG
         progress.start(f"{task.name}: verify", len(seeds))
         progress.advance(len(log.done))
-        settings = [evaluator.setting(task, words) for words in apart.verification(len(seeds), seed)]
-        jobs = [Job(i, (settings[i], strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
-        for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
-            log.add(LoggedEpisode.of(episode, index))
-            progress.advance()
-        found = tuple(log.done[index].episode for index in range(len(seeds)))
-        verification = Verification(found, KEEP_THRESHOLD, apart.kind)
+        settings = [evaluator.setting(task, drawn) for drawn in apart.verification(len(seeds), seed)]
+        for first in range(0, len(seeds), STRIDE):
+            upto = min(first + STRIDE, len(seeds))
+            jobs = [Job(i, (settings[i], strategies, seeds[i])) for i in range(first, upto) if i not in log.done]
+            for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
+                log.add(LoggedEpisode.of(episode, index))
+                progress.advance()
+            failed = sum(not log.done[index].held for index in range(upto))
+            if len(seeds) - failed < threshold * len(seeds):
+                break
+        verification = Verification(tuple(log.done[i].episode for i in range(upto)), threshold, apart.kind)
         files.write_verification(verification)
     log_path.unlink(missing_ok=True)
     run.add_episodes(library, verification.episodes, files.verification_path)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import gensim2_kpam as kpam
-from gensim2.designers.base import Strategies
+from gensim2.designers.base import StepStrategies, Strategies, with_strategies
 from gensim2.episodes.record import Episode
 from gensim2.objects import open_library
 from gensim2.pipeline.setting import Circumstances, Setting
@@ -41,8 +41,9 @@ PRELOAD: Sequence[str] = (
 #: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
 SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates": 6, "samples": 200}
 
-#: What planning says of a candidate on one scene: a score from 0 to 1, and what stood in the way of 1.
-Screened = tuple[float, str | None]
+#: What planning says of a candidate on one scene: a score from 0 to 1, what stood in the way of 1, and numbers beside
+#: it as :func:`gensim2.designers.diagnosis.diagnoses` takes them.
+Screened = tuple[float, str | None, dict[str, Any]]
 
 
 def prepare(circumstances: Circumstances) -> None:
@@ -67,19 +68,19 @@ def simulator(setting: Setting) -> Lane:
     return Lane(
         setting.task,
         assets=given.assets,
-        instances=setting.instances,
+        instances=dict(setting.instances) if isinstance(setting.instances, frozenset) else setting.instances,
         physics=given.physics,
         robot=given.robot,
         randomization=given.randomization,
     )
 
 
-def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) -> list[Screened]:
+def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:
     """Plan every candidate on the scene of one seed.
 
     Returns:
-        One (score, cause) a candidate: 1 and None where every step is planned whole; else the share of steps that are
-        whole, half a step more where the arm gets past the next one's actuation pose but not to its end.
+        One a candidate: 1 and None where every step is planned whole; else the share of steps that are whole, half a
+        step more where the arm gets past the next one's actuation pose but not to its end.
     """
     from gensim2.planning.steps import StepPlanner
 
@@ -90,24 +91,32 @@ def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) 
     return [_screen(planner, setting.task, scene, candidate) for candidate in candidates]
 
 
-def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: Strategies) -> Screened:
-    whole = 0
+def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepStrategies) -> Screened:
     try:
-        strategies = parsed(candidate)
-        for step in task.steps:
-            planned = planner.plan(scene, step, strategies[step.strategies[0]])
-            if not planned.is_solved or planned.after is None:
-                half = 0.5 if _reaches_actuation(planned.plan) else 0.0
-                return (whole + half) / len(task.steps), planned.status
-            whole, scene = whole + 1, planned.after
+        ways = [(step, parsed(candidate[step.name])) for step in task.steps]
+        following = [(step, list(strategies.values())) for step, strategies in ways]
+        for number, (step, strategies) in enumerate(ways):
+            rest = following[number + 1 :]
+            planned = {}
+            for name, strategy in strategies.items():
+                planned[name] = planner.plan(scene, step, strategy, following=rest)
+                if planned[name].rank <= 1:
+                    break
+            name = min(planned, key=lambda each: planned[each].rank)
+            best = planned[name]
+            if not best.is_solved or best.after is None:
+                half = 0.5 if _reaches_actuation(best.plan) else 0.0
+                numbers = {"step": step.name, "strategy": name, "plan": best.detail()}
+                return (number + half) / len(task.steps), best.status, numbers
+            scene = best.after
     except MemoryError:
         raise
     except BaseException as error:
         # One candidate in hundreds ends no search, not even by a panic of the solver, which is no Exception.
         if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
             raise
-        return 0.0, f"planner error: {type(error).__name__}: {error}"
-    return 1.0, None
+        return 0.0, f"planner error: {type(error).__name__}: {error}", {}
+    return 1.0, None, {}
 
 
 def _reaches_actuation(plan: kpam.Plan | None) -> bool:
@@ -129,12 +138,18 @@ def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
 
 def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
     """Run one episode in physics and, where it seems to succeed, the same seed with a still arm."""
-    return _run(setting, strategies, seed, record=False)[0]
+    return _run(setting, setting.task, strategies, seed, record=False)[0]
+
+
+def trial(setting: Setting, ways: StepStrategies, seed: int) -> Episode:
+    """Run one episode of a candidate: the setting's task, its steps done in these ways."""
+    strategies = {name: data for own in ways.values() for name, data in own.items()}
+    return _run(setting, with_strategies(setting.task, ways), strategies, seed, record=False)[0]
 
 
 def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
     """Run one episode as ``episode`` does and keep its states; the recording is None where it did not hold."""
-    found, recording = _run(setting, strategies, seed, record=True)
+    found, recording = _run(setting, setting.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
 
@@ -149,10 +164,12 @@ def record(
     Returns:
         What ``keep`` returned.
     """
-    return keep(*_run(setting, strategies, seed, record=True))
+    return keep(*_run(setting, setting.task, strategies, seed, record=True))
 
 
-def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> tuple[Episode, Recording | None]:
+def _run(
+    setting: Setting, task: TaskSpec, strategies: Strategies, seed: int, record: bool
+) -> tuple[Episode, Recording | None]:
     from gensim2.episodes.attempts import Attempt, attempted
     from gensim2.episodes.chain import ChainController
     from gensim2.episodes.disturbance import Disturbed
@@ -164,7 +181,7 @@ def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> t
 
     def once(attempt: Attempt) -> EpisodeResult:
         controller: Controller = ChainController(
-            attempt.task(setting.task),
+            attempt.task(task),
             ways,
             profile=robot(given.robot),
             open_loop=given.open_loop,
@@ -174,7 +191,7 @@ def _run(setting: Setting, strategies: Strategies, seed: int, record: bool) -> t
             controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
         return run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
 
-    result = attempted(setting.task, once, given.attempts)
+    result = attempted(task, once, given.attempts)
     return result.episode, result.recording
 
 

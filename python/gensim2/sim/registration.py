@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec, registry
 
-from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -24,10 +24,10 @@ _ENTRY_POINT = "gensim2.sim.env:GenSim2Env"
 def env_id(task: TaskSpec) -> str:
     """Id that ``gym.make`` understands in any process where gensim2 is installed.
 
-    A task of the library has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an
+    A task that travels with the package has an id of its own; any other goes by ``GenSim2-Task-v1`` with the spec as an
     argument.
     """
-    in_library = task.name in task_names() and load_task(task.name) == task
+    in_library = task.name in packaged_names() and load_task(task.name) == task
     return f"{MODULE}:{task.env_id if in_library else TASK_ENV_ID}"
 
 
@@ -52,8 +52,8 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env
 
 
 def register_all() -> None:
-    """Register every task of the library and ``GenSim2-Task-v1``; doing so twice changes nothing."""
-    for name in task_names():
+    """Register every task of the package and ``GenSim2-Task-v1``; doing so twice changes nothing."""
+    for name in packaged_names():
         task = load_task(name)
         _register(task.env_id, task.max_episode_steps, {"task": name})
     _register(TASK_ENV_ID, None, {})

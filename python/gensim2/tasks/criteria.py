@@ -1,21 +1,24 @@
 """When a step or a task counts as done: a union of small values, each a pure function of a :class:`Measurement`.
 
-The five are the paper's. Distances are horizontal, between measured points: an object's last keypoint, as in the
-original; heights are the business of the strict verdict.
+Five are the paper's. Their distances are horizontal, between measured points: an object's last keypoint, as in the
+original; heights are the business of the strict verdict. The others say what the paper's tasks have no words for: a joint
+left in between, and where a rigid object is, by the origin of its frame, which lies in its middle.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gensim2.tasks.measurement import Measurement
 
 OPEN, CLOSED = 0.8, 0.2
 """Openness beyond which the paper calls a joint open, or closed."""
+AJAR = (0.3, 0.7)
+"""Openness between which a joint stands half open."""
 NEAR = 0.05
 """Horizontal distance (m) within which the paper calls two points together."""
 
@@ -58,6 +61,89 @@ class ArticulatedClosed(_Criterion):
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
         return measured.openness[self.object] < self.threshold
+
+
+class ArticulatedBetween(_Criterion):
+    """The object's openness is between ``low`` and ``high``: it stands ajar."""
+
+    type: Literal["articulated_between"] = "articulated_between"
+    object: str
+    low: Threshold = AJAR[0]
+    high: Threshold = AJAR[1]
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if not self.low < self.high:
+            raise ValueError("low must be less than high")
+        return self
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that it is about."""
+        return (self.object,)
+
+    def holds(self, measured: Measurement) -> bool:
+        """Whether it holds; NaN never does."""
+        return self.low < measured.openness[self.object] < self.high
+
+
+class RigidLifted(_Criterion):
+    """The rigid object is at least ``height`` (m) higher than where it stood at the reset."""
+
+    type: Literal["rigidbody_lifted"] = "rigidbody_lifted"
+    rigid: str
+    height: Threshold = NEAR
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that it is about."""
+        return (self.rigid,)
+
+    def holds(self, measured: Measurement) -> bool:
+        """Whether it holds; NaN never does."""
+        return float(measured.poses[self.rigid][2] - measured.starts[self.rigid][2]) > self.height
+
+
+class RigidMoved(_Criterion):
+    """The rigid object is at least ``distance`` (m) from where it stood at the reset, in a direction seen from the robot,
+    and has strayed from that direction by less than half the way."""
+
+    type: Literal["rigidbody_moved"] = "rigidbody_moved"
+    rigid: str
+    direction: Literal["away", "closer", "left", "right"]
+    distance: Threshold = NEAR
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that it is about."""
+        return (self.rigid,)
+
+    def holds(self, measured: Measurement) -> bool:
+        """Whether it holds; NaN never does."""
+        x, y = measured.poses[self.rigid][:2] - measured.starts[self.rigid][:2]
+        along, across = {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
+        return bool(along > self.distance and abs(across) < along / 2)
+
+
+class RigidOnRigid(_Criterion):
+    """A rigid object is on or in another: their origins are within ``threshold`` (m) horizontally, and the first is
+    higher than the other by at most ``height`` (m)."""
+
+    type: Literal["rigidbody_on_rigidbody"] = "rigidbody_on_rigidbody"
+    rigid: str
+    support: str
+    threshold: Threshold = NEAR
+    height: Threshold = 2 * NEAR
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that it is about."""
+        return (self.rigid, self.support)
+
+    def holds(self, measured: Measurement) -> bool:
+        """Whether it holds; NaN never does."""
+        x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
+        return math.hypot(x, y) < self.threshold and bool(z < self.height)
 
 
 class DistanceArticulatedRigid(_Criterion):
@@ -114,7 +200,15 @@ class DistanceGripperArticulated(_Criterion):
 
 
 Criterion = Annotated[
-    ArticulatedOpen | ArticulatedClosed | DistanceArticulatedRigid | DistanceGripperRigid | DistanceGripperArticulated,
+    ArticulatedOpen
+    | ArticulatedClosed
+    | ArticulatedBetween
+    | RigidLifted
+    | RigidMoved
+    | RigidOnRigid
+    | DistanceArticulatedRigid
+    | DistanceGripperRigid
+    | DistanceGripperArticulated,
     Field(discriminator="type"),
 ]
 

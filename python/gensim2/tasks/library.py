@@ -1,24 +1,32 @@
-"""The task library: one folder of data a task, read through the package so that a wheel carries it.
+"""The task library: one folder of data a task, on three shelves.
 
-``library/<Name>/task.yaml`` is a :class:`~gensim2.tasks.spec.TaskSpec`, ``library/<Name>/strategies/<name>.yaml`` a
-way to do one of its steps. Folders of other tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways
-that several tasks share lie in ``library/strategies/``: there a strategy is looked for that a task has not beside it.
+``library/`` in the package holds the paper's suite, ``designed/`` beside it what designers made of generated objects,
+and a folder of the user (:func:`user_library`) what their own runs kept. On each, ``<Name>/task.yaml`` is a
+:class:`~gensim2.tasks.spec.TaskSpec`, ``<Name>/strategies/<name>.yaml`` a way to do one of its steps. Folders of other
+tasks look the same; one of version 1 has a ``solver.yaml`` instead. Ways that several tasks share lie in
+``strategies/`` on the package's shelves: there a strategy is looked for that a task has not beside it.
 """
 
 from __future__ import annotations
 
 import difflib
+import os
+import zipfile
+import zlib
+from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+from platformdirs import user_data_path
+
 from gensim2.errors import InputError
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import parse_yaml, read_yaml
+from gensim2.yaml_files import MOST_BYTES, parse_yaml, read_yaml
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
@@ -27,42 +35,126 @@ Strategy = dict[str, Any]
 """A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
-def _folder() -> Traversable:
+PAPER = "paper"
+"""Origin of the suite: what the paper's tables list."""
+
+LIBRARY_VARIABLE, NO_LIBRARY = "GENSIM2_LIBRARY", "none"
+
+
+def user_library() -> Path | None:
+    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist.
+
+    None where the variable says ``none``: nothing is read there and nothing kept.
+    """
+    given = os.environ.get(LIBRARY_VARIABLE)
+    return None if given == NO_LIBRARY else Path(given or user_data_path("gensim2") / "tasks")
+
+
+def _user_shelf() -> Traversable | None:
+    """The user's own shelf, if any; an archive that ``gensim2 tasks export`` wrote is one that can be read.
+
+    Raises:
+        InputError: it is no archive.
+    """
+    path = user_library()
+    if path is None or path.suffix != ".zip" or not path.is_file():
+        return path
+    try:
+        return zipfile.Path(path)
+    except (OSError, zipfile.BadZipFile) as error:
+        raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
+
+
+def _suite() -> Traversable:
     return files("gensim2.tasks") / "library"
 
 
-@cache
-def task_names() -> tuple[str, ...]:
-    """Names of the tasks in the library, sorted."""
-    return tuple(sorted(entry.name for entry in _folder().iterdir() if (entry / TASK_FILE).is_file()))
+def _designed() -> Traversable:
+    return files("gensim2.tasks") / "designed"
+
+
+def task_names(origin: str | None = None) -> tuple[str, ...]:
+    """Names of the tasks in the library, sorted.
+
+    Args:
+        origin: only those that this one proposed: ``"paper"`` for the suite, else a designer's name; None: all.
+
+    Raises:
+        InputError: there are none of that origin; names those that there are. Or a task cannot be read.
+    """
+    if origin is None:
+        return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))
+    if origin == PAPER:
+        return _names_on_shelf(_suite)
+    found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
+    if not found:
+        known = sorted({str(origin_of(load_task(name))) for name in task_names()})
+        raise InputError(
+            f"no task of the library is of {origin!r}", field="origin", remedy=f"one of {', '.join(known)}"
+        )
+    return found
+
+
+def packaged_names() -> tuple[str, ...]:
+    """Names of the tasks that travel with the package, sorted."""
+    return tuple(sorted({*_names_on_shelf(_suite), *_names_on_shelf(_designed)}))
+
+
+def origin_of(task: TaskSpec) -> str | None:
+    """Who proposed a task; None where nobody says."""
+    return None if task.provenance is None else task.provenance.origin
 
 
 def task_folder(name: str) -> Traversable:
-    """The folder of a library task.
+    """The folder of a library task; where two shelves have the name, the package's.
 
     Raises:
         InputError: there is no such task; names near matches.
     """
-    if name in task_names():
-        return _folder() / name
+    for shelf in (_suite, _designed):
+        if name in _names_on_shelf(shelf):
+            return shelf() / name
+    own = _user_shelf()
+    if own is not None and name in names_in(own):
+        return own / name
     by_lower = {known.lower(): known for known in task_names()}
     near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
-    remedy = f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(task_names())}"
+    remedy = f"did you mean {', '.join(near)}?" if near else "gensim2 tasks list names all"
     raise InputError(f"unknown task {name!r}", remedy=remedy)
 
 
-@cache
 def load_task(name: str) -> TaskSpec:
     """The spec of a library task.
 
     Raises:
-        InputError: there is no such task; names near matches.
+        InputError: there is no such task; names near matches. Or its file cannot be used.
     """
-    source = task_folder(name) / TASK_FILE
-    task = parse_task(parse_yaml(source.read_bytes(), str(source)), str(source))
+    return _packaged_task(name) if name in packaged_names() else _read_task(task_folder(name), name)
+
+
+@cache
+def _packaged_task(name: str) -> TaskSpec:
+    return _read_task(task_folder(name), name)
+
+
+def _read_task(folder: Traversable, name: str) -> TaskSpec:
+    source = folder / TASK_FILE
+    task = parse_task(_read(source), str(source))
     if task.name != name:
         raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
     return task
+
+
+@cache
+def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
+    """Of a shelf of the package: it does not change."""
+    return names_in(shelf())
+
+
+def names_in(shelf: Traversable | None) -> tuple[str, ...]:
+    """Names of the tasks that lie in a folder, sorted."""
+    entries = shelf.iterdir() if shelf is not None and shelf.is_dir() else ()
+    return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 
 def load_strategies(name: str) -> dict[str, Strategy]:
@@ -72,6 +164,19 @@ def load_strategies(name: str) -> dict[str, Strategy]:
         InputError: there is no such task, or a strategy's file is missing.
     """
     return {strategy: _read(file) for strategy, file in strategy_files(task_folder(name), load_task(name)).items()}
+
+
+@cache
+def shared_strategy(name: str) -> Strategy:
+    """One of the ways that tasks of the package share; not to be changed in place.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    file = next((file for file in (shelf / f"{name}.yaml" for shelf in _shared()) if file.is_file()), None)
+    if file is None:
+        raise InputError(f"no shared strategy {name!r}", field="strategies")
+    return _read(file)
 
 
 def load_task_file(path: Path) -> TaskSpec:
@@ -122,7 +227,8 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
         places = _places(folder, name)
         file = next((file for file in places if file.is_file()), None)
         if file is None:
-            there = sorted({*_names_in(folder / STRATEGIES), *_names_in(_folder() / STRATEGIES)})
+            shared = (name for shelf in _shared() for name in _files_in(shelf))
+            there = sorted({*_files_in(folder / STRATEGIES), *shared})
             near = difflib.get_close_matches(name, there, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
             raise InputError(f"a step names a strategy {name!r} without a file", file=str(places[0]), remedy=remedy)
@@ -133,13 +239,24 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 def _places(folder: Traversable, name: str) -> list[Traversable]:
     """Where the file of a strategy may lie, first its own task's."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
-    return [folder / STRATEGIES / f"{name}.yaml", *former, _folder() / STRATEGIES / f"{name}.yaml"]
+    return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 
 
-def _read(file: Traversable) -> Strategy:
-    return load_strategy_file(file) if isinstance(file, Path) else parse_yaml(file.read_bytes(), str(file))
+def _shared() -> tuple[Traversable, ...]:
+    return _suite() / STRATEGIES, _designed() / STRATEGIES
 
 
-def _names_in(folder: Traversable) -> list[str]:
+def _read(file: Traversable) -> dict[str, Any]:
+    """The fields of a file of the package, of a folder or of an archive."""
+    if isinstance(file, Path):
+        return read_yaml(file)
+    try:
+        with file.open("rb") as stream:
+            return parse_yaml(stream.read(MOST_BYTES + 1), str(file))
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"cannot be read: {error}", file=str(file)) from error
+
+
+def _files_in(folder: Traversable) -> list[str]:
     entries = folder.iterdir() if folder.is_dir() else ()
     return sorted(entry.name.removesuffix(".yaml") for entry in entries if entry.name.endswith(".yaml"))

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import math
 
-from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion
+from gensim2.tasks.criteria import (
+    ArticulatedBetween,
+    ArticulatedClosed,
+    ArticulatedOpen,
+    Criterion,
+    RigidLifted,
+    RigidMoved,
+    RigidOnRigid,
+)
 from gensim2.tasks.spec import TABLE, ObjectSpec, Offset
+
+
+_WAYS = {"away": "away from the robot", "closer": "towards the robot", "left": "to the left", "right": "to the right"}
 
 
 def criterion_in_words(criterion: Criterion) -> str:
@@ -13,6 +24,14 @@ def criterion_in_words(criterion: Criterion) -> str:
     if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
         side = "above" if isinstance(criterion, ArticulatedOpen) else "below"
         return f"openness of the {_said(criterion.object)} {side} {criterion.threshold:g}"
+    if isinstance(criterion, ArticulatedBetween):
+        return f"openness of the {_said(criterion.object)} between {criterion.low:g} and {criterion.high:g}"
+    if isinstance(criterion, RigidLifted):
+        return f"{_said(criterion.rigid)} {100 * criterion.height:g} cm higher than it was"
+    if isinstance(criterion, RigidMoved):
+        return f"{_said(criterion.rigid)} {100 * criterion.distance:g} cm further {_WAYS[criterion.direction]}"
+    if isinstance(criterion, RigidOnRigid):
+        return f"{_said(criterion.rigid)} on the {_said(criterion.support)}"
     first, second = criterion.objects if len(criterion.objects) == 2 else ("hand", *criterion.objects)
     return f"{_said(first)} and {_said(second)} within {100 * criterion.threshold:g} cm, seen from above"
 

@@ -1,0 +1,115 @@
+"""What went wrong, in words that a designer can act on: which constraint, by how much, what was hit, what slipped."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+#: Sentences that a stage keeps of all its failures: the most frequent first.
+KEPT = 6
+
+#: What a number of an episode's diagnosis means, by its name; {} is the number.
+NUMBERS = {
+    "distance": "by {:.0f} mm",
+    "nearest": "the hand came within {:.0f} mm of its nearest keypoint",
+    "slip": "the hand went on {:.0f} mm after it had stopped",
+}
+SHARES = {
+    "travelled": "its joint went {:.0%} of its range the wanted way",
+    "furthest": "at its furthest {:.0%}",
+    "openness": "and ended at openness {:.2f}",
+}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """One way in which trials of a candidate failed.
+
+    Attributes:
+        step: name of the step that was to blame; None where it was none of them.
+        cause: the fixed phrase for it (docs/episodes.md), or the planner's status.
+        words: one sentence with the numbers of one such trial.
+        count: trials that failed like this.
+    """
+
+    step: str | None
+    cause: str
+    words: str
+    count: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"step": self.step, "cause": self.cause, "words": self.words, "count": self.count}
+
+    def __str__(self) -> str:
+        return f"{self.count} times: {self.words}"
+
+
+def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagnosis, ...]:
+    """Return the ways in which trials failed, the most frequent first, at most ``KEPT``.
+
+    Args:
+        failures: of each trial the cause and its numbers: an episode's ``diagnosis``, or a plan's ``detail`` with the
+            ``step`` and the ``strategy`` beside it.
+    """
+    counts: Counter[tuple[str | None, str, str]] = Counter()
+    example: dict[tuple[str | None, str, str], str] = {}
+    for cause, numbers in failures:
+        key = (numbers.get("step"), cause, str(numbers.get("strategy", "")))
+        counts[key] += 1
+        example.setdefault(key, in_words(cause, numbers))
+    return tuple(
+        Diagnosis(step, cause, example[step, cause, way], count)
+        for (step, cause, way), count in counts.most_common(KEPT)
+    )
+
+
+def in_words(cause: str, numbers: Mapping[str, Any]) -> str:
+    """One sentence: what failed in which step, done how, and the numbers beside it."""
+    step, strategy = numbers.get("step"), numbers.get("strategy")
+    where = f"step {step!r}" + (f" by {strategy!r}" if strategy else "") + ": " if step else ""
+    facts = [
+        *_of_plan(numbers.get("plan", numbers)),
+        *(text.format(1000 * numbers[name]) for name, text in NUMBERS.items() if _is_number(numbers.get(name))),
+        *(text.format(numbers[name]) for name, text in SHARES.items() if _is_number(numbers.get(name))),
+        *_deviations(numbers.get("deviations", ())),
+        *_failing(numbers.get("failing", ())),
+    ]
+    return where + "; ".join([cause, *facts])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
+
+
+def _of_plan(detail: Mapping[str, Any]) -> list[str]:
+    facts = []
+    for each in detail.get("residuals", ()):
+        facts.append(f"{each['name']} misses by {_length(each)} where {_length(each, 'tolerance')} is allowed")
+    if detail.get("unreached"):
+        facts.append(f"the keyframe {detail['unreached']} is not reached")
+    for each in detail.get("collisions", ()):
+        first, second = each["bodies"]
+        facts.append(
+            f"{first} and {second} come within {1000 * each['distance']:.0f} mm on the way to {each['toward']}"
+        )
+    if detail.get("touches"):
+        facts.append(f"it touches too early: {detail['touches']}")
+    return facts
+
+
+def _length(residual: Mapping[str, Any], name: str = "residual") -> str:
+    """A point's residual is in metres, any other in radians."""
+    value = float(residual[name])
+    return f"{1000 * value:.0f} mm" if str(residual["name"]).startswith("point2point") else f"{value:.2f} rad"
+
+
+def _deviations(given: Iterable[Mapping[str, Any]]) -> list[str]:
+    counted = Counter(f"{each['what']} in step {each['step']!r}" for each in given)
+    return [f"noticed {count} times: {what}" for what, count in counted.items()]
+
+
+def _failing(given: Iterable[Any]) -> list[str]:
+    return [f"not true in the end: {each}" for each in given]
