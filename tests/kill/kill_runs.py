@@ -75,13 +75,12 @@ COMMANDS = (
 def child(world: str, arguments: list[str]) -> int:
     """Run the command line as it is, but for a search that takes seconds, and for the world."""
     from gensim2.cli.main import run
-    from gensim2.pipeline import run as run_module
-    from gensim2.pipeline.search import Budget
+    from gensim2.pipeline import search
 
-    small = Budget(
-        screen_scenes=1, rounds=((4, 1),), refine_episodes=1, comparison=(1, 2), enough=0.3, enough_episodes=3
+    small = search.Budget(
+        screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.3, enough_episodes=3
     )
-    run_module.Budget = lambda: small
+    search.budget_for = lambda task: small
     if world == "fake":
         import fake_world
 

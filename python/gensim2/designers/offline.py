@@ -56,8 +56,11 @@ class OfflineDesigner:
         single = proposals.propose(brief.classes, known, brief.settings.stroke)
         yield from itertools.islice(single, FIRST_SINGLE)
         long = composition.propose(brief)
-        for pair in itertools.zip_longest(single, long):
-            yield from (task for task in pair if task is not None)
+        while True:
+            found = [task for task in (next(single, None), next(long, None)) if task is not None]
+            if not found:
+                return
+            yield from found
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
         """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""
