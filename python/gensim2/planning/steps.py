@@ -400,7 +400,7 @@ class StepPlanner:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # it is for other objects than these
                 continue
-            if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
+            if kpam.plan(problem).status == "solved":
                 return number
         return None
 
