@@ -16,7 +16,7 @@ from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
 from gensim2.planning.grasping import COMPARED, grasp_config, grasps_of
 from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
-from gensim2.planning.scene import Scene
+from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.shortening import shortened
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
@@ -120,6 +120,7 @@ class StepPlanner:
         self.profile = profile
         self._options = options
         self._world = PlanningWorld(profile)
+        self._floors: dict[str, tuple[SceneObject, Array]] = {}
         self._gripper = kpam.ParallelGripper.of_robot(profile.model, **_tool(profile))
         names = profile.model.joint_names
         self._fingers = [names.index(name) for name in profile.gripper.joints]
@@ -220,7 +221,7 @@ class StepPlanner:
             if name != scene.held:
                 points |= {f"{name}/{key}": at for key, at in other.points.items()}
         if thing.name != scene.held:
-            points |= {**thing.points, FLOOR: floor(scene, thing.name)}
+            points |= {**thing.points, FLOOR: self._floor(scene, thing)}
         tool = _tool(self.profile)
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
@@ -244,6 +245,13 @@ class StepPlanner:
             T_base_world=np.linalg.inv(scene.T_world_base).astype(np.float64),
             options=merged,
         )
+
+    def _floor(self, scene: Scene, thing: SceneObject) -> Array:
+        """(3,) that of an object; grasps are compared by dozens of plans on scenes in which it is the very same."""
+        known = self._floors.get(thing.name)
+        if known is None or known[0] is not thing:
+            known = self._floors[thing.name] = (thing, floor(scene, thing.name))
+        return known[1]
 
     def _start(self, scene: Scene, fingers: str) -> Array:
         """Joints at the start, the fingers as they stand during the approach."""
@@ -392,7 +400,7 @@ class StepPlanner:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # it is for other objects than these
                 continue
-            if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
+            if kpam.plan(problem).status == "solved":
                 return number
         return None
 

@@ -8,6 +8,7 @@ without a second thought.
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import pickle
@@ -201,6 +202,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
     if prepare is not None:
         with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
             prepare()
+    gc.freeze()  # what is imported stays: looking through its objects for garbage costs a fourteenth of all episodes
     with contextlib.suppress(OSError):  # a parent that is gone already shows below
         connection.send_bytes(b"ready")
     while True:
