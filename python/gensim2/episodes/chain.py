@@ -13,7 +13,7 @@ from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
 from gensim2.episodes.record import START, Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import INVALID, PLAN_OPTIONS, StepPlan, StepPlanner, Ways
+from gensim2.planning.steps import INVALID, PLAN_OPTIONS, Foreseen, StepPlan, StepPlanner, Ways
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.tasks.criteria import all_hold
@@ -130,6 +130,7 @@ class ChainController:
         self._at = 0
         self._running: _Plan | None = None
         self._held: Held | None = None
+        self._held_by: Foreseen | None = None
         self._trigger = START
         self._waited = 0
         self._from_rest = False
@@ -229,6 +230,7 @@ class ChainController:
         assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
             self._held = taken(self._profile, observation.q, measured, run.planned)
+            self._held_by = run.planned.foreseen
             if self._held is None:
                 return Cause.GRASP_MISSED
         if schedule.released is not None and run.ran >= schedule.released:
@@ -276,7 +278,9 @@ class ChainController:
         scene = replace(observation.scene(), held=self._holds, held_width=width)
         found: list[_Plan] = []
         for name in self._untried(turn):
-            former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
+            former = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
+            if former is None or former.trajectory is None:
+                former = self._foreseen(name)
             plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
             found.append(plan)
@@ -301,7 +305,14 @@ class ChainController:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
         return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
 
-    def _plan(self, scene: Scene, name: str, at_step: int, former: StepPlan | None) -> _Plan:
+    def _foreseen(self, name: str) -> kpam.Plan | None:
+        """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""
+        grasp = self._held_by
+        if grasp is None or self._held is None or grasp.step != self._step.name:
+            return None
+        return grasp.plan if self._step.strategies[grasp.strategy] == name else None
+
+    def _plan(self, scene: Scene, name: str, at_step: int, former: kpam.Plan | None) -> _Plan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         try:

@@ -57,6 +57,7 @@ class StepPlan:
         width: distance of the finger pads that hold it, m.
         touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
         whole: where ``plan`` is the longest part of a motion and then lets go: the plan that says what the rest lacks.
+        foreseen: of a grasp the step that it is for, with the plan of it that was found on the scene as it will be.
     """
 
     status: str
@@ -68,6 +69,7 @@ class StepPlan:
     width: float | None = None
     touches: str | None = None
     whole: kpam.Plan | None = None
+    foreseen: Foreseen | None = None
 
     @property
     def is_solved(self) -> bool:
@@ -104,6 +106,21 @@ class StepPlan:
         return {name: value for name, value in found.items() if value} | touches
 
 
+@dataclass(frozen=True)
+class Foreseen:
+    """A step planned ahead, on a scene as it will be.
+
+    Attributes:
+        step: its name.
+        strategy: which of its strategies, by number.
+        plan: the motion.
+    """
+
+    step: str
+    strategy: int
+    plan: kpam.Plan
+
+
 #: A step and its strategies, in order of preference.
 Ways = tuple[Step, Sequence[Strategy]]
 
@@ -132,7 +149,7 @@ class StepPlanner:
         strategy: Strategy,
         *,
         following: Sequence[Ways] = (),
-        former: StepPlan | None = None,
+        former: kpam.Plan | None = None,
         explain: bool = False,
     ) -> StepPlan:
         """Plan a step.
@@ -142,7 +159,7 @@ class StepPlanner:
             step: what is acted on, and with what.
             strategy: how.
             following: the steps after it; a grasp looks ahead to the first that uses the object as its tool.
-            former: an earlier plan of the same step; its pose and its way are tried first.
+            former: an earlier plan of the same step, or one that was foreseen; its pose and its way are tried first.
             explain: whether the plan says what became of every pose that was tried.
 
         Returns:
@@ -154,7 +171,7 @@ class StepPlanner:
             found = reach(
                 lambda options: self.problem(scene, step, strategy, options),
                 self._clearances(scene, step, strategy),
-                None if former is None else former.plan,
+                former,
                 explain,
             )
             part = self._letting_go(scene, step, strategy, found)
@@ -353,7 +370,7 @@ class StepPlanner:
                 return taken
             way = self._way(taken.after, use[0], ways)
             if way is not None:
-                serving, ways = taken, ways[:way]
+                serving, ways = replace(taken, foreseen=way), ways[: way.strategy]
             elif best is None or not best.is_solved:
                 best = taken
             compared += serving is not None
@@ -391,8 +408,8 @@ class StepPlanner:
         after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
 
-    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> int | None:
-        """Which is the first of the strategies by which a step can be planned on a scene that is foreseen."""
+    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
+        """By which of the strategies, the first, a step can be planned on a scene that is foreseen, and how."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy):
                 continue
@@ -400,8 +417,8 @@ class StepPlanner:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # it is for other objects than these
                 continue
-            if kpam.plan(problem).status == "solved":
-                return number
+            if (plan := kpam.plan(problem)).status == "solved":
+                return Foreseen(step.name, number, plan)
         return None
 
 
