@@ -223,7 +223,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
-        self.physics.prepare_robot(self.agent.robot._objs[0])
+        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile.gripper)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
