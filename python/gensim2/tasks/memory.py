@@ -102,8 +102,10 @@ class Memory:
         Raises:
             InputError: what was written down when it was added cannot be read.
         """
+        if name not in self.names():
+            return None
         path = self.folder / name / ADDED_FILE
-        if name not in self.names() or not path.is_file():
+        if not path.is_file():
             return None
         run = read_yaml(path).get("run")
         return run if isinstance(run, str) else None
