@@ -423,6 +423,7 @@ def make_env(
     robot: str = DEFAULT_ROBOT,
     physics: str = "ours",
     obs_mode: str = "state",
+    observation: CloudSettings | Mapping[str, Any] | None = None,
     render_mode: str | None = None,
 ) -> GenSim2Env:
     """A :class:`GenSim2Env` without gymnasium's wrappers, typed: what gensim2's own rollouts use.
@@ -436,5 +437,6 @@ def make_env(
         robot=robot,
         physics=physics,
         obs_mode=obs_mode,
+        observation=observation,
         render_mode=render_mode,
     )

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import torch
 
 from gensim2.sim.env import make_env
-from gensim2.sim.raycast.scene import rows_at
 from gensim2.tasks.spec import TaskSpec
 
 Images = dict[str, npt.NDArray[Any]]
@@ -54,11 +53,10 @@ class StatePictures:
             states: ManiSkill's ``env_states``.
             step: which of their rows.
         """
-        row = rows_at(states, step)
         self._env.set_state_dict(
             {
-                kind: {name: torch.from_numpy(value[None]) for name, value in group.items()}
-                for kind, group in row.items()
+                kind: {name: torch.from_numpy(np.asarray(rows[step : step + 1])) for name, rows in group.items()}
+                for kind, group in states.items()
             }
         )
         found = self._env._get_obs_sensor_data()

@@ -192,8 +192,3 @@ def _rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.ND
 
 def _bytes(color: Sequence[float]) -> tuple[int, ...]:
     return tuple(round(255 * value) for value in color[:3])
-
-
-def rows_at(states: Mapping[str, Any], step: int) -> dict[str, dict[str, npt.NDArray[np.float32]]]:
-    """One row of ``env_states``."""
-    return {kind: {name: np.asarray(rows)[step] for name, rows in group.items()} for kind, group in states.items()}
