@@ -6,6 +6,7 @@ in ``gensim2.pipeline.worker``, and run in worker processes as they do.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -21,7 +22,7 @@ from gensim2.pipeline import worker
 from gensim2.pipeline.setting import Circumstances, Setting
 from gensim2.tasks.spec import TaskSpec
 
-EPISODE_SECONDS = 0.2
+EPISODE_SECONDS = float(os.environ.get("FAKE_EPISODE_SECONDS", "0.2"))
 
 
 def install() -> None:

@@ -252,8 +252,8 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
         InputError: it cannot be joined.
     """
     where: dict[str, Any] = {"address": address}
-    if address == "local":
-        where = {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
+    if address == "local":  # said so, for without an address Ray looks for a cluster that somebody else has begun
+        where |= {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         for number in range(TRIES):
