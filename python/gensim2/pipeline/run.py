@@ -27,10 +27,10 @@ from gensim2.pipeline.report import reported
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
 from gensim2.pipeline.search import LONG_BUDGET, Budget
 from gensim2.pipeline.setting import Circumstances, Physics
+from gensim2.pipeline.verification import VERIFY_EPISODES
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.pipeline.verification import VERIFY_EPISODES
 from gensim2.tasks.library import load_strategies, load_task, task_names
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 

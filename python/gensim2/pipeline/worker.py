@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import gensim2_kpam as kpam
-from gensim2.designers.base import Strategies, StepStrategies, with_strategies
+from gensim2.designers.base import StepStrategies, Strategies, with_strategies
 from gensim2.episodes.record import Episode
 from gensim2.objects import open_library
 from gensim2.pipeline.setting import Circumstances, Setting
