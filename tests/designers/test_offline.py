@@ -10,7 +10,16 @@ from typing import Literal
 import pytest
 
 import gensim2_kpam as kpam
-from gensim2.designers import Affordance, Brief, CandidateResult, Declined, Known, OfflineDesigner, Settings, StageResult
+from gensim2.designers import (
+    Affordance,
+    Brief,
+    CandidateResult,
+    Declined,
+    Known,
+    OfflineDesigner,
+    Settings,
+    StageResult,
+)
 from gensim2.designers.composition import chains, verbs
 from gensim2.designers.joint_search import manipulation_from
 from gensim2.designers.proposals import joint_goal, redesigned, spec
@@ -138,9 +147,7 @@ def put_ball_away() -> TaskSpec:
         description="put the ball into the drawer",
         objects={"drawer": ObjectSpec(asset_class="drawer"), "ball": ObjectSpec(asset_class="golf_ball")},
         steps=(
-            Step(
-                name="grasp", object="ball", strategies=("grasp", "side"), done=(DistanceGripperRigid(rigid="ball"),)
-            ),
+            Step(name="grasp", object="ball", strategies=("grasp", "side"), done=(DistanceGripperRigid(rigid="ball"),)),
             Step(name="place", object="drawer", tool="ball", strategies=("place",), done=(inside,)),
         ),
     )
@@ -184,7 +191,9 @@ def test_no_more_than_three_tasks_differ_only_in_the_rigid_object() -> None:
             else "rigid"
             for name, thing in task.objects.items()
         }
-        steps = [(names[step.object], names.get(step.tool), verb) for step, verb in zip(task.steps, verbs(task), strict=True)]
+        steps = [
+            (names[step.object], names.get(step.tool), verb) for step, verb in zip(task.steps, verbs(task), strict=True)
+        ]
         begins = [(names[name], names.get(thing.place.on)) for name, thing in task.objects.items()]
         return f"{begins} {steps} {[(c.type, [names[o] for o in c.objects]) for c in task.success]}"
 
@@ -241,7 +250,10 @@ def test_the_hinge_itself_is_no_place_to_push() -> None:
     what = affordance("safe_rotate")
     candidates = OfflineDesigner().candidates(spec(what, "articulated_open"), brief(what), seed=0)
     keypoints = {
-        name for c in candidates for config in c.strategies.values() for name in config.get("object_keypoint_name_list", [])
+        name
+        for c in candidates
+        for config in c.strategies.values()
+        for name in config.get("object_keypoint_name_list", [])
     }
     assert keypoints == {"articulated_object_head"}
 

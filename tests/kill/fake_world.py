@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gensim2 import seeding
-from gensim2.designers.base import Strategies
+from gensim2.designers.base import StepStrategies, Strategies
 from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
@@ -30,7 +30,7 @@ def install() -> None:
     worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")
     worker.prepare = prepare
     worker.screen_scene = screen_scene
-    worker.episode = episode
+    worker.episode = worker.trial = episode
     worker.demonstrate = demonstrate
     worker.record = record
 
@@ -39,10 +39,10 @@ def prepare(circumstances: Circumstances) -> None:
     """There is nothing to read and nothing to build."""
 
 
-def screen_scene(setting: Setting, seed: int, candidates: Sequence[Strategies]) -> list[tuple[float, str | None]]:
+def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
     time.sleep(EPISODE_SECONDS)
     draws = seeding.rng(seed, "screen").random(len(candidates))
-    return [(1.0, None) if draw < 0.3 else (0.0, "unreachable") for draw in draws]
+    return [(1.0, None, {}) if draw < 0.3 else (0.0, "unreachable", {}) for draw in draws]
 
 
 def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
@@ -59,7 +59,8 @@ def _recorded(setting: Setting, seed: int) -> tuple[Episode, Recording]:
     random = seeding.rng(seed, "episode")
     (name, thing), *rest = setting.task.objects.items()
     library = open_library(setting.circumstances.assets)
-    words = (setting.instances,) if isinstance(setting.instances, str) else setting.instances
+    drawn = dict(setting.instances)[name] if isinstance(setting.instances, frozenset) else setting.instances
+    words = (drawn,) if isinstance(drawn, str) else drawn
     listed = [each for word in words for each in library.choose(thing.asset_class, word)]
     model = library.load(thing.asset_class, listed[int(random.integers(len(listed)))])
     held, start, end = bool(random.random() < 0.75), float(random.random()), float(random.random())

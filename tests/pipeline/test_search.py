@@ -13,8 +13,8 @@ from gensim2.designers import Affordance, Brief, Candidate, CandidateResult, Set
 from gensim2.designers.base import StepStrategies
 from gensim2.episodes.record import Cause, Episode
 from gensim2.pipeline.search import Budget, Search
-from gensim2.pipeline.worker import Screened
 from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.pipeline.worker import Screened
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -26,7 +26,9 @@ TASK = TaskSpec(
     steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
 SETTING = Setting(TASK, "train", Circumstances("builtin"))
-THING = Affordance("thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute")
+THING = Affordance(
+    "thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute"
+)
 BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours"), {"thing": THING})
 
 

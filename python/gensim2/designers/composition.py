@@ -1,8 +1,8 @@
 """Long tasks made of what is known by its pre- and post-conditions, in the words of people.
 
-A piece is a known task on one joint: it needs the joint to stand otherwise than it leaves it. Taking something up needs an
-empty hand and leaves it full; putting it down needs a full hand and what it is put into open, and leaves the hand empty.
-Whatever chain is made holds to this (:func:`chains`).
+A piece is a known task on one joint: it needs the joint to stand otherwise than it leaves it. Taking something up needs
+an empty hand and leaves it full; putting it down needs a full hand and what it is put into open, and leaves the hand
+empty. Whatever chain is made holds to this (:func:`chains`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from gensim2.designers.base import DESIGNED, Brief, Known, Strategies
 from gensim2.designers.proposals import OPEN_AT, camel_case, holdable, joint_goal, role_of
 from gensim2.objects.words import belongs, noun, room, words
 from gensim2.tasks.criteria import (
-    ArticulatedBetween,
     ArticulatedClosed,
     ArticulatedOpen,
     Criterion,
@@ -27,7 +26,7 @@ from gensim2.tasks.criteria import (
     DistanceGripperRigid,
     RigidOnRigid,
 )
-from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import HAND, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 Item = TypeVar("Item")
 
@@ -128,7 +127,7 @@ def propose(brief: Brief) -> Iterator[TaskSpec | None]:
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """What stands in the way of a chain of steps: conditions that a step needs and that those before it do not leave."""
+    """What stands in the way of a chain of steps: conditions that a step needs and those before it do not leave."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []
@@ -159,7 +158,7 @@ def verbs(task: TaskSpec) -> tuple[str, ...]:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """How a known task brings a joint to ``goal``, its strategies under names that say so; empty where none is known."""
+    """How a known task brings a joint to ``goal``, its strategies under telling names; empty where none is known."""
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -196,9 +195,11 @@ def _things(brief: Brief, asset_class: str) -> list[Affordance]:
 
 
 def _tidied(brief: Brief, how: str) -> Iterator[Draft]:
-    """Something is put into a container that is opened before or closed after, both or neither; all containers in turn."""
+    """Something is put into a container that is opened before or closed after, both or neither; all in turn."""
     opens, shuts = how in ("stow", "put"), how in ("stow", "shut")
-    queues = [[(container, thing) for thing in _things(brief, container.asset_class)] for container in _containers(brief)]
+    queues = [
+        [(container, thing) for thing in _things(brief, container.asset_class)] for container in _containers(brief)
+    ]
     # Each way of doing it begins with another thing, so that more of them are handled.
     turn = ("stow", "put", "shut", "drop").index(how)
     queues = [queue[turn % len(queue) :] + queue[: turn % len(queue)] for queue in queues if queue]
@@ -346,13 +347,18 @@ def _pair(brief: Brief, first: tuple[str, str, Known], second: tuple[str, str, K
 
 def _taken_out(brief: Brief) -> Iterator[Draft]:
     """Something is taken out of an open container and put on a plate or into a bowl."""
-    yield from _carried(brief, "Take{}OutOf{}", "take the {thing} out of the {box} and put it {into} the {support}", False)
+    yield from _carried(
+        brief, "Take{}OutOf{}", "take the {thing} out of the {box} and put it {into} the {support}", False
+    )
 
 
 def _moved(brief: Brief) -> Iterator[Draft]:
     """The same of a container that is closed afterwards."""
     yield from _carried(
-        brief, "Fetch{}From{}", "take the {thing} out of the {box}, put it {into} the {support} and close the {box}", True
+        brief,
+        "Fetch{}From{}",
+        "take the {thing} out of the {box}, put it {into} the {support} and close the {box}",
+        True,
     )
 
 

@@ -1,6 +1,7 @@
-"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions; physics says what holds.
+"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions.
 
-Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions.
+Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions. Physics says
+what holds.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise of
-each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly always, the
-designer varies them and the best are compared again.
+the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise
+of each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly
+always, the designer varies them and the best are compared again.
 
 Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
 strict verdict decides among them.
