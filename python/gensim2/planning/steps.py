@@ -389,7 +389,7 @@ class StepPlanner:
         plan = kpam.plan(problem)
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
-        force = grip_force(scene.objects[step.object].mass or 0.0)
+        force = grip_force(scene.objects[step.object].mass or 0.0, grasp.quality["friction_margin"])
         opening, grip = self._command(grasp.opening / 2), grip_on(grasp.width, force, self.profile)
         acts = self._acts(scene, strategy, opening, grip, gently=True)
         rows = schedule(plan, acts, self.profile)
