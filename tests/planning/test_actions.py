@@ -155,3 +155,7 @@ def test_what_weighs_more_is_pressed_harder() -> None:
 def test_sloping_faces_are_pressed_harder() -> None:
     parallel, sloping, steep = (grip_force(0.256, margin) for margin in (0.5, 0.12, 0.001))
     assert parallel < sloping < steep == pytest.approx(MOST_GRIP_WEIGHTS * 0.256 * GRAVITY)
+
+
+def test_what_is_held_beside_its_centre_of_mass_is_pressed_harder() -> None:
+    assert grip_force(0.02, 0.28, lever=0.03) > grip_force(0.02, 0.28)

@@ -32,8 +32,8 @@ def crept(tmp_path: Path, slope: float, mass: float, force: float | None = None)
     arm = Arm(scene, profile, physics)
     arm.put((*profile.reset_qpos[:7], 0.03, 0.03))
     top = HALF_WIDTH - 2 * HALF_HEIGHT * np.tan(np.radians(slope))
-    corners = [(x, y, z) for x in (-HALF_LENGTH, HALF_LENGTH) for w, z in ((HALF_WIDTH, -1), (top, 1)) for y in (-w, w)]
-    corners = [(x, y, z * HALF_HEIGHT) for x, y, z in corners]
+    ends = ((HALF_WIDTH, -HALF_HEIGHT), (top, HALF_HEIGHT))
+    corners = [(x, y, z) for x in (-HALF_LENGTH, HALF_LENGTH) for w, z in ends for y in (-w, w)]
     file = tmp_path / "bar.obj"
     trimesh.convex.convex_hull(np.array(corners)).export(file)
     builder = scene.create_actor_builder()
