@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.planning.actions import CLOSED, GRAVITY, GRIP_FORCE, GRIP_WEIGHTS, OPEN, Acts, grip_on, schedule
+from gensim2.planning.actions import (
+    CLOSED,
+    GRAVITY,
+    LEAST_GRIP_FORCE,
+    LEAST_GRIP_WEIGHTS,
+    MOST_GRIP_WEIGHTS,
+    OPEN,
+    Acts,
+    grip_force,
+    grip_on,
+    schedule,
+)
 from gensim2.robots import RobotProfile, robot
 
 pytest.importorskip("mani_skill")
@@ -110,9 +121,9 @@ def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers
 
 def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
     gripper, width = panda.gripper, 0.033
-    command = grip_on(width, 0.002, panda)
+    command = grip_on(width, 2.0, panda)
     finger = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
-    assert (width / 2 - finger) * gripper.stiffness == pytest.approx(GRIP_FORCE)
+    assert (width / 2 - finger) * gripper.stiffness == pytest.approx(2.0)
     rows = schedule(plan(), Acts("grasp", OPEN, grip=command, gently=True), panda)
     assert rows.actions[:, 7].min() == pytest.approx(command)
     assert rows.actions[-1, 7] == pytest.approx(command)
@@ -135,10 +146,16 @@ def test_a_plan_without_a_trajectory_is_refused(panda: RobotProfile) -> None:
         schedule(SimpleNamespace(trajectory=None, reason="out of reach"), Acts("open", OPEN), panda)  # type: ignore[arg-type]
 
 
-def test_what_weighs_more_is_pressed_harder(panda: RobotProfile) -> None:
-    """A bar of gold of 256 g slips from fingers that hold a ball of a few grams."""
-    light, ball, bar = (grip_on(0.03, mass, panda) for mass in (0.0, 0.004, 0.256))
-    assert light == ball > bar
-    gripper = panda.gripper
-    pressed = 0.015 - (0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * bar)
-    assert pressed * gripper.stiffness == pytest.approx(GRIP_WEIGHTS * 0.256 * GRAVITY)
+def test_what_weighs_more_is_pressed_harder() -> None:
+    """A bar of gold of 256 g slips from fingers that hold a ball of a few grams, and these crush no ball."""
+    assert grip_force(0.0) == grip_force(0.004) == LEAST_GRIP_FORCE
+    assert grip_force(0.256) == pytest.approx(LEAST_GRIP_WEIGHTS * 0.256 * GRAVITY)
+
+
+def test_sloping_faces_are_pressed_harder() -> None:
+    parallel, sloping, steep = (grip_force(0.256, margin) for margin in (0.5, 0.12, 0.001))
+    assert parallel < sloping < steep == pytest.approx(MOST_GRIP_WEIGHTS * 0.256 * GRAVITY)
+
+
+def test_what_is_held_beside_its_centre_of_mass_is_pressed_harder() -> None:
+    assert grip_force(0.02, 0.28, lever=0.03) > grip_force(0.02, 0.28)

@@ -255,7 +255,8 @@ class ChainController:
         if schedule.released is not None and run.ran >= schedule.released:
             self._held = None
         if self._held is not None and self._held.is_lost(self._profile, observation.q, measured):
-            self._lost.setdefault(self._held.name, []).append(np.linalg.inv(self._held.T_hand_object))
+            T_object_hand: Array = np.linalg.inv(self._held.T_hand_object).astype(np.float64)
+            self._lost.setdefault(self._held.name, []).append(T_object_hand)
             self._held = None
             return Cause.GRASP_LOST
         name = self._step.object

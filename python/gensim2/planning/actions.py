@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, hypot, pi, tan
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,18 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger as it closes on a thing that can be pushed away, m/s.
 CLOSING_SPEED = 0.06
 
-#: Weights of what was taken up by which each finger presses: friction carries it, with what its lever and its inertia
-#: add, at a coefficient of 0.3 and more. Not more: in some solvers a contact gives the more, the lighter a body is, so
-#: that pads pressed by many times its weight sink into it, and a ball of a few grams is shot out of the fingers.
-GRIP_WEIGHTS = 6.0
+#: Weights of what was taken up by which each finger presses: at least, so that its lever and its inertia are carried,
+#: too; and at most. In some solvers a contact gives the more, the lighter a body is: pads that are pressed by many
+#: times its weight sink into it, and a ball of a few grams is shot out of the fingers.
+LEAST_GRIP_WEIGHTS, MOST_GRIP_WEIGHTS = 6.0, 15.0
 
-#: Least force (N) of each finger: what moves the hand moves the fingers, too, which weigh more than a ball between them.
+#: Times its weight that the friction of both fingers is to carry.
+CARRIED_WEIGHTS = 3.0
+
+#: Metres from the middle of a pad at which its friction acts against turning about the line between the pads.
+PAD_ARM = 0.0075
+
+#: Least force (N) of each finger: what moves the hand moves the fingers, too, and they weigh more than a ball.
 LEAST_GRIP_FORCE = 0.5
 
 #: m/s².
@@ -78,9 +84,16 @@ class Schedule:
         return len(self.actions)
 
 
-def grip_force(mass: float) -> float:
-    """The force (N) of each finger that carries a mass (kg)."""
-    return max(LEAST_GRIP_FORCE, GRIP_WEIGHTS * mass * GRAVITY)
+def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> float:
+    """The force (N) of each finger that carries a mass (kg).
+
+    Args:
+        margin: angle (rad) that is left between what the fingers press along and the edge of the friction cone: all of
+            the cone on parallel faces, next to nothing on faces that slope as much as friction holds.
+        lever: distance (m) of the centre of mass from the line between the pads, about which it may turn.
+    """
+    weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
+    return max(LEAST_GRIP_FORCE, min(weights, MOST_GRIP_WEIGHTS) * mass * GRAVITY)
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile) -> float:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
-from gensim2.planning.scene import Scene
+from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.strategies import GraspStrategy
 from gensim2.robots import RobotProfile
 
@@ -60,6 +60,14 @@ def grasps_of(
     again = [any(is_near(grasp.T_object_hand, each) for each in lost) for grasp in leaning]
     ranked = [grasp for late in (False, True) for grasp, near in zip(leaning, again, strict=True) if near is late]
     return ranked[: strategy.candidates]
+
+
+def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
+    """Distance (m) of an object's centre of mass from the line between the pads; 0 where nobody knows it."""
+    if thing.center_of_mass is None:
+        return 0.0
+    center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]
+    return float(np.linalg.norm((center - profile.tool_keypoints["tool_head"])[[0, 2]]))
 
 
 def is_near(T_object_hand: Array, other: Array) -> bool:

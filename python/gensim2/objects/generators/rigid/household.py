@@ -264,7 +264,8 @@ def _block(size: tuple[float, float, float], look: Look, bevel: float) -> RigidB
 
 
 def _gold_bar() -> RigidBlueprint:
-    top, bottom = (0.045, 0.016), (0.055, 0.024)
+    # Sides slope by 10 degrees: refiners ask for 5 to 15, so that a bar leaves its mould and can be held.
+    top, bottom = (0.050, 0.019), (0.055, 0.024)
     corners = [(s * top[0], t * top[1], 0.014) for s in (-1, 1) for t in (-1, 1)]
     corners += [(s * bottom[0], t * bottom[1], -0.014) for s in (-1, 1) for t in (-1, 1)]
     mark = box((0, 0, 0.014), (0.05, 0.014, 0.0008), Look((0.85, 0.55, 0.1, 1), 0.5, 0.4), 0).visual_only()
