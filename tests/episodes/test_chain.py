@@ -177,3 +177,22 @@ def test_a_ball_out_of_reach_is_no_motion(scene: Scene) -> None:
     grasp = controller.history[-1]
     assert grasp.name == "grasp"
     assert grasp.plans[-1].status == "no_grasp"
+
+
+def test_what_a_grasp_foresees_is_tried_first_in_the_next_step(
+    world: KinematicWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    formers: dict[str, list[Any]] = {}
+    plan = StepPlanner.plan
+
+    def noted(self: StepPlanner, scene: Scene, step: Any, strategy: Any, **given: Any) -> StepPlan:
+        formers.setdefault(step.name, []).append(given["former"])
+        return plan(self, scene, step, strategy, **given)
+
+    monkeypatch.setattr(StepPlanner, "plan", noted)
+    controller = chain()
+    world.run(controller)
+    foreseen = [planned.foreseen for _, planned in controller.plans if planned.foreseen is not None]
+    assert [(each.step, each.strategy) for each in foreseen] == [("place", 0)]
+    assert formers["place"] == [foreseen[0].plan]
+    assert formers["open"] == formers["close"] == [None]

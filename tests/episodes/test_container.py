@@ -81,3 +81,23 @@ def test_real_containers_have_a_room_inside(asset_class: str, count: int, real_a
     library = open_library(real_assets)
     for name in library.instances(asset_class)[:count]:
         assert _box(library.load(asset_class, name))[0] is not None, name
+
+
+def test_what_lies_flat_on_the_floor_of_a_large_container_is_inside() -> None:
+    def slab(*sides: tuple[float, float]) -> Array:
+        return np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 3)
+
+    x, y, z = (-0.3, 0.3), (-0.3, 0.3), (0.0, 0.9)
+    hulls = (
+        slab(x, y, (0.0, 0.031)),
+        slab(x, y, (0.87, 0.9)),
+        slab((0.27, 0.3), y, z),
+        slab(x, (-0.3, -0.27), z),
+        slab(x, (0.27, 0.3), z),
+    )
+    box = inner_box(hulls, np.array([0.0, 0.0, 0.04]), np.array([0.0, 0.0, 1.0]))
+    assert box is not None
+    assert box.contains(np.array([0.0, 0.0, 0.033]))
+    assert not box.contains(np.array([0.0, 0.0, 0.029]))
+    assert box.contains(np.array([0.268, 0.0, 0.1]))
+    assert not box.contains(np.array([-0.31, 0.0, 0.1]))  # open in front: there the link ends

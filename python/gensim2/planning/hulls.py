@@ -36,8 +36,8 @@ def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Ar
         along: (3,) unit direction of all of them.
 
     Returns:
-        (N, H) of each line and hull the distance from the point, along the direction, at which it enters and leaves; inf
-        and -inf where it passes by.
+        Two (N, H): of each line and hull the distance from the point, along the direction, at which it enters, and at
+        which it leaves; inf and -inf where it passes by.
     """
     enters, leaves = [], []
     for planes in _planes(HullsKey(hulls)):
