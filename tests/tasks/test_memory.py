@@ -148,10 +148,11 @@ def test_a_task_of_the_package_is_known_and_another_thing_or_goal_is_new(memory:
 
 def test_only_ones_own_tasks_can_be_removed(memory: Memory) -> None:
     memory.add(novel(), load_strategies(LONG), verified())
+    with pytest.raises(InputError, match="OpenDrawer is part of the package"):
+        memory.remove("PutScissorsIntoDrawer", "OpenDrawer")
+    assert memory.names() == ("PutScissorsIntoDrawer",)
     memory.remove("PutScissorsIntoDrawer")
     assert [path.name for path in memory.folder.iterdir()] == [".lock"]
-    with pytest.raises(InputError, match="OpenDrawer is part of the package"):
-        memory.remove("OpenDrawer")
     with pytest.raises(InputError, match="there is no task 'PutScissorsIntoDrawer'"):
         memory.remove("PutScissorsIntoDrawer")
 

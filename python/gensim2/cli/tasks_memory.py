@@ -37,8 +37,7 @@ def remove(names: tuple[str, ...], json_file: str | None) -> None:
         from gensim2.tasks.memory import Memory
 
         memory = Memory()
-        for name in dict.fromkeys(names):
-            memory.remove(name)
+        memory.remove(*names)
         give({"schema_version": 1, "library": str(memory.folder), "removed": list(dict.fromkeys(names))})
 
 

@@ -149,24 +149,31 @@ class Memory:
                 write_json(made / ADDED_FILE, _note(run))
         return self.folder / task.name
 
-    def remove(self, name: str) -> None:
-        """Remove a task.
+    def remove(self, *names: str) -> None:
+        """Remove tasks: all of them or, where one cannot be, none.
 
         Raises:
-            InputError: it is not among the user's own, or cannot be removed.
+            InputError: one is not among the user's own, or cannot be removed.
         """
-        if name not in names_in(self.folder):
+        own = names_in(self.folder)
+        for name in names:
+            if name in own:
+                continue
             if name in packaged_names():
                 raise InputError(f"{name} is part of the package", remedy="only your own tasks can be removed")
             raise InputError(f"there is no task {name!r} in {self.folder}", remedy="gensim2 tasks list names all")
         with self._locked():
-            gone = self.folder / _temporary(name)
-            try:
-                (self.folder / name).rename(gone)
-                sync_folder(self.folder)
-            except FileNotFoundError:
-                return  # somebody else was quicker
-            shutil.rmtree(gone)
+            for name in dict.fromkeys(names):
+                self._remove(name)
+
+    def _remove(self, name: str) -> None:
+        gone = self.folder / _temporary(name)
+        try:
+            (self.folder / name).rename(gone)
+        except FileNotFoundError:
+            return  # somebody else was quicker
+        sync_folder(self.folder)
+        shutil.rmtree(gone)
 
     def _has(self, task: TaskSpec, strategies: Mapping[str, Strategy]) -> bool:
         """Whether just this task stands here, verified at whatever time."""
