@@ -102,7 +102,7 @@ def test_a_recorded_run_is_replayed_to_the_same_report_without_a_model(server: M
     text = page(tmp_path / "run")
     assert "Fling the box open." in text, "answers"
     assert "# Solver stage 1: constraints" in text, "prompts"
-    assert re.search(r"8 answers · [\d,]+ tokens asked, [\d,]+ answered · 0\.\d{4} USD", text)
+    assert re.search(r"\d+ answers · [\d,]+ tokens asked, [\d,]+ answered · 0\.\d{4} USD", text)
     assert KEY not in "".join(path.read_text() for path in tmp_path.rglob("*") if path.suffix in (".json", ".html"))
     with pytest.raises(InputError, match="holds no answer to this question"):
         run(server, tmp_path / "other", replay=tmp_path / "tape", seed=1)
