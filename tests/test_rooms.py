@@ -83,6 +83,14 @@ def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 
+def test_nothing_knows_data_sets_but_the_command_line() -> None:
+    for path in sources("gensim2"):
+        room = path.relative_to(PYTHON / "gensim2").parts[0]
+        if room not in ("data", "cli", "__init__.py"):
+            for name in imports(path.read_text()):
+                assert not lies_in(name, "gensim2.data"), f"{path}: {name}"
+
+
 def test_pages_know_of_no_room() -> None:
     for path in sources("gensim2.pages"):
         for name in imports(path.read_text()):

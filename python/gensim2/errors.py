@@ -63,6 +63,10 @@ class InputError(GenSim2Error):
         super().__init__(one_line(f"{text} ({remedy})" if remedy else text))
 
 
+class WriteError(InputError):
+    """A file could not be written: no room, no permission. What comes after would fare no better."""
+
+
 class ClosedEnvError(GenSim2Error):
     """An environment was used after ``close``."""
 

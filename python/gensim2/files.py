@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import re
@@ -14,7 +15,7 @@ from typing import Any
 
 from platformdirs import user_cache_dir
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, WriteError
 from gensim2.special_files import is_special, write_through
 
 _TEMPORARY = re.compile(r"^\..+\.[0-9a-f]{16}\.tmp(\.\w+)?$")
@@ -36,7 +37,7 @@ def replacing(path: Path) -> Iterator[Path]:
     A symbolic link stays, its target is replaced.
 
     Raises:
-        InputError: the folder cannot be written to.
+        WriteError: the folder cannot be written to, or is full.
     """
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp{path.suffix}")
@@ -52,9 +53,9 @@ def replacing(path: Path) -> Iterator[Path]:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(
-            f"cannot write: {error.strerror or error}", file=path, remedy="choose another folder with --out"
-        ) from error
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
+        raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
 
 
 def check_writable(path: Path) -> None:
@@ -77,7 +78,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     """Write ``data`` to ``path`` as :func:`replacing` does.
 
     Raises:
-        InputError: the folder cannot be written to.
+        WriteError: the folder cannot be written to, or is full.
     """
     with replacing(path) as temporary:
         temporary.write_bytes(data.encode() if isinstance(data, str) else data)

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,17 +35,29 @@ MID_COLLECTION = 0.8
 """Share of kills that wait for the collection to begin; the others come at any moment."""
 
 VOLATILE = {".lock", "report.html", "errors.log"}
-"""Files that say when and how, not what; ``run.json`` is compared without such fields."""
+"""Files that say when and how; ``run.json`` is compared without such fields, that of a data set not at all."""
+
+
+SCRIPT_ENVIRONMENT = {
+    **os.environ,
+    "GENSIM2_LIBRARY": "none",
+    "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
+}
+"""In which this script runs as a child: its workers import the made-up world."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command to disturb, and how many episodes it collects in the simulator; a word for what it is not to do."""
+    """A command to disturb, and how many episodes it collects in the simulator; words for what it is not to do.
+
+    ``record`` is the file that says that there is something to resume; None: it resumes what is not there, too.
+    """
 
     name: str
     words: tuple[str, ...]
     episodes: int
     spared: tuple[str, ...] = ("--no-video",)
+    record: str | None = "run.json"
 
     def line(self, out: Path, world: str, resume: bool) -> list[str]:
         words = [*self.words, "--episodes", str(self.episodes), "--out", str(out), *self.spared, "--assets", "builtin"]
@@ -56,19 +68,19 @@ COMMANDS = (
     Command("demo", ("demo", "PushDrawerClose", "--workers", "2"), 30),
     Command("run-pipeline", ("run-pipeline", "--target-task", "PushDrawerClose", "--workers", "2"), 25),
     Command("benchmark", ("benchmark", "PushDrawerClose", "CloseBox", "--runs", "1", "--workers", "2"), 15, ()),
+    Command("collect", ("collect", "PushDrawerClose", "CloseBox", "--seed", "3", "--workers", "2"), 15, (), None),
 )
 
 
 def child(world: str, arguments: list[str]) -> int:
     """Run the command line as it is, but for a search that takes seconds, and for the world."""
     from gensim2.cli.main import run
-    from gensim2.pipeline import run as run_module
-    from gensim2.pipeline.search import Budget
+    from gensim2.pipeline import search
 
-    small = Budget(
-        screen_scenes=1, rounds=((4, 1),), refine_episodes=1, comparison=(1, 2), enough=0.3, enough_episodes=3
+    small = search.Budget(
+        screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.3, enough_episodes=3
     )
-    run_module.Budget = lambda: small
+    search.budget_for = lambda task: small
     if world == "fake":
         import fake_world
 
@@ -101,7 +113,7 @@ class Disturbed:
         """Kill the run up to ``kills`` times, let it end, and return how often it was killed."""
         done = 0
         while True:
-            resume = (self.out / "run.json").exists()
+            resume = self.command.record is None or (self.out / self.command.record).exists()
             process = start(self.command.line(self.out, self.world, resume), self.out.with_suffix(".log"))
             try:
                 while done < kills and self._wait(process):
@@ -143,14 +155,14 @@ class Disturbed:
             time.sleep(0.005)
         return False
 
-    def _logs(self) -> list[Path]:
-        return sorted(self.out.glob("*/*/attempts.jsonl"))
-
     def _logged(self) -> int:
-        return sum(path.read_bytes().count(b"\n") for path in self._logs())
+        """Episodes that are finished."""
+        logs = sum(path.read_bytes().count(b"\n") for path in self.out.glob("*/*/attempts.jsonl"))
+        return logs + sum(1 for folder in ("episodes", "failures") for _ in self.out.glob(f"*/{folder}/[0-9]*.h5"))
 
     def _collecting(self) -> bool:
-        return bool(self._logs()) and not any(self.out.glob("*/*/trajectory.json"))
+        done = ("*/*/trajectory.json", "CloseBox/episodes.jsonl")
+        return self._logged() > 0 and not any(path for pattern in done for path in self.out.glob(pattern))
 
     def _kill(self, process: subprocess.Popen[bytes], victim: str) -> bool:
         with contextlib.suppress(ProcessLookupError):
@@ -175,11 +187,7 @@ def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:
             stdout=stream,
             stderr=stream,
             start_new_session=True,
-            env={
-                **os.environ,
-                "GENSIM2_LIBRARY": "none",
-                "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
-            },
+            env=SCRIPT_ENVIRONMENT,
         )
 
 
@@ -203,6 +211,9 @@ def contents(folder: Path) -> dict[str, Any]:
         name = str(path.relative_to(folder))
         if name not in VOLATILE:
             found[name] = path.read_bytes()
+    if "dataset.json" in found:
+        del found["run.json"]
+        return found
     record = json.loads(found["run.json"])
     for field in ("command_line", "started", "finished", "resumed"):
         del record[field]
@@ -219,18 +230,20 @@ def differences(ours: dict[str, Any], theirs: dict[str, Any]) -> Iterator[str]:
     return (name for name in sorted(ours.keys() | theirs.keys()) if ours.get(name) != theirs.get(name))
 
 
-def kill_runs(kills: int, world: str, seed: int, folder: Path) -> tuple[Tally, list[str]]:
-    """Disturb runs with ``kills`` kills altogether.
+def kill_runs(
+    kills: int, world: str, seed: int, folder: Path, commands: Sequence[Command] = COMMANDS
+) -> tuple[Tally, list[str]]:
+    """Disturb runs of ``commands`` with ``kills`` kills altogether.
 
     Returns:
         What was done, and the files that differ from those of an undisturbed run.
     """
     dice = random.Random(seed)
     tally = Tally(Counter())
-    peaceful = [folder / command.name for command in COMMANDS]
+    peaceful = [folder / command.name for command in commands]
     running = [
         start(command.line(out, world, resume=False), out.with_suffix(".log"))
-        for command, out in zip(COMMANDS, peaceful, strict=True)
+        for command, out in zip(commands, peaceful, strict=True)
     ]
     for process, out in zip(running, peaceful, strict=True):
         if process.wait(timeout=LIFE_LIMIT) != 0:
@@ -238,9 +251,9 @@ def kill_runs(kills: int, world: str, seed: int, folder: Path) -> tuple[Tally, l
     undisturbed = {out.name: contents(out) for out in peaceful}
     wrong: list[str] = []
     while (left := kills - sum(tally.kills.values())) > 0:
-        command = COMMANDS[tally.runs % len(COMMANDS)]
+        command = commands[tally.runs % len(commands)]
         out = folder / f"{command.name}-{tally.runs}"
-        share = min(left, max(1, kills // 3)) if kills <= 10 else min(left, dice.randint(6, 14))
+        share = min(left, max(1, kills // min(3, len(commands)))) if kills <= 10 else min(left, dice.randint(6, 14))
         Disturbed(command, world, out, dice, tally).run(share)
         tally.runs += 1
         wrong += [f"{out.name}/{name}" for name in differences(undisturbed[command.name], contents(out))]
@@ -255,11 +268,13 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--world", choices=("simulator", "fake"), default="simulator")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--commands", nargs="+", choices=[each.name for each in COMMANDS], help="default: all")
     parser.add_argument("--out", type=Path, help="keep the runs here; default: a temporary folder")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         begin = time.monotonic()
-        tally, wrong = kill_runs(options.kills, options.world, options.seed, options.out or Path(temporary))
+        chosen = [each for each in COMMANDS if options.commands is None or each.name in options.commands]
+        tally, wrong = kill_runs(options.kills, options.world, options.seed, options.out or Path(temporary), chosen)
     print(f"{tally}, {time.monotonic() - begin:.0f} s")
     for name in wrong:
         print(f"differs: {name}")

@@ -27,9 +27,20 @@ kill_runs = importlib.util.module_from_spec(spec)
 sys.modules["kill_runs"] = kill_runs
 spec.loader.exec_module(kill_runs)
 
+RUNS = [command for command in kill_runs.COMMANDS if command.name != "collect"]
+COLLECTIONS = [command for command in kill_runs.COMMANDS if command.name == "collect"]
+
 
 def test_ten_kills_change_nothing(tmp_path: Path) -> None:
-    tally, wrong = kill_runs.kill_runs(10, "fake", seed=1, folder=tmp_path)
+    tally, wrong = kill_runs.kill_runs(10, "fake", seed=1, folder=tmp_path, commands=RUNS)
+    assert wrong == []
+    assert sum(tally.kills.values()) == 10
+    assert {"driver SIGKILL", "worker SIGKILL"} <= set(tally.kills)
+    assert tally.mid_collection >= 5
+
+
+def test_ten_kills_change_no_byte_of_a_data_set(tmp_path: Path) -> None:
+    tally, wrong = kill_runs.kill_runs(10, "fake", seed=2, folder=tmp_path, commands=COLLECTIONS)
     assert wrong == []
     assert sum(tally.kills.values()) == 10
     assert {"driver SIGKILL", "worker SIGKILL"} <= set(tally.kills)

@@ -80,7 +80,7 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         draw_film(path, still)
         return Film(12, True)
 
-    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate"):
+    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
         monkeypatch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Any
 
 import fake_world
@@ -11,7 +12,7 @@ from gensim2.designers.base import Strategies
 from gensim2.pipeline.setting import Setting
 
 
-def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> Any:
+def record(setting: Setting, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
     if os.environ.get("BROKEN_SEED") == str(seed):
         raise RuntimeError("broken on purpose")
-    return fake_world.demonstrate(setting, strategies, seed)
+    return fake_world.record(setting, strategies, seed, keep)

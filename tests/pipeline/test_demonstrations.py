@@ -146,7 +146,7 @@ def test_what_cannot_be_run_ends_the_run_after_all_others_and_is_tried_again(
 ) -> None:
     import broken_world
 
-    monkeypatch.setattr(worker, "demonstrate", broken_world.demonstrate)
+    monkeypatch.setattr(worker, "record", broken_world.record)
     broken = next(e for e in json_lines(undisturbed) if e["held"])
     monkeypatch.setenv("BROKEN_SEED", str(broken["seed"]))
     with pytest.raises(NotRunError) as raised:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import fake_world
 
 from gensim2 import seeding
-from gensim2.designers import Affordance, Candidate, CandidateResult, StageResult
-from gensim2.designers.base import Strategies
+from gensim2.designers import Affordance, Brief, Candidate, CandidateResult, Settings, StageResult
+from gensim2.designers.base import StepStrategies
 from gensim2.episodes.record import Cause, Episode
 from gensim2.pipeline.search import Budget, Search
 from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.pipeline.worker import Screened
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -24,15 +26,18 @@ TASK = TaskSpec(
     steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
 SETTING = Setting(TASK, "train", Circumstances("builtin"))
-AFFORDANCE = Affordance("thing", "revolute", 0.5, {"head": "edge"}, {"head": 0.2})
+THING = Affordance(
+    "thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute"
+)
+BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours"), {"thing": THING})
 
 
 def candidate(label: str, n: float) -> Candidate:
     return Candidate(label, {"open": {"designed": {"n": n}}}, {})
 
 
-def number(strategies: Strategies) -> float:
-    n: float = strategies["designed"]["n"]
+def number(steps: StepStrategies) -> float:
+    n: float = steps["open"]["designed"]["n"]
     return n
 
 
@@ -40,24 +45,27 @@ class FakeDesigner:
     """Offers the numbers 0..19 as configs, and one refinement of the best."""
 
     name = "fake"
+    notes = ()
 
-    def propose(self, affordances: object, known: object, seed: int) -> list[TaskSpec]:
+    def open(self, folder: Path) -> None: ...
+
+    def propose(self, brief: Brief, seed: int) -> list[TaskSpec]:
         return [TASK]
 
-    def candidates(self, task: TaskSpec, affordance: Affordance, seed: int) -> list[Candidate]:
+    def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
         return [candidate(f"number {n}", n) for n in range(20)]
 
     def refine(
         self,
         task: TaskSpec,
-        affordance: Affordance,
+        brief: Brief,
         results: Sequence[CandidateResult],
         seed: int,
         round: int,
     ) -> list[Candidate]:
         if round > 0:
             return []
-        return [candidate("refined", number(results[0].candidate.strategies) + 0.5)]
+        return [candidate("refined", number(results[0].candidate.steps) + 0.5)]
 
 
 class FakeWorld:
@@ -67,12 +75,13 @@ class FakeWorld:
         self.seeds: set[int] = set()
 
     def screen(
-        self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
-    ) -> list[list[tuple[float, str | None]]]:
+        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+    ) -> list[list[Screened]]:
         assert setting == SETTING
-        return [[(1.0, None) if number(c) % 2 > 0 else (0.0, "unreachable")] * len(seeds) for c in candidates]
+        blocked = (0.0, "unreachable", {"step": "open", "plan": {"unreached": "pre_0"}})
+        return [[(1.0, None, {}) if number(c) % 2 > 0 else blocked] * len(seeds) for c in candidates]
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[Strategies, int]]) -> list[Episode]:
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         assert setting == SETTING
         self.seeds.update(seed for _, seed in jobs)
         return [self._one(number(strategies), seed) for strategies, seed in jobs]
@@ -83,7 +92,7 @@ class FakeWorld:
 
 
 def test_it_finds_the_best_and_refines_it() -> None:
-    design = Search(SETTING, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=0).run()
+    design = Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) % 1 == 0.5
     assert number(design.chosen) > 10
@@ -106,7 +115,7 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
             held = n % 1 > 0 or self.runs[n] <= 8
             return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
-    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Lucky(), seed=0).run()
+    design = Search(SETTING, BRIEF, FakeDesigner(), Lucky(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) % 1 == 0.5
     assert sum(stage.trials for stage in design.results[0].stages if stage.name == "physics") >= 14
@@ -120,7 +129,7 @@ def test_of_what_holds_equally_often_the_strict_one_wins() -> None:
             episode = fake_world.episode_of(TASK, seed, held=n != 3)
             return replace(episode, strict=episode.held and n == 7)
 
-    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Rough(), seed=0).run()
+    design = Search(SETTING, BRIEF, FakeDesigner(), Rough(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) == 7
     stages = [stage for stage in design.to_dict()["candidates"][0]["stages"] if stage["name"] == "physics"]
@@ -138,13 +147,13 @@ def test_what_holds_far_more_often_comes_before_what_is_strict() -> None:
 
 
 def test_it_is_repeatable() -> None:
-    first, second = (Search(SETTING, AFFORDANCE, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
+    first, second = (Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
     assert first == second
 
 
 def test_design_and_verification_share_no_seed() -> None:
     world = FakeWorld()
-    Search(SETTING, AFFORDANCE, FakeDesigner(), world, seed=0).run()
+    Search(SETTING, BRIEF, FakeDesigner(), world, seed=0).run()
     assert len(world.seeds) > 10
     assert not world.seeds & set(scene_seeds(0, TASK.name, "verify", 200))
     assert not world.seeds & set(scene_seeds(0, TASK.name, "demos", 200))
@@ -153,11 +162,11 @@ def test_design_and_verification_share_no_seed() -> None:
 def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
-            self, setting: Setting, candidates: Sequence[Strategies], seeds: Sequence[int]
-        ) -> list[list[tuple[float, str | None]]]:
-            return [[(0.0, "collision")] * len(seeds) for _ in candidates]
+            self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        ) -> list[list[Screened]]:
+            return [[(0.0, "collision", {})] * len(seeds) for _ in candidates]
 
-    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Blocked(), seed=0).run()
+    design = Search(SETTING, BRIEF, FakeDesigner(), Blocked(), seed=0).run()
     assert design.chosen is None
     assert "no candidate could be planned" in design.notes
 
@@ -167,7 +176,43 @@ def test_nothing_held_is_said() -> None:
         def _one(self, n: float, seed: int) -> Episode:
             return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
 
-    design = Search(SETTING, AFFORDANCE, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
+    design = Search(SETTING, BRIEF, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
     assert design.chosen is None
     assert "no candidate held in physics" in design.notes
     assert design.to_dict()["candidates"][0]["cause"] == "object did not move"
+
+
+def test_what_stood_in_the_way_is_told_in_words() -> None:
+    design = Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
+    blocked = next(result for result in design.results if result.plan_score == 0)
+    (told,) = blocked.diagnoses
+    assert (told.step, told.cause, told.count) == ("open", "unreachable", blocked.stages[0].trials)
+    assert told.words == "step 'open': unreachable; the keyframe pre_0 is not reached"
+
+
+def test_a_designer_may_learn_from_plans_alone() -> None:
+    class Hopeless(FakeDesigner):
+        """Nothing that it offers at first can be planned; what it makes of that can."""
+
+        def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
+            return [candidate("number 2", 2)]
+
+    design = Search(SETTING, BRIEF, Hopeless(), FakeWorld(), seed=0).run()
+    assert design.chosen is not None
+    assert number(design.chosen) == 2.5
+
+
+def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal() -> None:
+    class Even(FakeWorld):
+        """Two candidates hold four times in five, in turn; the others never."""
+
+        def _one(self, n: float, seed: int) -> Episode:
+            held = n in (7, 9) and bool(seeding.rng(seed, str(n)).random() < 0.8)
+            return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
+
+    budget = Budget()
+    design = Search(SETTING, BRIEF, FakeDesigner(), Even(), seed=0, budget=budget).run()
+    first, second = design.results[:2]
+    assert {number(first.candidate.steps), number(second.candidate.steps)} == {7, 9}
+    assert min(first.episodes, second.episodes) >= budget.most_episodes
+    assert "equal within the noise" in design.notes[-1]

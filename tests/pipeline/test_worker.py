@@ -24,6 +24,7 @@ SIMULATOR = True
 TASK = load_task("PushDrawerClose")
 SETTING = Setting(TASK, "all", Circumstances("builtin"))
 STRATEGIES = load_strategies("PushDrawerClose")
+WAYS = {step.name: {name: STRATEGIES[name] for name in step.strategies} for step in TASK.steps}
 
 
 def changed(old: str, new: str) -> Strategies:
@@ -61,10 +62,13 @@ def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None
     name, *_ = STRATEGIES
     unknown = {**STRATEGIES, name: {**STRATEGIES[name], "nonsense": 1}}
     lost = changed("articulated_object_head", "no_such_keypoint")
-    good, misfit, *bad = worker.screen_scene(SETTING, 5, [STRATEGIES, lost, unknown, {name: {}}, {}])
-    assert good == (1.0, None)
-    assert misfit == (0.0, "invalid")
-    assert all(score == 0.0 and str(cause).startswith("planner error: ") for score, cause in bad)
+    (step,) = TASK.steps
+    ways = [{step.name: given} for given in (STRATEGIES, lost, unknown, {name: {}})]
+    good, misfit, *bad = worker.screen_scene(SETTING, 5, [*ways, {}])
+    assert good == (1.0, None, {})
+    assert misfit[:2] == (0.0, "invalid")
+    assert misfit[2]["step"] == step.name
+    assert all(score == 0.0 and str(cause).startswith("planner error: ") for score, cause, _ in bad)
 
 
 def test_a_panic_of_the_solver_is_a_drop_and_lack_of_memory_is_not() -> None:
@@ -72,16 +76,16 @@ def test_a_panic_of_the_solver_is_a_drop_and_lack_of_memory_is_not() -> None:
     planner, scene = SimpleNamespace(), SimpleNamespace()
     for error in (panic("index out of bounds"), ValueError("odd")):
         planner.plan = _raising(error)
-        screened = worker._screen(planner, TASK, scene, STRATEGIES)  # type: ignore[arg-type]
-        assert screened == (0.0, f"planner error: {type(error).__name__}: {error}")
+        screened = worker._screen(planner, TASK, scene, WAYS)  # type: ignore[arg-type]
+        assert screened == (0.0, f"planner error: {type(error).__name__}: {error}", {})
     for error in (MemoryError(), KeyboardInterrupt()):
         planner.plan = _raising(error)
         with pytest.raises(type(error)):
-            worker._screen(planner, TASK, scene, STRATEGIES)  # type: ignore[arg-type]
+            worker._screen(planner, TASK, scene, WAYS)  # type: ignore[arg-type]
 
 
 def _raising(error: BaseException) -> Any:
-    def call(*_: object) -> None:
+    def call(*_: object, **__: object) -> None:
         raise error
 
     return call
@@ -97,16 +101,19 @@ def test_a_candidate_of_two_steps_is_scored_by_the_steps_that_can_be_planned(
     task = TASK.model_copy(update={"steps": (first, first.model_copy(update={"name": "again"}))})
     scenes: list[str] = []
 
-    def plan(scene: Any, step: Any, strategy: object) -> Any:
+    def plan(scene: Any, step: Any, strategy: object, following: object) -> Any:
         scenes.append(scene)
         if step.name == first.name:
-            return SimpleNamespace(is_solved=True, status="solved", after="the scene after it")
+            return SimpleNamespace(is_solved=True, status="solved", rank=0, after="the scene after it")
         motion = SimpleNamespace(trajectory=1, keyframes=[{"label": label, "reached": True} for label in reached])
-        return SimpleNamespace(is_solved=False, status="collision", after=None, plan=motion)
+        return SimpleNamespace(is_solved=False, status="collision", rank=3, after=None, plan=motion, detail=dict)
 
     planner: Any = SimpleNamespace(plan=plan)
-    assert worker._screen(planner, task, "the scene", STRATEGIES) == (score, "collision")  # type: ignore[arg-type]
-    assert scenes == ["the scene", "the scene after it"]
+    ways = {step.name: STRATEGIES for step in task.steps}
+    found = worker._screen(planner, task, "the scene", ways)  # type: ignore[arg-type]
+    assert found[:2] == (score, "collision")
+    assert found[2]["step"] == "again"
+    assert scenes == ["the scene", *["the scene after it"] * len(STRATEGIES)]
 
 
 def test_strategies_that_do_not_fit_an_object_are_an_episode_with_that_cause() -> None:
@@ -130,17 +137,17 @@ class _Made(PoolEvaluator):
 
 def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        worker, "screen_scene", lambda setting, seed, candidates: [(c["n"]["n"] * seed, None) for c in candidates]
+        worker, "screen_scene", lambda setting, seed, candidates: [(c["n"]["n"] * seed, None, {}) for c in candidates]
     )
     monkeypatch.setattr(
-        worker, "episode", lambda setting, strategies, seed: fake_world.episode_of(setting.task, seed, held=True)
+        worker, "trial", lambda setting, ways, seed: fake_world.episode_of(setting.task, seed, held=True)
     )
     with _Made() as evaluator:
         setting = evaluator.setting(TASK, "all")
         assert setting == SETTING
         assert evaluator.screen(setting, [{"n": {"n": 1}}, {"n": {"n": 2}}], [3, 4, 5]) == [
-            [(3, None), (4, None), (5, None)],
-            [(6, None), (8, None), (10, None)],
+            [(3, None, {}), (4, None, {}), (5, None, {})],
+            [(6, None, {}), (8, None, {}), (10, None, {})],
         ]
         assert [e.seed for e in evaluator.episodes(setting, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
 
@@ -154,7 +161,7 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
         def map_unordered(self, function: Any, jobs: Any) -> Iterator[Outcome[Any]]:
             for job in jobs:
                 lost = (Failure(job.index, 3, "the worker process died (SIGKILL)"),)
-                yield Outcome(job.index, failures=lost) if job.index == 1 else Outcome(job.index, [(1.0, None)])
+                yield Outcome(job.index, failures=lost) if job.index == 1 else Outcome(job.index, [(1.0, None, {})])
 
         def close(self) -> None: ...
 

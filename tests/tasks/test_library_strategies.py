@@ -28,7 +28,8 @@ def evaluator() -> Iterator[PoolEvaluator]:
 def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator) -> None:
     strategies = load_strategies(name)
     setting = evaluator.setting(load_task(name), "all")
-    episodes = evaluator.episodes(setting, [(strategies, seed) for seed in SEEDS])
+    ways = {step.name: {each: strategies[each] for each in step.strategies} for step in setting.task.steps}
+    episodes = evaluator.episodes(setting, [(ways, seed) for seed in SEEDS])
     assert [episode.seed for episode in episodes] == list(SEEDS)
     failures = [(episode.seed, episode.cause) for episode in episodes if not episode.held]
     assert len(failures) <= len(SEEDS) - NEEDED, failures

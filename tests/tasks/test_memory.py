@@ -15,8 +15,9 @@ import pytest
 from gensim2.errors import InputError
 from gensim2.tasks import Provenance, TaskSpec, Verified
 from gensim2.tasks import library as shelves
+from gensim2.tasks.exporting import export
 from gensim2.tasks.library import load_strategies, load_task, task_names
-from gensim2.tasks.memory import ADDED_FILE, KnownTaskError, Memory, UnverifiedTaskError, export
+from gensim2.tasks.memory import ADDED_FILE, KnownTaskError, Memory, UnverifiedTaskError
 from gensim2.tasks.parse import parse_task
 
 LONG = "PlaceGolfBallIntoDrawer"

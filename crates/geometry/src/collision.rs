@@ -49,6 +49,7 @@ pub struct Scratch {
     nearest: Vec<Option<Contact>>,
     /// Directions from pieces to what is near them, as last found; none where they are not remembered.
     hints: Vec<Vector3<f64>>,
+    hasty: bool,
 }
 
 /// Directions are remembered in a table of this size. Pairs may share a place there: any direction is a guess.
@@ -59,6 +60,12 @@ impl Scratch {
     #[must_use]
     pub fn remembering() -> Self {
         Self { hints: vec![Vector3::zeros(); HINTS], ..Self::default() }
+    }
+
+    /// Whether any shapes within reach will do for what is visited, in place of the nearest: where all that matters is
+    /// that there are some.
+    pub fn be_hasty(&mut self, hasty: bool) {
+        self.hasty = hasty;
     }
 
     /// Poses of the groups as last placed.
@@ -187,7 +194,8 @@ impl<'a> MovingShapes<'a> {
 
     /// Calls `visit` for those of `groups` that come within `reach(group, body)` of an obstacle: once a group and body,
     /// with the nearest shapes. A negative infinite reach means that the two are not judged. `visit` returns whether to
-    /// go on; the result is false where it stopped. Shapes whose boxes are more than `coarse` (m) apart are not
+    /// go on; the result is false where it stopped. Where the memory is hasty, it is called for the first shapes of a
+    /// group that come within reach of anything, and no more of that group. Shapes whose boxes are more than `coarse` (m) apart are not
     /// measured: the distance of their boxes, which is never more than theirs, stands in for it.
     pub fn near_bodies(
         &self,
@@ -214,8 +222,14 @@ impl<'a> MovingShapes<'a> {
             }
             let mut any = false;
             for piece in pieces {
+                if any && scratch.hasty {
+                    break;
+                }
                 let bounds = scratch.boxes[piece];
                 obstacles.tree.near(&bounds, furthest.max(0.0), |e| {
+                    if any && scratch.hasty {
+                        return;
+                    }
                     let element = &obstacles.elements[e];
                     let limit = best[element.body];
                     if limit == f64::NEG_INFINITY {
@@ -341,6 +355,9 @@ impl<'a> MovingShapes<'a> {
                 {
                     limit = contact.distance;
                     nearest = Some(contact);
+                    if scratch.hasty {
+                        return nearest;
+                    }
                 }
             }
         }

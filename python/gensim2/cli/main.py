@@ -20,9 +20,11 @@ FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
-    **dict.fromkeys(("imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("embreex", "fpsample", "imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
     **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
+    "ray": "ray",
+    **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
 #: Command to the module and object that hold it: imported when asked for, so that ``--help`` is quick.
@@ -31,6 +33,9 @@ COMMANDS = {
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
+    "collect": "gensim2.cli.collect:collect",
+    "render": "gensim2.cli.render:render",
+    "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",
     "bench": "gensim2.cli.bench:bench",

@@ -1,23 +1,24 @@
 """Long tasks made of what is known by its pre- and post-conditions, in the words of people.
 
-A piece is a known task on one joint: it needs the joint to stand otherwise than it leaves it. Taking something up needs an
-empty hand and leaves it full; putting it down needs a full hand and what it is put into open, and leaves the hand empty.
-Whatever chain is made holds to this (:func:`chains`).
+A piece is a known task on one joint: it needs the joint to stand otherwise than it leaves it. Taking something up needs
+an empty hand and leaves it full; putting it down needs a full hand and what it is put into open, and leaves the hand
+empty. Whatever chain is made holds to this (:func:`chains`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeVar
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import DESIGNED, Brief, Known, Strategies
 from gensim2.designers.proposals import OPEN_AT, camel_case, holdable, joint_goal, role_of
-from gensim2.objects.words import belongs, room, words
+from gensim2.objects.words import belongs, noun, room, words
 from gensim2.tasks.criteria import (
-    ArticulatedBetween,
     ArticulatedClosed,
     ArticulatedOpen,
     Criterion,
@@ -25,7 +26,7 @@ from gensim2.tasks.criteria import (
     DistanceGripperRigid,
     RigidOnRigid,
 )
-from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import HAND, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 Item = TypeVar("Item")
 
@@ -42,6 +43,12 @@ CLOSE_ABOUT = Randomization(x=0.05, y=0.05)
 
 #: Where two things with joints stand beside each other, x and y in the world, and by how much they are turned.
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
+
+#: Verbs that nothing follows but what they are done to.
+SAID_ONCE = ("open", "close", "press")
+
+#: Pairs that one piece is in at most.
+PAIRS_OF_ONE = 3
 
 #: Where a bowl or a plate stands.
 SUPPORT_AT = (-0.1, 0.1)
@@ -96,37 +103,31 @@ class Draft:
         self.steps.append(Step(name=name[:60], object=role, tool=tool, strategies=(DESIGNED,), done=done))
 
 
-def propose(brief: Brief) -> Iterator[TaskSpec]:
+def propose(brief: Brief) -> Iterator[TaskSpec | None]:
     """Yield long tasks that can be made of what is known, families in turn, none of a name that is there.
 
-    What is known is looked at when a task's turn has come, so that what a run keeps meanwhile counts.
+    What is known is looked at when a task's turn has come, so that what a run keeps meanwhile counts. None: there is
+    nothing new for now.
     """
-    families = [
-        _tidied(brief, "stow"),
-        _pairs(brief),
-        _served(brief, 1),
-        _tidied(brief, "put"),
-        _again(brief),
-        _tidied(brief, "shut"),
-        _served(brief, 2),
-        _tidied(brief, "drop"),
-        _taken_out(brief),
-        _moved(brief),
-    ]
-    while families:
-        for family in list(families):
-            draft = next(family, None)
+    proposed: set[str] = set()
+    while True:
+        fresh = False
+        for family in FAMILIES:
+            taken = proposed | {known.task.name for known in brief.known}
+            draft = next((each for each in family(brief) if each.name not in taken), None)
             if draft is None:
-                families.remove(family)
                 continue
+            fresh = True
+            proposed.add(draft.name)
             task = draft.task()
             assert not chains(task), f"{task.name}: {chains(task)}"
-            if task.name not in {known.task.name for known in brief.known}:
-                yield task
+            yield task
+        if not fresh:
+            yield None
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """What stands in the way of a chain of steps: conditions that a step needs and that those before it do not leave."""
+    """What stands in the way of a chain of steps: conditions that a step needs and those before it do not leave."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []
@@ -157,7 +158,7 @@ def verbs(task: TaskSpec) -> tuple[str, ...]:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """How a known task brings a joint to ``goal``, its strategies under names that say so; empty where none is known."""
+    """How a known task brings a joint to ``goal``, its strategies under telling names; empty where none is known."""
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies
@@ -194,9 +195,11 @@ def _things(brief: Brief, asset_class: str) -> list[Affordance]:
 
 
 def _tidied(brief: Brief, how: str) -> Iterator[Draft]:
-    """Something is put into a container that is opened before or closed after, both or neither; all containers in turn."""
+    """Something is put into a container that is opened before or closed after, both or neither; all in turn."""
     opens, shuts = how in ("stow", "put"), how in ("stow", "shut")
-    queues = [[(container, thing) for thing in _things(brief, container.asset_class)] for container in _containers(brief)]
+    queues = [
+        [(container, thing) for thing in _things(brief, container.asset_class)] for container in _containers(brief)
+    ]
     # Each way of doing it begins with another thing, so that more of them are handled.
     turn = ("stow", "put", "shut", "drop").index(how)
     queues = [queue[turn % len(queue) :] + queue[: turn % len(queue)] for queue in queues if queue]
@@ -297,23 +300,19 @@ def _again(brief: Brief) -> Iterator[Draft]:
 
 def _pairs(brief: Brief) -> Iterator[Draft]:
     """Two pieces of one room, one after the other; each class in as few pairs as can be."""
-    done: set[frozenset[str]] = set()
-    used: dict[tuple[str, str], int] = {}
-    while True:
-        choices = [
-            (used.get(first[:2], 0) + used.get(second[:2], 0), number, first, second)
-            for number, (first, second) in enumerate(itertools.combinations(_small(brief), 2))
-            if first[0] != second[0]
-            and room(first[0]) == room(second[0])
-            and frozenset((first[2].task.name, second[2].task.name)) not in done
-        ]
-        if not choices:
-            return
-        _, _, first, second = min(choices, key=lambda choice: choice[:2])
-        done.add(frozenset((first[2].task.name, second[2].task.name)))
-        for piece in (first, second):
-            used[piece[:2]] = used.get(piece[:2], 0) + 1
-        yield _pair(brief, first, second)
+    choices = [
+        (first, second)
+        for first, second in itertools.combinations(_small(brief), 2)
+        if room(first[0]) == room(second[0]) and noun(first[0]) != noun(second[0])
+    ]
+    choices.sort(key=lambda pair: _verb(pair[0]) != _verb(pair[1]))  # "close the box and the laptop" comes first
+    used: Counter[tuple[str, str]] = Counter()
+    for most in range(PAIRS_OF_ONE):
+        for first, second in choices:
+            if used[first[:2]] <= most and used[second[:2]] <= most:
+                used.update((first[:2], second[:2]))
+                yield _pair(brief, first, second)
+        choices = [pair for pair in choices if min(used[each[:2]] for each in pair) <= most]
 
 
 def _small(brief: Brief) -> list[tuple[str, str, Known]]:
@@ -325,11 +324,14 @@ def _small(brief: Brief) -> list[tuple[str, str, Known]]:
     ]
 
 
+def _verb(piece: tuple[str, str, Known]) -> str:
+    return piece[2].task.description.split()[0]
+
+
 def _pair(brief: Brief, first: tuple[str, str, Known], second: tuple[str, str, Known]) -> Draft:
     tasks = first[2].task, second[2].task
     one, other = tasks[0].description, tasks[1].description
-    verb, rest = one.split(" ", 1)
-    same = other.startswith(f"{verb} ") and "open" not in (rest + other)
+    same = _verb(first) == _verb(second) and _verb(first) in SAID_ONCE
     sentence = f"{one} and {other.split(' ', 1)[1] if same else other}"
     draft = Draft(f"{tasks[0].name}And{tasks[1].name}", sentence)
     for (asset_class, _, known), (at, yaw) in zip((first, second), PAIRED, strict=True):
@@ -345,13 +347,18 @@ def _pair(brief: Brief, first: tuple[str, str, Known], second: tuple[str, str, K
 
 def _taken_out(brief: Brief) -> Iterator[Draft]:
     """Something is taken out of an open container and put on a plate or into a bowl."""
-    yield from _carried(brief, "Take{}OutOf{}", "take the {thing} out of the {box} and put it {into} the {support}", False)
+    yield from _carried(
+        brief, "Take{}OutOf{}", "take the {thing} out of the {box} and put it {into} the {support}", False
+    )
 
 
 def _moved(brief: Brief) -> Iterator[Draft]:
     """The same of a container that is closed afterwards."""
     yield from _carried(
-        brief, "Fetch{}From{}", "take the {thing} out of the {box}, put it {into} the {support} and close the {box}", True
+        brief,
+        "Fetch{}From{}",
+        "take the {thing} out of the {box}, put it {into} the {support} and close the {box}",
+        True,
     )
 
 
@@ -387,3 +394,18 @@ def _in_turn(queues: Iterable[Iterable[Item]]) -> Iterator[Item]:
     """The first of each, then the second of each, and so on."""
     for row in itertools.zip_longest(*queues):
         yield from (item for item in row if item is not None)
+
+
+#: Kinds of long tasks, each a function of what is known; they take turns.
+FAMILIES: tuple[Callable[[Brief], Iterator[Draft]], ...] = (
+    partial(_tidied, how="stow"),
+    _pairs,
+    partial(_served, count=1),
+    partial(_tidied, how="put"),
+    _again,
+    partial(_tidied, how="shut"),
+    partial(_served, count=2),
+    partial(_tidied, how="drop"),
+    _taken_out,
+    _moved,
+)

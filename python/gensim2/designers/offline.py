@@ -1,6 +1,7 @@
-"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions; physics says what holds.
+"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions.
 
-Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions.
+Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions. Physics says
+what holds.
 """
 
 from __future__ import annotations
@@ -56,8 +57,11 @@ class OfflineDesigner:
         single = proposals.propose(brief.classes, known, brief.settings.stroke)
         yield from itertools.islice(single, FIRST_SINGLE)
         long = composition.propose(brief)
-        for pair in itertools.zip_longest(single, long):
-            yield from (task for task in pair if task is not None)
+        while True:
+            found = [task for task in (next(single, None), next(long, None)) if task is not None]
+            if not found:
+                return
+            yield from found
 
     def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
         """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""

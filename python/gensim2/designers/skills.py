@@ -1,8 +1,8 @@
 """What the offline designer knows of how things are done: rules over joints, grasps and places, none per class.
 
 Many lie in the library of shared ways (``gensim2/tasks/library/strategies``), written in the joint's own frame; places
-in containers, on plates and in bowls are worked out from sizes. A step is given several, in order of preference: which of
-them serves is seen on the scene when it is planned.
+in containers, on plates and in bowls are worked out from sizes. A step is given several, in order of preference: which
+of them serves is seen on the scene when it is planned.
 """
 
 from __future__ import annotations
@@ -101,7 +101,14 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
     for height in _ABOVE_FLOOR:
         for number, (direction, tolerance) in enumerate(_INTO):
             found[f"reach_in_{1000 * height:.0f}_{number}"] = _put(
-                low, "floor", (-0.015, 0.0, round(height + lift, 4)), 0.02, direction, tolerance, [["translate_z", -0.12]], 0.12
+                low,
+                "floor",
+                (-0.015, 0.0, round(height + lift, 4)),
+                0.02,
+                direction,
+                tolerance,
+                [["translate_z", -0.12]],
+                0.12,
             )
     return found
 

@@ -7,18 +7,22 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
 from gensim2.episodes.record import START, Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
+from gensim2.planning.actions import grip_on
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import INVALID, PLAN_OPTIONS, StepPlan, StepPlanner, Ways
+from gensim2.planning.steps import INVALID, PLAN_OPTIONS, Foreseen, StepPlan, StepPlanner, Ways
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
+
+Array = npt.NDArray[np.float64]
 
 NOT_DONE = "not done"
 """Triggers of plans beside deviations."""
@@ -130,6 +134,8 @@ class ChainController:
         self._at = 0
         self._running: _Plan | None = None
         self._held: Held | None = None
+        self._held_by: Foreseen | None = None
+        self._lost: dict[str, list[Array]] = {}
         self._trigger = START
         self._waited = 0
         self._from_rest = False
@@ -212,7 +218,19 @@ class ChainController:
         assert run.planned.schedule is not None
         if run.ran == run.planned.schedule.actuation:
             self._notice(observation, ACTUATION)
-        return run.next_action()
+        return self._pressing(run.next_action(), observation)
+
+    def _pressing(self, action: Action, observation: Observation) -> Action:
+        """The action with fingers that press on what they hold as hard as they are to, however far they are apart.
+
+        A finger's drive is a spring: on a thing that is narrower than planned, or into which the pads sink, as they do
+        in some solvers, a target that was planned presses less.
+        """
+        held = self._held
+        if held is None or held.force is None:
+            return action
+        command = grip_on(observation.measurement.finger_opening, held.force, self._profile)
+        return np.append(action[:-1], command).astype(np.float32)
 
     def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
         self._events.append(Event(observation.step, self._step.name, what))
@@ -229,11 +247,15 @@ class ChainController:
         assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
             self._held = taken(self._profile, observation.q, measured, run.planned)
+            self._held_by = run.planned.foreseen
             if self._held is None:
+                if run.planned.T_object_hand is not None:
+                    self._lost.setdefault(run.planned.picks, []).append(run.planned.T_object_hand)
                 return Cause.GRASP_MISSED
         if schedule.released is not None and run.ran >= schedule.released:
             self._held = None
         if self._held is not None and self._held.is_lost(self._profile, observation.q, measured):
+            self._lost.setdefault(self._held.name, []).append(np.linalg.inv(self._held.T_hand_object))
             self._held = None
             return Cause.GRASP_LOST
         name = self._step.object
@@ -272,11 +294,15 @@ class ChainController:
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
         turn = self._turn()
-        width = None if self._held is None else self._held.width
-        scene = replace(observation.scene(), held=self._holds, held_width=width)
+        held = self._held
+        scene = observation.scene()
+        if held is not None:
+            scene = replace(scene, held=held.name, held_width=held.width, held_force=held.force)
         found: list[_Plan] = []
         for name in self._untried(turn):
-            former = next((plan.planned for plan in reversed(turn.plans) if plan.strategy == name), None)
+            former = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
+            if former is None or former.trajectory is None:
+                former = self._foreseen(name)
             plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
             found.append(plan)
@@ -301,11 +327,25 @@ class ChainController:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
         return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
 
-    def _plan(self, scene: Scene, name: str, at_step: int, former: StepPlan | None) -> _Plan:
+    def _foreseen(self, name: str) -> kpam.Plan | None:
+        """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""
+        grasp = self._held_by
+        if grasp is None or self._held is None or grasp.step != self._step.name:
+            return None
+        return grasp.plan if self._step.strategies[grasp.strategy] == name else None
+
+    def _plan(self, scene: Scene, name: str, at_step: int, former: kpam.Plan | None) -> _Plan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         try:
-            planned = self._planner.plan(scene, self._step, self._strategies[name], following=following, former=former)
+            planned = self._planner.plan(
+                scene,
+                self._step,
+                self._strategies[name],
+                following=following,
+                former=former,
+                lost=self._lost.get(self._step.object, ()),
+            )
         except kpam.ProblemError as error:  # it does not fit this scene's objects
             planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
         return _Plan(name, planned, scene, at_step, self._trigger)

@@ -4,7 +4,7 @@ Its measured point (an object's last keypoint) lies in it, or above it where thi
 link that contains: the moving link of a drawer, the body of a box or a refrigerator. On a grid over that link's hulls
 a cell is room where no hull is, where there is something below it, and walls on three sides or on all four: a
 refrigerator is open in front, a drawer's back may be missing. Of the connected rooms the one at or below the measured
-point counts, as a box along the link's axes.
+point counts, as a box along the link's axes that reaches to the walls.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import ConvexHull
+
+from gensim2.planning.hulls import HullsKey, crossings
 
 Array = npt.NDArray[np.float64]
 
@@ -64,24 +66,11 @@ def inner_box(hulls: tuple[Array, ...], measured_point: Array, up: Array) -> Inn
         up: (3,) the vertical in the link's frame; the axis nearest to it counts.
     """
     axis = int(np.argmax(np.abs(up)))
-    return _inner_box(_Hulls(hulls), tuple(map(float, measured_point)), axis, bool(up[axis] > 0))
-
-
-class _Hulls:
-    """Hulls as a key: the same tuple is the same key, and is kept alive by it."""
-
-    def __init__(self, hulls: tuple[Array, ...]) -> None:
-        self.hulls = hulls
-
-    def __hash__(self) -> int:
-        return id(self.hulls)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Hulls) and other.hulls is self.hulls
+    return _inner_box(HullsKey(hulls), tuple(map(float, measured_point)), axis, bool(up[axis] > 0))
 
 
 @lru_cache(maxsize=64)
-def _inner_box(key: _Hulls, measured_point: tuple[float, ...], axis: int, upwards: bool) -> InnerBox | None:
+def _inner_box(key: HullsKey, measured_point: tuple[float, ...], axis: int, upwards: bool) -> InnerBox | None:
     points = np.concatenate(key.hulls)
     low, high = points.min(axis=0), points.max(axis=0)
     cell = max(CELL, float((high - low).max()) / CELLS)
@@ -101,7 +90,7 @@ def _inner_box(key: _Hulls, measured_point: tuple[float, ...], axis: int, upward
     first, last = _box(label == label[tuple(cells[nearest])])
     if (last + 1 - first).min() * cell < SMALLEST:
         return None
-    return InnerBox(low + first * cell, low + (last + 1) * cell)
+    return _up_to_the_walls(key.hulls, InnerBox(low + first * cell, low + (last + 1) * cell), cell)
 
 
 def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray[np.int_]) -> npt.NDArray[np.bool_]:
@@ -116,6 +105,26 @@ def _solid(hulls: tuple[Array, ...], low: Array, cell: float, shape: npt.NDArray
         inside = (middles @ planes[:, :3].T + planes[:, 3] <= 0.5 * cell).all(axis=-1)
         solid[tuple(map(slice, first, last))] |= inside
     return solid
+
+
+def _up_to_the_walls(hulls: tuple[Array, ...], box: InnerBox, cell: float) -> InnerBox:
+    """A box made of cells, each side of it moved to the wall behind it: what lies flat on the floor is inside, too.
+
+    Walls are within two cells: one that a hull comes near to is no room, and one layer that is mostly no room is left
+    out where a wall is uneven. A side without any stays.
+    """
+    corners = [box.low.copy(), box.high.copy()]
+    spread = np.linspace(0.1, 0.9, 9)
+    for axis in range(3):
+        for corner, sign in zip(corners, (-1.0, 1.0), strict=True):
+            shares = np.stack(np.meshgrid(*[spread] * 3, indexing="ij"), axis=-1)
+            points = box.low + shares.take(0, axis).reshape(-1, 3) * (box.high - box.low)
+            points[:, axis] = corner[axis] - sign * cell / 2  # in the outermost cells
+            enter, _ = crossings(hulls, points, sign * np.eye(3)[axis])
+            to_wall = float(np.median(np.where(enter >= 0.0, enter, np.inf).min(axis=1))) - cell / 2
+            if 0.0 < to_wall <= 2 * cell:
+                corner[axis] += sign * to_wall
+    return InnerBox(*corners)
 
 
 def _behind(solid: npt.NDArray[np.bool_], axis: int, forwards: bool) -> npt.NDArray[np.bool_]:

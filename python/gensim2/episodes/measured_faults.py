@@ -70,7 +70,9 @@ def fault_of_criterion(
                 "distance": distance_apart(measured[-1], criterion.articulated, criterion.rigid)
             }
         if isinstance(criterion, ArticulatedBetween):
-            return _of_joint(criterion.object, math.copysign(1.0, criterion.low - start.openness[criterion.object]), measured)
+            return _of_joint(
+                criterion.object, math.copysign(1.0, criterion.low - start.openness[criterion.object]), measured
+            )
         if isinstance(criterion, RigidOnRigid):
             return Cause.PLACED_BESIDE, {"distance": _apart(measured[-1], criterion.rigid, criterion.support)}
         if isinstance(criterion, RigidMoved):

@@ -12,23 +12,27 @@ ManiSkill's own command replays the result, since the environment's id names the
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import io
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import h5py
-import numpy as np
 
+from gensim2.episodes.episode_file import (
+    LIBVER,
+    DamagedEpisodeError,
+    EpisodeRow,
+    episode_digest,
+    open_episode,
+    write_episode,
+)
 from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
-from gensim2.episodes.world import Tree
 from gensim2.errors import InputError
-from gensim2.files import replacing, write_atomic, write_json
+from gensim2.files import replacing
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 2
@@ -92,31 +96,15 @@ class TrajectoryStore:
             episode: what is known of it; its entry in the JSON file holds it.
 
         Raises:
-            InputError: the folder cannot be written to.
+            WriteError: the folder cannot be written to.
         """
-        entry = {
-            "episode_seed": recording.seed,
-            "control_mode": recording.control_mode,
-            "elapsed_steps": recording.steps,
-            "reset_kwargs": {"seed": recording.seed, "options": recording.reset_options},
-            "success": bool(recording.success[-1]),
-            "instances": recording.instances,
-            "episode": episode.to_dict(),
-        }
-        buffer = io.BytesIO()
-        with h5py.File(buffer, "w") as file:
-            file.attrs["episode"] = json.dumps(entry, allow_nan=False)
-            _write_recording(file.create_group("traj"), recording)
-        content = buffer.getvalue()
-        write_atomic(self._path(index), content)
-        return hashlib.sha256(content).hexdigest()
+        return write_episode(self._path(index), episode, recording)
 
     def digest(self, index: int) -> str | None:
-        """Digest of an episode file's bytes; None where there is no such file, or none that can be read."""
+        """Digest of an episode file; None where there is none, or none that is whole."""
         try:
-            with self._path(index).open("rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest()
-        except OSError:
+            return episode_digest(self._path(index))
+        except InputError:
             return None
 
     def entry(self, index: int, digest: str | None) -> dict[str, Any]:
@@ -125,11 +113,13 @@ class TrajectoryStore:
         Raises:
             InputError: there is no such episode, or it is damaged.
         """
-        with self._episode(index, digest) as (_, entry):
+        with _recorded(self._path(index), digest) as (_, entry):
             return entry
 
     def merge(self, provenance: Provenance, episodes: Mapping[int, str | None]) -> Path:
         """Write ``trajectory.h5`` and ``trajectory.json`` from finished episodes and return the first.
+
+        One episode is in memory at a time, however many there are.
 
         Args:
             provenance: goes into the JSON file.
@@ -138,43 +128,76 @@ class TrajectoryStore:
         Raises:
             InputError: there is no episode, or one is damaged.
         """
-        if not episodes:
-            raise InputError("there is no finished episode to merge", file=self._folder)
-        entries = []
-        # The data first: a JSON file never promises what is not there.
-        with replacing(self.h5_path) as path, h5py.File(path, "w") as merged:
-            for number, (index, digest) in enumerate(episodes.items()):
-                with self._episode(index, digest) as (recorded, entry):
-                    recorded.file.copy(recorded, merged, name=f"traj_{number}")
-                    entries.append({"episode_id": number, **entry})
-        write_json(self._folder / JSON_NAME, _document(provenance, entries))
+        write_trajectory(self._folder, provenance, [(self._path(index), each) for index, each in episodes.items()])
         return self.h5_path
 
     def _path(self, index: int) -> Path:
         return self._episodes / f"{index:06d}.h5"
 
-    @contextlib.contextmanager
-    def _episode(self, index: int, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
-        """The recording and the entry of an episode file.
 
-        Only bytes that were recorded reach HDF5: damaged ones can end the process.
-        """
-        path = self._path(index)
-        try:
-            content = path.read_bytes()
-            if digest is None or hashlib.sha256(content).hexdigest() != digest:
-                raise ValueError(f"{path} has another digest")
-            with h5py.File(io.BytesIO(content), "r") as file:
-                yield file["traj"], _entry(file)
-        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-            raise InputError("is not a finished episode", file=path, remedy="delete it and resume") from error
+def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tuple[Path, str | None]]) -> None:
+    """Write ``trajectory.h5`` and ``trajectory.json`` from files of episodes, one of which is in memory at a time.
+
+    Args:
+        folder: to write to.
+        provenance: goes into the JSON file.
+        episodes: files and their digests, in order.
+
+    Raises:
+        InputError: there is no episode, or one is damaged or was recorded without its states.
+    """
+    if not episodes:
+        raise InputError("there is no finished episode to merge", file=folder)
+    used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
+    # The data first: a JSON file never promises what is not there.
+    with replacing(folder / H5_NAME) as path, h5py.File(path, "w", libver=LIBVER) as merged:
+        for number, (file, digest) in enumerate(episodes):
+            with _recorded(file, digest) as (recorded, entry):
+                recorded.file.copy(recorded, merged, name=f"traj_{number}")
+                for name, ids in used.items():
+                    ids.add(entry["instances"][name])
+    document = _document(provenance, {name: sorted(ids) for name, ids in used.items()})
+    with replacing(folder / JSON_NAME) as path, path.open("w", encoding="utf-8") as stream:
+        _stream_json(stream, document, "episodes", _numbered(episodes))
 
 
-def _entry(file: h5py.File) -> dict[str, Any]:
-    entry = json.loads(file.attrs["episode"])
-    if not isinstance(entry, dict) or not isinstance(entry.get("instances"), dict):
-        raise ValueError("the episode does not say what it is of")
-    return entry
+def _numbered(episodes: Sequence[tuple[Path, str | None]]) -> Iterator[dict[str, Any]]:
+    for number, (file, digest) in enumerate(episodes):
+        with _recorded(file, digest) as (_, entry):
+            yield {"episode_id": number, **entry}
+
+
+@contextlib.contextmanager
+def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict[str, Any]]]:
+    """The recording and the entry of an episode's file."""
+    with open_episode(file) as (row, group):
+        if row.digest != digest or row.recorded is None:
+            raise DamagedEpisodeError("is not a finished episode", file=file, remedy="delete it and resume")
+        yield group, _entry(row)
+
+
+def _entry(row: EpisodeRow) -> dict[str, Any]:
+    """What ManiSkill's JSON says of an episode."""
+    recorded = row.recorded
+    assert recorded is not None
+    return {
+        "episode_seed": recorded["seed"],
+        "control_mode": recorded["control_mode"],
+        "elapsed_steps": recorded["steps"],
+        "reset_kwargs": {"seed": recorded["seed"], "options": recorded["reset_options"]},
+        "success": recorded["success"],
+        "instances": recorded["instances"],
+        "episode": row.episode.to_dict(),
+    }
+
+
+def _stream_json(stream: TextIO, document: dict[str, Any], name: str, items: Iterable[dict[str, Any]]) -> None:
+    """Write ``{**document, name: [*items]}`` as indented JSON, an item at a time."""
+    stream.write(json.dumps(document, indent=2, allow_nan=False).removesuffix("\n}") + f',\n  "{name}": [')
+    for number, item in enumerate(items):
+        text = json.dumps(item, indent=2, allow_nan=False).replace("\n", "\n    ")
+        stream.write(f"{',' if number else ''}\n    {text}")
+    stream.write("\n  ]\n}\n")
 
 
 def _env_id(task: TaskSpec) -> str:
@@ -208,9 +231,9 @@ def env_kwargs(
     return kwargs
 
 
-def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str, Any]:
+def _document(provenance: Provenance, instances: dict[str, list[str]]) -> dict[str, Any]:
+    """The JSON file without its episodes."""
     task = provenance.task
-    instances = {name: sorted({entry["instances"][name] for entry in entries}) for name in task.objects}
     names = [f"{task.objects[name].asset_class}/{id}" for name, ids in instances.items() for id in ids]
     return {
         "env_info": {
@@ -229,24 +252,4 @@ def _document(provenance: Provenance, entries: list[dict[str, Any]]) -> dict[str
             "licenses": {name: provenance.licenses[name] for name in names if name in provenance.licenses},
             **provenance.details,
         },
-        "episodes": entries,
     }
-
-
-def _write_recording(group: h5py.Group, recording: Recording) -> None:
-    """Names, shapes and types as ManiSkill's ``RecordEpisode`` writes them."""
-    group.create_dataset("obs", data=recording.obs)
-    group.create_dataset("actions", data=recording.actions)
-    group.create_dataset("terminated", data=recording.terminated)
-    group.create_dataset("truncated", data=recording.truncated)
-    group.create_dataset("success", data=recording.success)
-    _write_tree(group.create_group("env_states"), recording.env_states)
-    group.create_dataset("rewards", data=recording.rewards)
-
-
-def _write_tree(group: h5py.Group, tree: Tree) -> None:
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            _write_tree(group.create_group(name), value)
-        else:
-            group.create_dataset(name, data=np.asarray(value))

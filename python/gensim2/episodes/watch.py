@@ -35,11 +35,13 @@ class Held:
         name: of the object.
         T_hand_object: (4, 4) as it was when the fingers had closed.
         width: distance of the pads that the grasp was planned for, m; None where nobody knows it.
+        force: with which each finger is to press on it, N; None where nobody knows it.
     """
 
     name: str
     T_hand_object: Array
     width: float | None
+    force: float | None = None
 
     def is_lost(self, profile: RobotProfile, q: Array, measured: Measurement) -> bool:
         """Whether it is no longer in the hand."""
@@ -58,7 +60,7 @@ def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan
     T_hand_object = in_hand(profile, q, measured, plan.picks)
     if np.linalg.norm(T_hand_object[:3, 3] - planned[:3, 3]) > MOST_SLIP:
         return None  # fingers that press gently do not close when there is nothing
-    return Held(plan.picks, T_hand_object, plan.width)
+    return Held(plan.picks, T_hand_object, plan.width, plan.force)
 
 
 def in_hand(profile: RobotProfile, q: Array, measured: Measurement, name: str) -> Array:

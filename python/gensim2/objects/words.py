@@ -77,7 +77,7 @@ def halfway(asset_class: str, goal: Goal) -> Phrase | None:
 
 
 def room(asset_class: str) -> str | None:
-    """Where an articulated object is found; None where no table knows it. What is found in one room is used together."""
+    """Where an articulated object is found, with what else it is used; None where no table knows it."""
     found = _table()["articulated"].get(asset_class, {}).get("room")
     return None if found is None else str(found)
 

@@ -89,7 +89,7 @@ class AttemptLog:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open("ab") as stream:
-                stream.write(_line(entry))
+                stream.write(log_line(entry))
         except OSError as error:
             raise InputError(
                 f"cannot write: {error.strerror}", file=self.path, remedy="make room, or choose another --out"
@@ -107,7 +107,26 @@ class AttemptLog:
         return list(self.done.values())
 
     def _rewrite(self, entries: Iterable[LoggedEpisode]) -> None:
-        write_atomic(self.path, b"".join(map(_line, entries)))
+        write_atomic(self.path, b"".join(map(log_line, entries)))
+
+
+def log_line(entry: LoggedEpisode) -> bytes:
+    """The line of an episode in a log."""
+    place = {"index": entry.index, "episode_digest": entry.episode_digest}
+    return json.dumps({**place, **entry.episode.to_dict()}, allow_nan=False).encode() + b"\n"
+
+
+def parse_line(line: bytes, path: Path, number: int, remedy: str = _REMEDY) -> LoggedEpisode:
+    """Return what a line of a log holds, without its line feed.
+
+    Args:
+        path: of the log.
+        number: of the line, from 1.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return parse_record(line, _ADAPTER, path, remedy, f"line {number}")
 
 
 def read_log(path: Path) -> list[LoggedEpisode]:
@@ -127,10 +146,5 @@ def _read(path: Path) -> tuple[list[LoggedEpisode], bool]:
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=_REMEDY) from error
     *lines, torn = content.split(b"\n")
-    entries = [parse_record(line, _ADAPTER, path, _REMEDY, f"line {number}") for number, line in enumerate(lines, 1)]
+    entries = [parse_line(line, path, number) for number, line in enumerate(lines, 1)]
     return entries, bool(torn)
-
-
-def _line(entry: LoggedEpisode) -> bytes:
-    place = {"index": entry.index, "episode_digest": entry.episode_digest}
-    return json.dumps({**place, **entry.episode.to_dict()}, allow_nan=False).encode() + b"\n"

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
+from gensim2.episodes.recording import Recording
 from gensim2.episodes.trajectory import Provenance, TrajectoryStore
 from gensim2.episodes.video import Replay, film
 from gensim2.errors import GenSim2Error
+from gensim2.files import remove_temporaries
 from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
@@ -93,13 +96,16 @@ def collect(
     progress.start(f"{task.name}: demonstrations", episodes)
     progress.advance(min(collection.held, episodes))
     setting = evaluator.setting(task, instances)
-    jobs = (Job(i, (setting, strategies, seeds[i])) if i is not None else None for i in collection.wanted())
-    for index, (episode, recording) in evaluator.run(worker.demonstrate, jobs, f"{task.name}: demonstrations"):
-        digest = None
-        if recording is not None:
-            digest = store.add(index, recording, episode)
+    wanted = collection.wanted()
+    jobs = (
+        Job(i, (setting, strategies, seeds[i], partial(keep_demonstration, files.path, i))) if i is not None else None
+        for i in wanted
+    )
+    for index, (episode, digest) in evaluator.run(worker.record, jobs, f"{task.name}: demonstrations"):
+        if digest is not None:
             progress.advance()
         collection.add(LoggedEpisode.of(episode, index, digest))
+    remove_temporaries(files.path)  # a worker that was killed while it wrote leaves one
     entries = log.finish(collection.needed())
     run.add_episodes(library, entries, log.path)
     run.save()
@@ -125,6 +131,15 @@ def collect(
     if video and not (files.path / "video.mp4").exists():
         _film(files.path, task, evaluator, progress)
     return collected
+
+
+def keep_demonstration(
+    folder: Path, index: int, episode: Episode, recording: Recording | None
+) -> tuple[Episode, str | None]:
+    """Write an episode that holds into the task's folder; return its record and the digest of its file, if any."""
+    if recording is None or not episode.held:
+        return episode, None
+    return episode, TrajectoryStore(folder).add(index, recording, episode)
 
 
 class _Collection:

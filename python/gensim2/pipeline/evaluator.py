@@ -36,26 +36,32 @@ class PoolEvaluator:
 
     Args:
         circumstances: what episodes follow from beside the task.
-        workers: number of processes.
+        workers: number of processes; None where the pool says itself how many.
         progress: is advanced once a job; whoever calls starts the stage.
         time_limit: seconds after which a job counts as hung and is tried again.
         jobs_per_worker: jobs after which a process is renewed.
         log: file for tries that came to nothing, with their tracebacks; None keeps none.
+        pool: makes what runs the jobs, of the arguments of :class:`~gensim2.processes.WorkerPool`.
+
+    Attributes:
+        failed_tries: tries that came to nothing.
     """
 
     def __init__(
         self,
         circumstances: Circumstances,
-        workers: int,
+        workers: int | None,
         progress: Progress = NULL_PROGRESS,
         *,
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
         log: Path | None = None,
+        pool: Callable[..., Executor] = WorkerPool,
     ) -> None:
         self.circumstances = circumstances
+        self.failed_tries = 0
         self._progress, self._log = progress, log
-        self._executor: Executor = WorkerPool(
+        self._executor: Executor = pool(
             workers,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
@@ -122,6 +128,7 @@ class PoolEvaluator:
         return [found[index] for index in range(len(jobs))]
 
     def _failed(self, failure: Failure) -> None:
+        self.failed_tries += 1
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
         if self._log is None:
             return

@@ -130,7 +130,9 @@ class Execution:
             if isinstance(found, str):
                 return self._rejected(task, folder, found)
             ways, effort = found
-            task = _made(with_strategies(task, ways), "all" if kept_apart(self.library, task).search == "all" else "train")
+            task = _made(
+                with_strategies(task, ways), "all" if kept_apart(self.library, task).search == "all" else "train"
+            )
             folder.write_task(task)
             strategies = {name: data for own in ways.values() for name, data in own.items()}
             outcome = self._tested(task, strategies, folder)

@@ -215,7 +215,7 @@ class Verification:
 
 @dataclass(frozen=True)
 class Design:
-    """The outcome of a search: every candidate with its stages, best first, and the ways of each step that won, if any."""
+    """The outcome of a search: every candidate with its stages, best first, and each step's ways that won, if any."""
 
     results: tuple[CandidateResult, ...]
     chosen: StepStrategies | None

@@ -38,7 +38,7 @@ from gensim2.tasks.spec import TaskSpec
 from gensim2.yaml_files import dump_yaml
 
 #: Distributions whose versions decide what an episode looks like.
-VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
+VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py")
 
 #: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
 FIXED_ARGUMENTS = (

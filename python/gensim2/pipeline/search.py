@@ -1,9 +1,9 @@
 """Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise of
-each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly always, the
-designer varies them and the best are compared again.
+the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise
+of each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly
+always, the designer varies them and the best are compared again.
 
 Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
 strict verdict decides among them.
@@ -125,36 +125,42 @@ class Search:
         everything = {self._key(result): result for result in first}
         standing = [result for result in first if result.plan_score > 0]
         self._notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
-        if not standing:
-            return Design(tuple(first), None, (*self._notes, "no candidate could be planned"))
 
         def remember(results: Sequence[CandidateResult]) -> None:
             everything.update((self._key(result), result) for result in results)
 
-        for count, episodes in self.budget.rounds:
+        for count, episodes in self.budget.rounds if standing else ():
             standing = self._physics(standing[:count], episodes, f"physics, {count} candidates")
             remember(standing)
         for round_index in itertools.count():
-            compared = self._compare(standing, round_index)
-            remember(compared)
-            standing = compared
-            if self._enough(standing[0]):
+            if standing:
+                standing = self._compare(standing, round_index)
+                remember(standing)
+                if self._enough(standing[0]):
+                    break
+            # Where nothing could be planned, what stood in the way is what there is to learn from.
+            learned = standing or list(everything.values())
+            children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
+            if not children:
                 break
-            children = self.designer.refine(self.task, self.brief, standing, self.seed, round_index)
-            planned = [r for r in self._screen(children) if r.plan_score > 0] if children else []
-            if not planned:
-                break
-            count, episodes = self.budget.refined
-            tried = self._physics(planned[:count], episodes, f"refinement {round_index + 1}")
-            remember(tried)
-            standing = self._sorted([*standing, *tried])
+            screened = self._screen(children)
+            remember(screened)
+            if planned := [result for result in screened if result.plan_score > 0]:
+                count, episodes = self.budget.refined
+                tried = self._physics(planned[:count], episodes, f"refinement {round_index + 1}")
+                remember(tried)
+                standing = self._sorted([*standing, *tried])
         ranked = [*standing, *self._sorted([r for r in everything.values() if r not in standing])]
+        if not standing:
+            return Design(tuple(ranked), None, (*self._notes, "no candidate could be planned"))
         if not standing[0].held:
             return Design(tuple(ranked), None, (*self._notes, "no candidate held in physics"))
         self._notes.append(_compared(standing))
         return Design(tuple(ranked), standing[0].candidate.steps, tuple(self._notes))
 
     def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
+        if not candidates:
+            return []
         seeds = seeding.scene_seeds(self.seed, self.task.name, "screen", self.budget.screen_scenes)
         self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
         outcomes = self.evaluator.screen(self.setting, [c.steps for c in candidates], seeds)

@@ -112,6 +112,7 @@ def draw_actuation(circumstances: Circumstances, task: TaskSpec, steps: Mapping[
     if T_hand is not None:
         _axes(draw, picture.size, scene.T_world_base @ T_hand, "hand")
     step = next(each for each in task.steps if each.name == name)
+    _axes(draw, picture.size, scene.T_world_base @ scene.objects[step.object].T_base_object, "object")
     for key, point in scene.objects[step.object].keypoints.items():
         place = (scene.T_world_base @ np.append(point, 1.0))[:3]
         x, y = _pixel(place, picture.size)

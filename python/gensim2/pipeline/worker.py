@@ -5,9 +5,9 @@ Functions here run in worker processes; their arguments and results are plain va
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import gensim2_kpam as kpam
 from gensim2.designers.base import StepStrategies, Strategies, with_strategies
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from gensim2.planning.scene import Scene
     from gensim2.planning.steps import StepPlanner
     from gensim2.sim.lane import Lane
+
+Result = TypeVar("Result")
 
 #: What a worker needs and takes seconds to import.
 PRELOAD: Sequence[str] = (
@@ -149,6 +151,20 @@ def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Ep
     """Run one episode as ``episode`` does and keep its states; the recording is None where it did not hold."""
     found, recording = _run(setting, setting.task, strategies, seed, record=True)
     return found, recording if found.held else None
+
+
+def record(
+    setting: Setting, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
+) -> Result:
+    """Run one episode as ``episode`` does and hand it on in this process: its states need not travel.
+
+    Args:
+        keep: is given the record and what was recorded, and writes down what is to be kept; must pickle.
+
+    Returns:
+        What ``keep`` returned.
+    """
+    return keep(*_run(setting, setting.task, strategies, seed, record=True))
 
 
 def _run(

@@ -16,12 +16,13 @@ Array = npt.NDArray[np.float64]
 #: Speed of each finger as it closes on a thing that can be pushed away, m/s.
 CLOSING_SPEED = 0.06
 
-#: Force (N) with which each finger presses on what was taken up. Pressed harder, in physics a ball of a few grams is
-#: shot out of the fingers, and a cup between them spins.
-GRIP_FORCE = 2.0
-
-#: Weights of what was taken up by which each finger presses at least: friction carries it, and what its lever adds.
+#: Weights of what was taken up by which each finger presses: friction carries it, with what its lever and its inertia
+#: add, at a coefficient of 0.3 and more. Not more: in some solvers a contact gives the more, the lighter a body is, so
+#: that pads pressed by many times its weight sink into it, and a ball of a few grams is shot out of the fingers.
 GRIP_WEIGHTS = 6.0
+
+#: Least force (N) of each finger: what moves the hand moves the fingers, too, which weigh more than a ball between them.
+LEAST_GRIP_FORCE = 0.5
 
 #: m/s².
 GRAVITY = 9.81
@@ -77,13 +78,14 @@ class Schedule:
         return len(self.actions)
 
 
-def grip_on(pad_distance: float, mass: float, profile: RobotProfile) -> float:
-    """The command, -1 to 1, that presses on what keeps the pads so far (m) apart and weighs ``mass`` (kg).
+def grip_force(mass: float) -> float:
+    """The force (N) of each finger that carries a mass (kg)."""
+    return max(LEAST_GRIP_FORCE, GRIP_WEIGHTS * mass * GRAVITY)
 
-    By ``GRIP_FORCE``, or by ``GRIP_WEIGHTS`` times its weight where that is more.
-    """
+
+def grip_on(pad_distance: float, force: float, profile: RobotProfile) -> float:
+    """The command, -1 to 1, by which each finger presses with ``force`` (N) on what keeps the pads so far (m) apart."""
     gripper = profile.gripper
-    force = max(GRIP_FORCE, GRIP_WEIGHTS * mass * GRAVITY)
     target = pad_distance / len(gripper.joints) - force / gripper.stiffness
     return float(np.clip(gripper.command(target), CLOSED, OPEN))
 

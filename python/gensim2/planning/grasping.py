@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
 from gensim2.planning.scene import Scene
@@ -21,30 +23,51 @@ STRIDE = 0.06
 #: first of its strategies.
 COMPARED = 6
 
+#: Hand poses nearer to each other than this are the same grasp: m and rad.
+SAME_PLACE, SAME_TURN = 0.015, 0.3
+
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
 
 
 def grasps_of(
-    world: kpam.Scene, scene: Scene, name: str, gripper: kpam.ParallelGripper, strategy: GraspStrategy
+    world: kpam.Scene,
+    scene: Scene,
+    name: str,
+    gripper: kpam.ParallelGripper,
+    strategy: GraspStrategy,
+    lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
     """Grasps of a rigid object as it lies among all else, best first, those that lean too far or too little left out.
 
     Args:
         world: ``scene`` as the solver's own.
+        lost: (4, 4) hand poses in the object's frame from which it slipped before: what is near to one of them comes
+            last.
     """
+    friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     found = world.grasps(
         name,
         gripper,
         center_of_mass=scene.objects[name].center_of_mass,
         options={
-            "friction": strategy.friction,
+            "friction": friction,
             "approach": strategy.approach,
             "up": np.linalg.inv(scene.T_world_base)[:3, 2],
         },
     )
     leaning = [grasp for grasp in found if strategy.least_tilt <= grasp.quality["tilt"] <= strategy.tilt]
-    return leaning[: strategy.candidates]
+    again = [any(is_near(grasp.T_object_hand, each) for each in lost) for grasp in leaning]
+    ranked = [grasp for late in (False, True) for grasp, near in zip(leaning, again, strict=True) if near is late]
+    return ranked[: strategy.candidates]
+
+
+def is_near(T_object_hand: Array, other: Array) -> bool:
+    """Whether two hand poses (4, 4) are the same grasp, the fingers either way round."""
+    turn = T_object_hand[:3, :3].T @ other[:3, :3]
+    turned = min(Rotation.from_matrix(turn @ swap).magnitude() for swap in (np.eye(3), np.diag([-1.0, -1.0, 1.0])))
+    apart = float(np.linalg.norm(T_object_hand[:3, 3] - other[:3, 3]))
+    return apart < SAME_PLACE and turned < SAME_TURN
 
 
 def grasp_config(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.planning.hulls import crossings
 from gensim2.planning.scene import Scene, SceneBody
 
 Array = npt.NDArray[np.float64]
@@ -47,36 +46,5 @@ def _spans(body: SceneBody, point: Array, up: Array) -> list[tuple[float, float]
     """Stretches of a vertical line inside a body's hulls, metres above ``point``."""
     rotation = body.T_base_body[:3, :3]
     start, along = rotation.T @ (point - body.T_base_body[:3, 3]), rotation.T @ up
-    spans = []
-    for planes in _planes(_Hulls(body.hulls)):
-        distance, slope = planes[:, :3] @ start + planes[:, 3], planes[:, :3] @ along
-        level = np.abs(slope) < 1e-9
-        if (distance[level] > 0).any():
-            continue
-        at = -distance[~level] / slope[~level]
-        rising = slope[~level] > 0
-        low, high = at[~rising].max(initial=-np.inf), at[rising].min(initial=np.inf)
-        if low < high:
-            spans.append((float(low), float(high)))
-    return spans
-
-
-class _Hulls:
-    """Hulls as a key: the same tuple is the same key, and is kept alive by it."""
-
-    def __init__(self, hulls: tuple[Array, ...]) -> None:
-        self.hulls = hulls
-
-    def __hash__(self) -> int:
-        return id(self.hulls)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Hulls) and other.hulls is self.hulls
-
-
-@lru_cache(maxsize=64)
-def _planes(key: _Hulls) -> tuple[Array, ...]:
-    """Of each hull (K, 4) outward normals and offsets."""
-    from scipy.spatial import ConvexHull  # here: refusing a strategy needs none of SciPy
-
-    return tuple(np.asarray(ConvexHull(hull, qhull_options="QJ").equations, dtype=np.float64) for hull in key.hulls)
+    enter, leave = crossings(body.hulls, start[None], along)
+    return [(float(low), float(high)) for low, high in zip(enter[0], leave[0], strict=True) if low < high]

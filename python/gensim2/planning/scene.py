@@ -71,6 +71,8 @@ class SceneObject:
         object_axis: axis of the object frame that "rotate" motions turn about.
         yaw: rad that the randomization turned it by.
         center_of_mass: (3,) of a rigid object in its frame, m.
+        mass: of a rigid object, kg; None where nobody knows.
+        friction: coefficient of a rigid object's surface; None where nobody knows.
     """
 
     name: str
@@ -82,6 +84,7 @@ class SceneObject:
     yaw: float = 0.0
     center_of_mass: Array | None = None
     mass: float | None = None
+    friction: float | None = None
 
     @property
     def is_rigid(self) -> bool:
@@ -108,6 +111,8 @@ class Scene:
         fixtures: what stands there and is no object: the table.
         held: name of the rigid object in the hand, or None.
         held_width: distance of the pads (m) at which it was grasped; None where nobody knows.
+        held_force: with which each finger presses on it, N.
+        finger_friction: coefficient of the fingers' surface; None where nobody knows.
     """
 
     q: Array
@@ -117,6 +122,13 @@ class Scene:
     fixtures: tuple[SceneBody, ...] = field(default=())
     held: str | None = None
     held_width: float | None = None
+    held_force: float | None = None
+    finger_friction: float | None = None
+
+    def grip_friction(self, name: str) -> float | None:
+        """Coefficient between the fingers and a rigid object: the mean of both surfaces; None where nobody knows."""
+        surface = self.objects[name].friction
+        return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 
     @property
     def bodies(self) -> tuple[SceneBody, ...]:

@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.planning import predict
-from gensim2.planning.actions import Acts, Schedule, grip_on, schedule
+from gensim2.planning.actions import Acts, Schedule, grip_force, grip_on, schedule
 from gensim2.planning.grasping import COMPARED, grasp_config, grasps_of
 from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
-from gensim2.planning.scene import Scene
+from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.shortening import shortened
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy
 from gensim2.planning.world import PlanningWorld
@@ -55,8 +55,11 @@ class StepPlan:
         after: the scene as it will be; None without a motion.
         picks: the object that is taken up, or None.
         width: distance of the finger pads that hold it, m.
+        force: with which each finger presses on it, N.
+        T_object_hand: (4, 4) hand in its frame as it is grasped.
         touches: what stands in the way of a motion that touches nothing before the actuation pose, where this one does.
         whole: where ``plan`` is the longest part of a motion and then lets go: the plan that says what the rest lacks.
+        foreseen: of a grasp the step that it is for, with the plan of it that was found on the scene as it will be.
     """
 
     status: str
@@ -66,8 +69,11 @@ class StepPlan:
     after: Scene | None
     picks: str | None = None
     width: float | None = None
+    force: float | None = None
+    T_object_hand: Array | None = None
     touches: str | None = None
     whole: kpam.Plan | None = None
+    foreseen: Foreseen | None = None
 
     @property
     def is_solved(self) -> bool:
@@ -104,6 +110,21 @@ class StepPlan:
         return {name: value for name, value in found.items() if value} | touches
 
 
+@dataclass(frozen=True)
+class Foreseen:
+    """A step planned ahead, on a scene as it will be.
+
+    Attributes:
+        step: its name.
+        strategy: which of its strategies, by number.
+        plan: the motion.
+    """
+
+    step: str
+    strategy: int
+    plan: kpam.Plan
+
+
 #: A step and its strategies, in order of preference.
 Ways = tuple[Step, Sequence[Strategy]]
 
@@ -120,6 +141,7 @@ class StepPlanner:
         self.profile = profile
         self._options = options
         self._world = PlanningWorld(profile)
+        self._floors: dict[str, tuple[SceneObject, Array]] = {}
         self._gripper = kpam.ParallelGripper.of_robot(profile.model, **_tool(profile))
         names = profile.model.joint_names
         self._fingers = [names.index(name) for name in profile.gripper.joints]
@@ -131,7 +153,8 @@ class StepPlanner:
         strategy: Strategy,
         *,
         following: Sequence[Ways] = (),
-        former: StepPlan | None = None,
+        former: kpam.Plan | None = None,
+        lost: Sequence[Array] = (),
         explain: bool = False,
     ) -> StepPlan:
         """Plan a step.
@@ -141,19 +164,20 @@ class StepPlanner:
             step: what is acted on, and with what.
             strategy: how.
             following: the steps after it; a grasp looks ahead to the first that uses the object as its tool.
-            former: an earlier plan of the same step; its pose and its way are tried first.
+            former: an earlier plan of the same step, or one that was foreseen; its pose and its way are tried first.
+            lost: (4, 4) hand poses in the frame of the step's object from which it slipped; they are tried last.
             explain: whether the plan says what became of every pose that was tried.
 
         Returns:
             One without a motion and with the status ``"invalid"`` where the strategy does not fit these objects.
         """
         if isinstance(strategy, GraspStrategy):
-            return self._grasp(scene, step, strategy, following)
+            return self._grasp(scene, step, strategy, following, lost)
         try:
             found = reach(
                 lambda options: self.problem(scene, step, strategy, options),
                 self._clearances(scene, step, strategy),
-                None if former is None else former.plan,
+                former,
                 explain,
             )
             part = self._letting_go(scene, step, strategy, found)
@@ -220,7 +244,7 @@ class StepPlanner:
             if name != scene.held:
                 points |= {f"{name}/{key}": at for key, at in other.points.items()}
         if thing.name != scene.held:
-            points |= {**thing.points, FLOOR: floor(scene, thing.name)}
+            points |= {**thing.points, FLOOR: self._floor(scene, thing)}
         tool = _tool(self.profile)
         if scene.held is not None:
             tool |= _held_keypoints(world, scene.held, step.tool)
@@ -245,6 +269,13 @@ class StepPlanner:
             options=merged,
         )
 
+    def _floor(self, scene: Scene, thing: SceneObject) -> Array:
+        """(3,) that of an object; grasps are compared by dozens of plans on scenes in which it is the very same."""
+        known = self._floors.get(thing.name)
+        if known is None or known[0] is not thing:
+            known = self._floors[thing.name] = (thing, floor(scene, thing.name))
+        return known[1]
+
     def _start(self, scene: Scene, fingers: str) -> Array:
         """Joints at the start, the fingers as they stand during the approach."""
         q = self._world.joints(scene) if scene.held is not None or fingers == "hold" else scene.q.copy()
@@ -261,16 +292,20 @@ class StepPlanner:
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
             # What is held is pressed; bare fingers stay where they are.
-            command = present if scene.held is None else self._grip(scene.held_width, scene.objects[scene.held].mass)
+            command = present if scene.held is None else self._grip(scene)
             return Acts(fingers, command, lets_go=strategy.let_go is not None)
         command = CLOSED if fingers == "closed" else opening
         # Fingers that only come nearer to what they will grasp do so on the way.
         before = abs(command - present) > SAME_COMMAND and (fingers != "grasp" or command > present)
         return Acts(fingers, command, opening, grip, gently, before, strategy.let_go is not None)
 
-    def _grip(self, width: float | None, mass: float | None) -> float:
-        """The command that holds what keeps the pads ``width`` (m) apart and weighs ``mass`` (kg)."""
-        return CLOSED if width is None else grip_on(width, mass or 0.0, self.profile)
+    def _grip(self, scene: Scene) -> float:
+        """The command that goes on holding what the hand has."""
+        if scene.held_width is None:
+            return CLOSED
+        assert scene.held is not None
+        force = grip_force(scene.objects[scene.held].mass or 0.0) if scene.held_force is None else scene.held_force
+        return grip_on(scene.held_width, force, self.profile)
 
     def _command(self, finger: float) -> float:
         """The gripper command that takes a finger joint there."""
@@ -324,12 +359,19 @@ class StepPlanner:
         value = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
         return float(max(value, 0.0))
 
-    def _grasp(self, scene: Scene, step: Step, strategy: GraspStrategy, following: Sequence[Ways]) -> StepPlan:
+    def _grasp(
+        self,
+        scene: Scene,
+        step: Step,
+        strategy: GraspStrategy,
+        following: Sequence[Ways],
+        lost: Sequence[Array],
+    ) -> StepPlan:
         thing = scene.objects[step.object]
         if not thing.is_rigid or scene.held is not None:
             what = "has a joint" if not thing.is_rigid else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
-        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, strategy)
+        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, strategy, lost)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None
@@ -345,7 +387,7 @@ class StepPlanner:
                 return taken
             way = self._way(taken.after, use[0], ways)
             if way is not None:
-                serving, ways = taken, ways[:way]
+                serving, ways = replace(taken, foreseen=way), ways[: way.strategy]
             elif best is None or not best.is_solved:
                 best = taken
             compared += serving is not None
@@ -372,19 +414,17 @@ class StepPlanner:
         plan = kpam.plan(problem)
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
-        acts = self._acts(
-            scene,
-            strategy,
-            self._command(grasp.opening / 2),
-            self._grip(grasp.width, scene.objects[step.object].mass),
-            gently=True,
-        )
+        force = grip_force(scene.objects[step.object].mass or 0.0)
+        opening, grip = self._command(grasp.opening / 2), grip_on(grasp.width, force, self.profile)
+        acts = self._acts(scene, strategy, opening, grip, gently=True)
         rows = schedule(plan, acts, self.profile)
-        after = replace(self._after(scene, step, problem, plan, rows, step.object), held_width=grasp.width)
-        return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width)
+        after = self._after(scene, step, problem, plan, rows, step.object)
+        after = replace(after, held_width=grasp.width, held_force=force)
+        at = np.array(grasp.T_object_hand)
+        return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
-    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> int | None:
-        """Which is the first of the strategies by which a step can be planned on a scene that is foreseen."""
+    def _way(self, scene: Scene, step: Step, strategies: Sequence[Strategy]) -> Foreseen | None:
+        """By which of the strategies, the first, a step can be planned on a scene that is foreseen, and how."""
         for number, strategy in enumerate(strategies):
             if not isinstance(strategy, KeypointStrategy):
                 continue
@@ -392,8 +432,8 @@ class StepPlanner:
                 problem = self.problem(scene, step, strategy, {"allow_partial": False})
             except kpam.ProblemError:  # it is for other objects than these
                 continue
-            if kpam.ik(problem, most=1) and kpam.plan(problem).status == "solved":
-                return number
+            if (plan := kpam.plan(problem)).status == "solved":
+                return Foreseen(step.name, number, plan)
         return None
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from gensim2.errors import GenSim2Error, NotRunError
+from gensim2.errors import GenSim2Error, NotRunError, WriteError
 
 Result = TypeVar("Result")
 
@@ -127,12 +127,15 @@ def results(outcomes: Iterable[Outcome[Result]], what: str, log: Path | None = N
         log: where the tries that came to nothing are written down.
 
     Raises:
-        GenSim2Error: what the job with the smallest index raised on purpose, after the last result.
+        WriteError: a job could not write what it found, at once: the others would run for nothing.
+        GenSim2Error: what else the job with the smallest index raised on purpose, after the last result.
         NotRunError: some jobs could not be run, after the last result.
     """
     errors: dict[int, GenSim2Error] = {}
     not_run: dict[int, str] = {}
     for outcome in outcomes:
+        if isinstance(outcome.error, WriteError):
+            raise outcome.error
         if outcome.error is not None:
             errors[outcome.index] = outcome.error
         elif outcome.failures:

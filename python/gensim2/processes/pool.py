@@ -12,7 +12,8 @@ from multiprocessing.connection import wait
 from typing import Any, TypeVar
 
 from gensim2.errors import GenSim2Error
-from gensim2.processes.executor import TRIES, Failure, Job, Outcome
+from gensim2.processes.executor import Failure, Job, Outcome
+from gensim2.processes.tries import Tries
 from gensim2.processes.worker import Worker, preload_modules
 
 Result = TypeVar("Result")
@@ -22,9 +23,6 @@ TIME_LIMIT = 900.0
 
 JOBS_PER_WORKER = 500
 """Jobs after which a worker process is renewed, so that what libraries leak does not grow."""
-
-HOPELESS = 3
-"""Jobs that could not be run, with none that could, after which the rest is not tried."""
 
 
 class WorkerPool:
@@ -84,15 +82,15 @@ class WorkerPool:
                     return
                 yield _run_here(function, job)
             return
-        source = _Source(jobs)
+        tries = Tries(jobs, self._on_failure, self._ran)
         finished: deque[Outcome[Result]] = deque()
         try:
             while True:
-                self._dispatch(function, source)
+                self._dispatch(function, tries)
                 if finished:
                     yield finished.popleft()
                 elif any(worker.job for worker in self._workers):
-                    finished.extend(self._collect(source))
+                    finished.extend(self._collect(tries))
                 else:
                     return
         finally:
@@ -100,15 +98,15 @@ class WorkerPool:
                 if worker.job is not None:
                     worker.stop()
 
-    def _dispatch(self, function: Callable[..., Any], source: _Source) -> None:
+    def _dispatch(self, function: Callable[..., Any], tries: Tries) -> None:
         for worker in self._workers:
             if worker.job is None:
-                job = source.next()
+                job = tries.next()
                 if job is None:
                     return
-                worker.send(job, function, fresh=job.index in source.failures)
+                worker.send(job, function, fresh=tries.number(job) > 1)
 
-    def _collect(self, source: _Source) -> list[Outcome[Any]]:
+    def _collect(self, tries: Tries) -> list[Outcome[Any]]:
         """Wait until at least one busy worker has something to say, and return the outcomes."""
         busy = [(worker, worker.job) for worker in self._workers if worker.job is not None]
         patience = min(worker.deadline for worker, _ in busy) - time.monotonic()
@@ -116,63 +114,17 @@ class WorkerPool:
         ready = wait([worker.connection for worker, _ in busy], timeout=max(patience, 0.0))
         outcomes: list[Outcome[Any]] = []
         for worker, job in busy:
-            number = len(source.failures.get(job.index, ())) + 1
+            number = tries.number(job)
             if worker.connection in ready:
                 found = worker.receive(number)
             elif time.monotonic() >= worker.deadline:
                 found = worker.give_up(number)
             else:
                 continue
-            if isinstance(found, Outcome):
-                self._ran = True
-                source.failures.pop(job.index, None)
-                outcomes.append(found)
-            elif found is not None:
-                outcomes.extend(self._failed(found, job, source))
+            if found is not None:
+                outcomes.extend(tries.over(job, found))
+        self._ran = tries.ran
         return outcomes
-
-    def _failed(self, failure: Failure, job: Job, source: _Source) -> list[Outcome[Any]]:
-        """Take note of a failed try; the outcomes of jobs that will not be tried again."""
-        if self._on_failure is not None:
-            self._on_failure(failure)
-        failures = source.failures.setdefault(job.index, [])
-        failures.append(failure)
-        if len(failures) < TRIES:
-            source.again.append(job)
-            return []
-        source.given_up += 1
-        outcomes: list[Outcome[Any]] = [Outcome(job.index, failures=tuple(source.failures.pop(job.index)))]
-        if source.given_up == HOPELESS and not self._ran:
-            reason = f"not tried, because none before it could be run: {failure.reason}"
-            outcomes.extend(Outcome(rest.index, failures=(Failure(rest.index, 0, reason),)) for rest in source.rest())
-        return outcomes
-
-
-class _Source:
-    """Jobs to hand out: those to try again, then new ones."""
-
-    def __init__(self, jobs: Iterable[Job | None]) -> None:
-        self._jobs = iter(jobs)
-        self.again: deque[Job] = deque()
-        self.failures: dict[int, list[Failure]] = {}
-        self.given_up = 0
-        self.exhausted = False
-
-    def next(self) -> Job | None:
-        if self.again:
-            return self.again.popleft()
-        if self.exhausted:
-            return None
-        try:
-            return next(self._jobs)
-        except StopIteration:
-            self.exhausted = True
-            return None
-
-    def rest(self) -> Iterator[Job]:
-        """What was not handed out; of an iterator that waits for outcomes, what it has now."""
-        while (job := self.next()) is not None:
-            yield job
 
 
 def _run_here(function: Callable[..., Result], job: Job) -> Outcome[Result]:

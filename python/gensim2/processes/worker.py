@@ -8,6 +8,7 @@ without a second thought.
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import pickle
@@ -25,7 +26,7 @@ from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStart
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
-_SINGLE_THREADED = dict.fromkeys(
+SINGLE_THREADED = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"), "1"
 )
 """The processes are the parallelism; threads inside them would only compete."""
@@ -139,7 +140,7 @@ class Worker:
     def _start(self) -> None:
         for number in range(TRIES):
             ours, theirs = _CONTEXT.Pipe()
-            environment = {**os.environ, **_SINGLE_THREADED}
+            environment = {**os.environ, **SINGLE_THREADED}
             process = _CONTEXT.Process(target=_serve, args=(theirs, environment, self._prepare), daemon=True)
             try:
                 with _single_threaded():
@@ -169,8 +170,8 @@ def preload_modules(modules: Sequence[str]) -> None:
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
     """What starts inside, and what that starts, keeps to one thread: the libraries look when they are imported."""
-    before = {name: os.environ.get(name) for name in _SINGLE_THREADED}
-    os.environ.update(_SINGLE_THREADED)
+    before = {name: os.environ.get(name) for name in SINGLE_THREADED}
+    os.environ.update(SINGLE_THREADED)
     try:
         yield
     finally:
@@ -201,6 +202,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
     if prepare is not None:
         with contextlib.suppress(Exception):  # what is wrong will be wrong for the job, which says so
             prepare()
+    gc.freeze()  # what is imported stays: looking through its objects for garbage costs a fourteenth of all episodes
     with contextlib.suppress(OSError):  # a parent that is gone already shows below
         connection.send_bytes(b"ready")
     while True:
@@ -208,9 +210,9 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
             payload = connection.recv_bytes()
         except (EOFError, OSError):
             return
-        answer = _answer(payload)
+        said = answer(payload)
         try:
-            connection.send_bytes(answer)
+            connection.send_bytes(said)
         except OSError:
             return
 
@@ -223,8 +225,12 @@ def _end_with_the_parent() -> None:
     os._exit(1)
 
 
-def _answer(payload: bytes) -> bytes:
-    """(kind, value, traceback, seconds of CPU), pickled; kind is result, error or failure."""
+def answer(payload: bytes) -> bytes:
+    """Run one call, pickled as (function, arguments), in this process.
+
+    Returns:
+        (kind, value, traceback, seconds of CPU), pickled; kind is ``"result"``, ``"error"`` or ``"failure"``.
+    """
     try:
         function, arguments = pickle.loads(payload)
         begin = time.process_time()
@@ -232,9 +238,9 @@ def _answer(payload: bytes) -> bytes:
             result = function(*arguments)
             return pickle.dumps(("result", result, None, time.process_time() - begin))
         except GenSim2Error as error:
-            answer = pickle.dumps(("error", error, None, time.process_time() - begin))
-            pickle.loads(answer)  # what does not survive the way is a bug like any other
-            return answer
+            said = pickle.dumps(("error", error, None, time.process_time() - begin))
+            pickle.loads(said)  # what does not survive the way is a bug like any other
+            return said
     except BaseException as error:  # noqa: BLE001 - a panic of the solver and an exit are failures too
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return pickle.dumps(("failure", words, traceback.format_exc(), 0.0))

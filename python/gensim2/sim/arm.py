@@ -46,7 +46,7 @@ class Arm:
             for joint in drives:
                 joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
                 joint.set_friction(0.0)
-        physics.prepare_robot(self.articulation)
+        physics.prepare_robot(self.articulation, profile.gripper)
         self._tool = next(link for link in self.articulation.links if link_name(link) == profile.tool_link)
         self.reader = RobotReader(profile, self.articulation)
 

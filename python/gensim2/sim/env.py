@@ -20,6 +20,7 @@ from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.objects import RigidObject
+from gensim2.observations import CloudSettings
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot_names
 from gensim2.robots import robot as robot_profile
@@ -40,6 +41,8 @@ from gensim2.sim.objects import load_object
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
 from gensim2.sim.physics import named_physics, vary
+from gensim2.sim.raycast.sensor import OBS_MODE as RAYCAST
+from gensim2.sim.raycast.sensor import RaycastSensor
 from gensim2.sim.registration import MODULE
 from gensim2.sim.rigid import load_rigid
 from gensim2.sim.scene_state import RobotReader, measure, read_scene
@@ -72,6 +75,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
         physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
+        obs_mode: ManiSkill's, or ``"raycast"``: the point cloud of :mod:`gensim2.observations`, ray-cast without a
+            renderer, beside the robot's own state (docs/observations.md).
+        observation: fields of :class:`~gensim2.observations.CloudSettings`, for ``"raycast"``.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: as in ManiSkill's ``BaseEnv``.
@@ -103,6 +109,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         render_backend: str = "auto",
         reconfiguration_freq: int | None = None,
         obs_mode: str | None = None,
+        observation: CloudSettings | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **kwargs: Any,
     ) -> None:
@@ -132,6 +139,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         self._setup: Setup | None = None
         self._parts: dict[str, Part] = {}
         self._spec: EnvSpec | None = None
+        self._sensor = RaycastSensor(observation) if obs_mode == RAYCAST else None
+        if observation is not None and self._sensor is None:
+            raise InputError(f"is for obs_mode {RAYCAST!r}", field="observation")
         self.reset_options: dict[str, Any] = {}
         self._closed = False
         _spare_imports_from_collection()
@@ -142,9 +152,9 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
                 robot_uids=self.profile.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
-                render_backend=_render_backend(render_backend, obs_mode, render_mode),
+                render_backend=_render_backend(render_backend, "none" if self._sensor else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                obs_mode=obs_mode,
+                obs_mode=obs_mode if self._sensor is None else "none",  # as far as ManiSkill is concerned
                 render_mode=render_mode,
                 **kwargs,
             )
@@ -213,7 +223,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
-        self.physics.prepare_robot(self.agent.robot._objs[0])
+        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile.gripper)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
@@ -238,6 +248,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
                 self._parts[name] = ArticulatedPart(name, thing, articulation, resistance, warnings)
         if setup.has_rigid_objects:
             self.physics.prepare_for_rigid_objects(self.scene.px)
+        if self._sensor is not None:
+            self._sensor.prepare(self.profile, {name: thing.model for name, thing in setup.objects.items()}, seed)
         self._setup = setup
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
@@ -299,6 +311,21 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
                 for name, part in self.parts.items()
             }
         return extra
+
+    @property
+    def obs_mode(self) -> str:
+        """What observations are of."""
+        return str(super().obs_mode) if self._sensor is None else RAYCAST
+
+    def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
+        """As in ManiSkill; of ``"raycast"`` a dict of ``agent``, ``extra`` and ``pointcloud``."""
+        if self._sensor is None:
+            return super().get_obs(info, unflattened)
+        return {
+            "agent": self._get_obs_agent(),
+            "extra": self._get_obs_extra(info or {}),
+            "pointcloud": self._sensor.observe(self.get_state_dict(), int(self.elapsed_steps[0])),
+        }
 
     def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
         """(1,) float: 1 where the task's goal holds, else 0."""
@@ -374,6 +401,8 @@ def _jsonable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
         plain["task"] = plain["task"].model_dump(mode="json")
     if isinstance(plain.get("assets"), Path):
         plain["assets"] = str(plain["assets"])
+    if isinstance(plain.get("observation"), CloudSettings):
+        plain["observation"] = plain["observation"].to_dict()
     instances = plain.get("instances")
     if isinstance(instances, Mapping):
         plain["instances"] = {name: _listed(words) for name, words in instances.items()}
@@ -394,6 +423,7 @@ def make_env(
     robot: str = DEFAULT_ROBOT,
     physics: str = "ours",
     obs_mode: str = "state",
+    observation: CloudSettings | Mapping[str, Any] | None = None,
     render_mode: str | None = None,
 ) -> GenSim2Env:
     """A :class:`GenSim2Env` without gymnasium's wrappers, typed: what gensim2's own rollouts use.
@@ -407,5 +437,6 @@ def make_env(
         robot=robot,
         physics=physics,
         obs_mode=obs_mode,
+        observation=observation,
         render_mode=render_mode,
     )

@@ -78,6 +78,7 @@ class Lane:
         self._library = as_library(assets)
         self.instance_ids = chosen_instances(self._library, self.task, instances)
         self._setup: Setup | None = None
+        self._drawn: tuple[int, Setup] | None = None  # what the last seed drew by itself
         self._arm: Arm | None = None
         self._parts: dict[str, Part] = {}
         self.seed = 0
@@ -105,16 +106,21 @@ class Lane:
         given = read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
-        setup = set_up(
-            self.task,
-            self._library,
-            self.instance_ids,
-            self.seed,
-            given,
-            self.profile,
-            self.physics,
-            self.randomization,
-        )
+        # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
+        if options or self._drawn is None or self._drawn[0] != self.seed:
+            setup = set_up(
+                self.task,
+                self._library,
+                self.instance_ids,
+                self.seed,
+                given,
+                self.profile,
+                self.physics,
+                self.randomization,
+            )
+            self._drawn = None if options else (self.seed, setup)
+        else:
+            setup = self._drawn[1]
         self._system = self.physics.new_system(self.profile)
         scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
         # In the environment's order: PhysX solves contacts in the order in which bodies came.

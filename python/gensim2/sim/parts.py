@@ -222,6 +222,7 @@ class RigidPart:
             yaw=self.thing.yaw,
             center_of_mass=self.model.center_of_mass,
             mass=float(self.body.mass),
+            friction=float(self.body.collision_shapes[0].physical_material.dynamic_friction),
         )
 
 

@@ -21,7 +21,7 @@ from sapien.wrapper.urdf_loader import URDFLoader
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
-from gensim2.robots import RobotProfile
+from gensim2.robots import Gripper, RobotProfile
 from gensim2.sim import original
 from gensim2.sim.footprint import lowest_of_moving_link
 from gensim2.sim.randomize import AS_IT_IS, Factors
@@ -114,8 +114,8 @@ class Physics(ABC):
         """What a scene with rigid objects needs besides, once it is built."""
 
     @abstractmethod
-    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
-        """Give a robot's links their contact materials, once it is built."""
+    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
+        """Give a robot's links their contact materials and its fingers' drives their damping, once it is built."""
 
     @abstractmethod
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
@@ -159,7 +159,7 @@ class OurPhysics(Physics):
             for shape in body.collision_shapes:
                 shape.contact_offset = RIGID_CONTACT_OFFSET
 
-    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
+    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
         """Leave ManiSkill's."""
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
@@ -239,11 +239,18 @@ class OriginalPhysics(Physics):
     def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
         """Nothing: contact offsets are the original's."""
 
-    def prepare_robot(self, robot: physx.PhysxArticulation) -> None:
+    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
         material = self._material()
         for link in robot.links:
             for shape in link.collision_shapes:
                 shape.set_physical_material(material)
+        # With ManiSkill's damping a finger is to PhysX as good as a body of a kilogram: the iterations of this solver
+        # do not converge on a thing of some grams between two of them, which creeps out however hard they press.
+        for joint in robot.active_joints:
+            if joint.name.endswith(gripper.joints):
+                joint.set_drive_properties(
+                    gripper.stiffness, self._constants.finger_damping, force_limit=gripper.force_limit, mode="force"
+                )
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         loader.set_density(self._constants.density(asset_class))

@@ -11,6 +11,8 @@ from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
 
+from gensim2.sim.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
+
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
     "(on Debian or Ubuntu install mesa-vulkan-drivers 24.3 or newer)"
@@ -44,16 +46,10 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
 
 
 def observation_cameras() -> list[CameraConfig]:
-    """Three cameras that look at the middle of the workspace: from the left, from the right, from the far
-    side.
-
-    128 x 128 pixels; poses in the world frame.
-    """
-    target = [-0.1, 0.0, 0.15]
-    places = {"left": [-0.3, 0.75, 0.65], "right": [-0.3, -0.75, 0.65], "front": [0.75, 0.0, 0.65]}
+    """The cameras of :mod:`gensim2.sim.cameras` for SAPIEN's renderer; poses in the world frame."""
     return [
-        CameraConfig(uid, sapien_utils.look_at(place, target), 128, 128, fov=np.deg2rad(60), near=0.01, far=10)
-        for uid, place in places.items()
+        CameraConfig(name, sapien_utils.look_at(place, TARGET), PIXELS, PIXELS, fov=FIELD_OF_VIEW, near=NEAR, far=FAR)
+        for name, place in PLACES.items()
     ]
 
 

@@ -70,6 +70,15 @@ class RobotReader:
         return Later(lambda: self.profile.gripper_at(as_matrix(pose)))
 
     @property
+    def finger_friction(self) -> float:
+        """Coefficient of the fingers' surface."""
+        gripper = self.profile.gripper
+        if self.articulation is None:
+            return gripper.friction
+        finger = next(link for link in self.articulation.links if link_name(link) == gripper.links[0])
+        return float(finger.collision_shapes[0].physical_material.dynamic_friction)
+
+    @property
     def finger_opening(self) -> float:
         """Distance between the fingers' pads, m."""
         if self.articulation is None:
@@ -104,6 +113,7 @@ def read_scene(robot: RobotReader, parts: Parts) -> Scene:
         T_world_base=T_world_base,
         objects={name: part.scene_object(T_base_world) for name, part in parts.items()},
         fixtures=(_table(T_base_world),),
+        finger_friction=robot.finger_friction,
     )
 
 

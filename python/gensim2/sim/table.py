@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,20 +38,34 @@ def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     return builder.build_static(name="table")
 
 
-def _add_visuals(builder: sapien.ActorBuilder) -> None:
-    def paint(color: tuple[float, ...], roughness: float, metallic: float = 0.0) -> sapien.render.RenderMaterial:
-        return sapien.render.RenderMaterial(
-            base_color=list(color), roughness=roughness, metallic=metallic, specular=0.3
-        )
+@dataclass(frozen=True)
+class Box:
+    """A part of the table that is seen: upright, in the table's frame (centre of its top's box), m; its material."""
 
-    builder.add_box_visual(half_size=HALF_SIZE, material=paint(_WOOD, 0.6))
+    center: tuple[float, float, float]
+    half_size: tuple[float, float, float]
+    color: tuple[float, float, float, float]
+    roughness: float
+    metallic: float = 0.0
+
+
+def visible_boxes() -> tuple[Box, ...]:
+    """What pictures show: top, legs and floor."""
     leg = (0.025, 0.025, _HEIGHT / 2 - HALF_SIZE[2])
-    for x in (-0.6, 0.6):
-        for y in (-0.6, 0.6):
-            place = sapien.Pose(p=[x, y, -HALF_SIZE[2] - leg[2]])
-            builder.add_box_visual(place, leg, material=paint(_METAL, 0.4, 0.6))
-    floor = sapien.Pose(p=[0.0, 0.0, HALF_SIZE[2] - _HEIGHT - 0.01])
-    builder.add_box_visual(floor, (12.0, 12.0, 0.005), material=paint(_FLOOR, 0.9))
+    places = [(x, y, -HALF_SIZE[2] - leg[2]) for x in (-0.6, 0.6) for y in (-0.6, 0.6)]
+    return (
+        Box((0.0, 0.0, 0.0), HALF_SIZE, _WOOD, 0.6),
+        *(Box(place, leg, _METAL, 0.4, 0.6) for place in places),
+        Box((0.0, 0.0, HALF_SIZE[2] - _HEIGHT - 0.01), (12.0, 12.0, 0.005), _FLOOR, 0.9),
+    )
+
+
+def _add_visuals(builder: sapien.ActorBuilder) -> None:
+    for box in visible_boxes():
+        material = sapien.render.RenderMaterial(
+            base_color=list(box.color), roughness=box.roughness, metallic=box.metallic, specular=0.3
+        )
+        builder.add_box_visual(sapien.Pose(p=box.center), box.half_size, material=material)
 
 
 def corners() -> npt.NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """When a step or a task counts as done: a union of small values, each a pure function of a :class:`Measurement`.
 
 Five are the paper's. Their distances are horizontal, between measured points: an object's last keypoint, as in the
-original; heights are the business of the strict verdict. The others say what the paper's tasks have no words for: a joint
-left in between, and where a rigid object is, by the origin of its frame, which lies in its middle.
+original; heights are the business of the strict verdict. The others say what the paper's tasks have no words for: a
+joint left in between, and where a rigid object is, by the origin of its frame, which lies in its middle.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ class RigidLifted(_Criterion):
 
 
 class RigidMoved(_Criterion):
-    """The rigid object is at least ``distance`` (m) from where it stood at the reset, in a direction seen from the robot,
-    and has strayed from that direction by less than half the way."""
+    """The rigid object is at least ``distance`` (m) from where it stood at the reset, in a direction as the robot sees
+    it, and has strayed from that direction by less than half the way."""
 
     type: Literal["rigidbody_moved"] = "rigidbody_moved"
     rigid: str

@@ -15,7 +15,6 @@ from gensim2.tasks.criteria import (
 )
 from gensim2.tasks.spec import TABLE, ObjectSpec, Offset
 
-
 _WAYS = {"away": "away from the robot", "closer": "towards the robot", "left": "to the left", "right": "to the right"}
 
 

@@ -6,7 +6,7 @@ use crate::free_space::NoWay;
 use crate::hand_path::Followed;
 use crate::model::Row;
 use crate::motion::{Motions, motions};
-use crate::world::{Hit, Margins, State, Way, even, travel_along, travel_over};
+use crate::world::{Hit, Margins, State, Way, World, even, travel_along, travel_over};
 
 /// A candidate's motion as far as it goes: joint waypoints of each path, and what stopped it.
 pub(super) struct Attempt {
@@ -104,9 +104,14 @@ impl Planner<'_> {
         self.world.act_at(x, out.motions.letting_go());
         // What overlapped at the start has come apart on the approach, where there is one.
         let plain = if self.entry > act { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
-        if self.entry <= act
-            && let Some(hit) = self.world.hit_at(State::still(x), self.world.course.last_before_actuation(), &plain)
-        {
+        let overlap = match self.entry <= act {
+            true => {
+                let leg = self.world.course.last_before_actuation();
+                self.judge(bar, |world| world.hit_at(State::still(x), leg, &plain))
+            }
+            false => None,
+        };
+        if let Some(hit) = overlap {
             out.hits.push((act, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: act, hit });
@@ -140,6 +145,14 @@ impl Planner<'_> {
             out.failure = Some(failure);
         }
         out
+    }
+
+    /// A hit that turns an attempt down. Where there is a score to beat, nobody is told of it: any will do.
+    fn judge(&mut self, bar: Option<f64>, look: impl FnOnce(&mut World<'_>) -> Option<Hit>) -> Option<Hit> {
+        self.world.be_hasty(bar.is_some() && !self.explain && self.problem.options.avoid_collisions);
+        let hit = look(&mut self.world);
+        self.world.be_hasty(false);
+        hit
     }
 
     /// Takes up a motion past the actuation pose: what overlaps there may persist, and the brake is swept.
@@ -259,7 +272,10 @@ impl Planner<'_> {
                 if left < 0.0 { 0 } else { ((left * steps as f64 + 1e-9) as usize + 1).min(steps) }
             };
             if most > 0
-                && let Some(hit) = self.world.hit_at_any(out.way(i).until(most), self.world.course.along(i), margins)
+                && let Some(hit) = {
+                    let leg = self.world.course.along(i);
+                    self.judge(Some(bar), |world| world.hit_at_any(out.way(i).until(most), leg, margins))
+                }
             {
                 out.block(i, hit);
                 return true;

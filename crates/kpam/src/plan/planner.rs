@@ -61,7 +61,7 @@ pub(super) struct Planner<'p> {
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
     pub former: Option<&'p Plan>,
-    explain: bool,
+    pub explain: bool,
 }
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.

@@ -202,6 +202,11 @@ impl<'p> World<'p> {
         self.cancel.as_ref().is_some_and(Cancel::is_cancelled)
     }
 
+    /// Whether hits are only to be found, not told of: which of several is found, and how deep it is, may be any.
+    pub fn be_hasty(&mut self, hasty: bool) {
+        self.scratch.be_hasty(hasty);
+    }
+
     /// Clearance (m) that the problem asks for on the way to what the hand reaches for.
     fn reach_clearance(&self) -> f64 {
         self.problem.options.reach_clearance.unwrap_or(0.0)

@@ -89,7 +89,9 @@ class Solutions:
             elif thing is not None and self.views is not None:
                 picture = self.views.thing(thing.asset_class)
             if thing is not None and picture is not None:
-                captions.append(f"`{thing.asset_class}`, seen from the side of the robot, its keypoints marked and named")
+                captions.append(
+                    f"`{thing.asset_class}`, seen from the side of the robot, its keypoints marked and named"
+                )
                 pictures.append(picture)
         return Sight(tuple(captions), tuple(pictures))
 

@@ -44,11 +44,13 @@ class Constants:
         scene: PhysX's settings, by their names in ManiSkill's ``SceneConfig``.
         material: static and dynamic friction and restitution of every surface but the table's.
         rigid_density: kg/m3 of hulls.
+        finger_damping: of the fingers' drives, N s/m.
     """
 
     scene: Mapping[str, Any]
     material: Mapping[str, float]
     rigid_density: float
+    finger_damping: float
     _densities: Mapping[str, float]
     _joint_frictions: Mapping[str, float]
 
@@ -67,7 +69,14 @@ def constants() -> Constants:
     source = files(__name__) / "constants.yaml"
     data = parse_yaml(source.read_bytes(), str(source))
     density = data["density"]
-    return Constants(data["scene"], data["material"], density["rigid"], density["articulated"], data["joint_friction"])
+    return Constants(
+        scene=data["scene"],
+        material=data["material"],
+        rigid_density=density["rigid"],
+        finger_damping=data["finger_damping"],
+        _densities=density["articulated"],
+        _joint_frictions=data["joint_friction"],
+    )
 
 
 def default_pose(asset_class: str, instance_id: str) -> DefaultPose | None:

@@ -1,0 +1,154 @@
+"""What a collection costs: episodes a second with one and two workers, memory of all its processes, bytes on disk.
+
+    python benchmarks/collection.py                        # 10 tasks of one step x 20 episodes
+    python benchmarks/collection.py OpenBox OpenSafe --episodes 100 --workers 1 2
+
+Wall time counts other people's work on this machine; CPU seconds an episode do not. Memory is the resident set, sampled
+every half second; its peak in each quarter of a run shows whether it grows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "kill"))
+
+import kill_runs
+
+TASKS = (
+    "CloseBox",
+    "CloseLaptop",
+    "CloseMicrowave",
+    "CloseSafe",
+    "OpenBox",
+    "OpenDrawer",
+    "OpenSafe",
+    "PushDrawerClose",
+    "PushToasterForward",
+    "TurnOnFaucet",
+)
+
+SAMPLE_SECONDS = 0.5
+
+
+@dataclass
+class Watched:
+    """A run, and what it took.
+
+    Attributes:
+        code: with which it ended.
+        seconds: of wall time.
+        samples: (seconds, MB of the driver, MB of the largest worker).
+    """
+
+    code: int
+    seconds: float
+    samples: list[tuple[float, float, float]] = field(repr=False)
+
+    def quarters(self) -> list[tuple[float, float]]:
+        """Peaks of driver and largest worker in each quarter of the run, MB."""
+        found = []
+        for quarter in range(4):
+            low, high = quarter * self.seconds / 4, (quarter + 1) * self.seconds / 4
+            inside = [sample for sample in self.samples if low <= sample[0] < high] or [(0.0, 0.0, 0.0)]
+            found.append((max(sample[1] for sample in inside), max(sample[2] for sample in inside)))
+        return found
+
+    def __str__(self) -> str:
+        drivers, workers = zip(*self.quarters(), strict=True)
+        return f"driver {_row(drivers)} MB, largest worker {_row(workers)} MB (peak in each quarter)"
+
+
+def watch(command: list[str], log: Path) -> Watched:
+    """Run a command and look at the memory of its processes."""
+    begin = time.monotonic()
+    process = kill_runs.start(command, log)
+    samples = []
+    try:
+        while process.poll() is None:
+            workers = [resident(pid) for pid in descendants(process.pid)]
+            samples.append((time.monotonic() - begin, resident(process.pid), max(workers, default=0.0)))
+            time.sleep(SAMPLE_SECONDS)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    return Watched(process.wait(), time.monotonic() - begin, samples)
+
+
+def descendants(pid: int) -> list[int]:
+    """All processes below one."""
+    return [each for child in kill_runs.children(pid) for each in (child, *descendants(child))]
+
+
+def resident(pid: int) -> float:
+    """MB of a process; 0 where it is gone."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    except (OSError, IndexError):
+        return 0.0
+
+
+def size(folder: Path, pattern: str) -> tuple[int, int]:
+    """Number and bytes of files."""
+    sizes = [path.stat().st_size for path in folder.glob(pattern)]
+    return len(sizes), sum(sizes)
+
+
+def _row(values: tuple[float, ...]) -> str:
+    return " ".join(f"{value:.0f}" for value in values)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=TASKS)
+    parser.add_argument("--episodes", type=int, default=20, help="of each task")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--assets", default="builtin")
+    parser.add_argument("--out", type=Path, help="keep the data sets here; default: a temporary folder")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.out or Path(temporary)
+        rates = {}
+        for workers in options.workers:
+            out = folder / f"workers-{workers}"
+            shutil.rmtree(out, ignore_errors=True)
+            out.parent.mkdir(parents=True, exist_ok=True)
+            rates[workers] = _collect(out, workers, options)
+    first = options.workers[0]
+    for workers in options.workers[1:]:
+        print(f"{workers} workers: {rates[workers] / rates[first]:.2f} times the speed of {first}")
+    return 0
+
+
+def _collect(out: Path, workers: int, options: argparse.Namespace) -> float:
+    """Collect, print what it took, and return episodes a second."""
+    told, log = out.with_suffix(".json"), out.with_suffix(".log")
+    words = ["collect", *options.tasks, "--episodes", str(options.episodes), "--workers", str(workers)]
+    words += ["--assets", options.assets, "--out", str(out), "--json", str(told)]
+    watched = watch([sys.executable, "-m", "gensim2.cli", *words], log)
+    if watched.code != 0:
+        raise SystemExit(log.read_text()[-2000:])
+    result = json.loads(told.read_text())
+    count, rate = result["episodes"], result["episodes_per_second"]
+    print(
+        f"{workers} workers: {count} episodes in {watched.seconds:.0f} s, {rate:.2f} a second, "
+        f"{result['cpu_s'] / count:.2f} s of CPU each, {result['held']} held"
+    )
+    print(f"  {watched}")
+    for pattern, what in (("*/episodes/*.h5", "held"), ("*/failures/*.h5", "failed"), ("*/episodes.jsonl", "rows")):
+        files, total = size(out, pattern)
+        print(f"  {what}: {files} files, {total / 1e6:.2f} MB, {total / max(files, 1) / 1e3:.1f} kB each", flush=True)
+    return float(rate)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

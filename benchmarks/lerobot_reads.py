@@ -1,0 +1,56 @@
+"""Does LeRobot's own loader, and the reader of its visualizer, take an export? Run by a Python that has LeRobot.
+
+    uv venv lerobot --python 3.11
+    uv pip install --python lerobot/bin/python torch==2.13.0 torchvision torchcodec "datasets>=4,<5" jsonlines draccus==0.10.0 \\
+        "huggingface-hub<0.36" "packaging<26" "av<16" deepdiff termcolor einops opencv-python-headless "rerun-sdk<0.27" \\
+        accelerate safetensors "gymnasium<2" "imageio[ffmpeg]"
+    uv pip install --python lerobot/bin/python --no-deps lerobot==0.4.4
+    gensim2 data export runs/night --to lerobot --out runs/lerobot
+    lerobot/bin/python benchmarks/lerobot_reads.py runs/lerobot
+
+Reads every frame (pictures need the FFmpeg libraries), a shuffled batch, and one episode through the visualizer. Prints
+what it found; ends with 1 where something is amiss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder.resolve()
+    os.environ["HF_HUB_OFFLINE"] = "1"
+    import torch
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    from lerobot.scripts.lerobot_dataset_viz import visualize_dataset
+
+    dataset = LeRobotDataset("local/export", root=folder)
+    print(f"{dataset.num_episodes} episodes, {len(dataset)} frames, {dataset.fps} a second")
+    print(f"tasks: {list(dataset.meta.tasks.index)}")
+    lengths = [0] * dataset.num_episodes
+    for frame in (dataset[index] for index in range(len(dataset))):
+        number = int(frame["episode_index"])
+        if int(frame["frame_index"]) != lengths[number] or not torch.isfinite(frame["observation.state"]).all():
+            print(f"frame {lengths[number]} of episode {number} is amiss")
+            return 1
+        lengths[number] += 1
+    told = [dataset.meta.episodes[number]["length"] for number in range(dataset.num_episodes)]
+    if lengths != told:
+        print("lengths are not those that the data set tells")
+        return 1
+    batch = next(iter(torch.utils.data.DataLoader(dataset, batch_size=8, shuffle=True)))
+    print({name: tuple(value.shape) for name, value in batch.items() if hasattr(value, "shape")})
+    with tempfile.TemporaryDirectory() as out:
+        shown = visualize_dataset(dataset, 0, num_workers=0, batch_size=8, save=True, output_dir=Path(out))
+        print(f"visualizer: {shown.stat().st_size} bytes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

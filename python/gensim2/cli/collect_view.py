@@ -1,0 +1,95 @@
+"""A collection on the screen: a table that is drawn anew on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Self, TextIO
+
+from gensim2.progress import NullProgress
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from gensim2.data.status import Status, TaskStatus
+
+LINE_SECONDS = 30.0
+"""Between two lines where nothing can be drawn."""
+
+
+class CollectionView(NullProgress):
+    """Shows a collection on standard error. A context manager: leaving it leaves the last picture standing."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._console = Console(file=stream or sys.stderr, highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
+        self._said = time.monotonic()
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def update(self, status: Status) -> None:
+        """Show it."""
+        if self._live is not None:
+            self._live.update(_picture(status), refresh=True)
+        elif time.monotonic() - self._said > LINE_SECONDS or status.tried == status.total:
+            self._said = time.monotonic()
+            self.message(summary(status))
+
+    def message(self, text: str) -> None:
+        """Print one line; a drawn table stays below it."""
+        self._console.print(text, markup=False, soft_wrap=True)
+
+
+def summary(status: Status) -> str:
+    """One line: how many, how fast, how long, how much."""
+    held = sum(task.held for task in status.tasks)
+    words = [f"{status.tried}/{status.total} episodes", f"{held} held"]
+    if status.rate is not None and status.left is not None:
+        words += [f"{status.rate:.2f} a second", f"{_clock(status.left)} left"]
+    words.append(f"{status.stored / 1e6:.1f} MB, {status.free / 1e9:.1f} GB free")
+    if status.failed_tries:
+        words.append(f"{status.failed_tries} tries made again")
+    return ", ".join(words)
+
+
+def _picture(status: Status) -> RenderableType:
+    from rich.console import Group
+    from rich.markup import escape
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+
+    grid = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("task", "", "tried", "held", "causes"):
+        grid.add_column(
+            name, justify="right" if name in ("tried", "held") else "left", overflow="ellipsis", no_wrap=True
+        )
+    begun = [task for task in status.tasks if task.tried]
+    for task in begun:
+        bar = ProgressBar(total=task.total, completed=task.tried, width=20)
+        causes = ", ".join(f"{count} {cause}" for cause, count in task.causes.items())
+        grid.add_row(escape(task.name), bar, f"{task.tried}/{task.total}", _share(task), escape(causes))
+    to_come = len(status.tasks) - len(begun)
+    return Group(grid, *([f"{to_come} tasks to come"] if to_come else []), summary(status))
+
+
+def _share(task: TaskStatus) -> str:
+    return f"{task.held / task.tried:.0%}"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -1,0 +1,88 @@
+"""``gensim2 render``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report
+from gensim2.errors import InputError
+
+
+@click.command("render", cls=options.Command, short_help="Make observations of a data set's states.")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--modalities",
+    default="pointcloud",
+    show_default=True,
+    metavar="LIST",
+    help="Of pointcloud, rgb, depth, segmentation; rgb needs a Vulkan driver.",
+)
+@click.option("--cameras", default="left,right,front", show_default=True, metavar="LIST", help="Those that are used.")
+@click.option("--points", type=options.count(49152), default=1024, show_default=True, help="Of a point cloud.")
+@click.option(
+    "--keep-robot",
+    type=click.Choice(("gripper", "all", "none")),
+    default="gripper",
+    show_default=True,
+    help="What point clouds hold of the robot.",
+)
+@click.option(
+    "--drop-outliers",
+    type=click.FloatRange(0, 100, min_open=True),
+    default=None,
+    metavar="DEVIATIONS",
+    help="Drop points that stand alone: farther from their neighbours than the mean by so many standard deviations.",
+)
+@click.option("--depth-noise", is_flag=True, help="Let depth be as a RealSense D435 would measure it.")
+@click.option("--task", "tasks", multiple=True, metavar="NAME", help="Only this one; may be given again.")
+@options.workers
+@click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")
+@options.time_limit
+@options.jobs_per_worker
+@options.json_file
+def render(
+    folder: Path,
+    modalities: str,
+    cameras: str,
+    points: int,
+    keep_robot: str,
+    drop_outliers: float | None,
+    depth_noise: bool,
+    json_file: str | None,
+    **given: Any,
+) -> None:
+    """Observe what the episodes of the data set DIR saw, from their recorded states; nothing is simulated again.
+
+    Point clouds, depth and segmentation are ray-cast and need no GPU; rgb is the renderer's.
+    """
+    with report(json_file, _show) as (progress, give):
+        from gensim2.data.observing import Plan
+        from gensim2.data.rendering import render as function
+        from gensim2.observations import CloudSettings, DepthNoise
+
+        settings = CloudSettings(
+            points=points,
+            candidates=max(4 * points, 4096) if points <= 12288 else 0,
+            robot=keep_robot,  # type: ignore[arg-type]  # a choice of the option
+            outliers=drop_outliers,
+            noise=DepthNoise() if depth_noise else None,
+        )
+        plan = Plan(_words(modalities, "--modalities"), _words(cameras, "--cameras"), settings)  # type: ignore[arg-type]
+        give(function(folder, plan=plan, progress=progress, **given).to_dict())
+
+
+def _words(text: str, option: str) -> tuple[str, ...]:
+    words = tuple(word.strip() for word in text.split(","))
+    if not all(words):
+        raise InputError("must be words with commas between them", field=option)
+    return words
+
+
+def _show(result: dict[str, Any]) -> None:
+    each = f" ({1e3 * result['cpu_s'] / result['frames']:.1f} ms of CPU a frame)" if result["frames"] else ""
+    line(f"{result['rendered']} episodes rendered, {result['frames']} frames{each}")
+    line(f"{result['episodes']} episodes have observations, {result['bytes'] / 1e6:.1f} MB")

@@ -1,0 +1,24 @@
+"""Data sets: collected in one go or in many, kept an episode a file, the same bytes whatever happened on the way."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.data.collection import collect
+    from gensim2.data.record import DatasetRecord
+    from gensim2.data.store import DataSet, TaskStore
+
+__all__ = ["DataSet", "DatasetRecord", "TaskStore", "collect"]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "DataSet": "gensim2.data.store",
+        "DatasetRecord": "gensim2.data.record",
+        "TaskStore": "gensim2.data.store",
+        "collect": "gensim2.data.collection",
+    },
+)

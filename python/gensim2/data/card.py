@@ -1,0 +1,146 @@
+"""A data set's card, ``README.md``, for whoever finds the folder in a year; its head is what hubs of data sets read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from gensim2.data.selection import Selection, some
+from gensim2.data.store import DataSet, TaskStore
+from gensim2.files import write_atomic
+from gensim2.pipeline.attempts import LoggedEpisode
+from gensim2.pipeline.tally import interval
+
+CARD = "README.md"
+
+_HOW_TO_READ = {
+    "native": """```python
+from pathlib import Path
+from gensim2.data import DataSet
+
+dataset = DataSet.open(Path("."))
+for name in dataset.tasks:
+    for row in dataset.task(name).rows():           # every episode that was tried
+        if row.held:
+            stored = dataset.task(name).read(row)   # stored.recording: states and actions
+```""",
+    "maniskill": """```bash
+python -m mani_skill.trajectory.replay_trajectory --traj-path TASK/trajectory.h5
+```""",
+    "lerobot": """```python
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+dataset = LeRobotDataset("local/name", root=".")
+print(dataset[0]["task"], dataset[0]["observation.state"])
+```""",
+    "zarr": """```python
+import zarr
+
+root = zarr.open(".", mode="r")
+ends = root["meta/episode_ends"][:]
+state, action = root["data/state"][: ends[0]], root["data/action"][: ends[0]]   # the first episode
+```""",
+}
+
+
+def card(path: Path) -> Path:
+    """Write the card of a data set into its folder and return its file.
+
+    Raises:
+        InputError: the data set cannot be read, its collection is not complete, or nothing held.
+    """
+    dataset = DataSet.open(path)
+    return write_card(dataset, some(Selection(), dataset), path, "native")
+
+
+def write_card(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode]]], out: Path, kind: str) -> Path:
+    """Write the card of some episodes of a data set.
+
+    Args:
+        chosen: tasks and their episodes.
+        out: folder to write to.
+        kind: ``"native"`` or a format.
+    """
+    write_atomic(out / CARD, _text(dataset, chosen, kind))
+    return out / CARD
+
+
+def _text(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode]]], kind: str) -> str:
+    record, circumstances = dataset.record, dataset.record.circumstances
+    episodes = sum(len(rows) for _, rows in chosen)
+    steps = sum(row.control_steps for _, rows in chosen for row in rows)
+    used = {f"{thing.asset_class}/{thing.id}" for _, rows in chosen for row in rows for thing in row.objects.values()}
+    licenses = sorted({record.objects[name].license for name in used if name in record.objects})
+    tags = ["gensim2", "manipulation", *(["LeRobot"] if kind == "lerobot" else [])]
+    lines = [
+        "---",
+        "license: other",
+        "task_categories:",
+        "- robotics",
+        "tags:",
+        *(f"- {tag}" for tag in tags),
+        "---",
+        "",
+        f"# {episodes} demonstrations of {len(chosen)} manipulation tasks",
+        "",
+        f"Made by gensim2 {record.versions.get('gensim2', '')}: planned by its keypoint solver, run and verified in",
+        f"simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
+        "",
+        *_table(
+            ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),
+            (_row(dataset, store, rows) for store, rows in chosen),
+        ),
+        "",
+        "`held`: the goal is true at the end with everything at rest, and not where the arm stands still.",
+        "`strict`: the hand has let go and retreated besides, nothing else was moved, and it lasts.",
+        "",
+        "## How it was made",
+        "",
+        *_table(
+            ("", ""),
+            [
+                ("robot", circumstances.robot),
+                ("objects", "generated" if circumstances.assets == "builtin" else "from a folder"),
+                ("physics", circumstances.physics),
+                ("randomization", circumstances.randomization),
+                ("seed", str(record.seed)),
+                ("episodes tried of each task", str(record.episodes)),
+                *((f"version of {name}", version) for name, version in sorted(record.versions.items())),
+            ],
+        ),
+        "",
+        "Every episode follows from the seed, its task and its index: the same command gives the same bytes.",
+        "",
+        "## Licences",
+        "",
+        "What the objects are made of keeps its terms, which these data carry on:",
+        "",
+        *(f"- {_with_objects(license, used, dataset)}" for license in licenses),
+        "",
+        "## How to read it",
+        "",
+        _HOW_TO_READ[kind],
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _row(dataset: DataSet, store: TaskStore, rows: Sequence[LoggedEpisode]) -> tuple[str, ...]:
+    task = dataset.record.tasks[store.name]
+    tried, held = task.tried or 0, task.held or 0
+    low, high = interval(held, tried)
+    objects = {(thing.asset_class, thing.id) for row in rows for thing in row.objects.values()}
+    rate = f"{held / tried:.2f} ({low:.2f} to {high:.2f})" if tried else ""
+    strict = f"{(task.strict or 0) / tried:.2f}" if tried else ""
+    return store.name, store.spec().description, str(len(rows)), str(tried), rate, strict, str(len(objects))
+
+
+def _with_objects(license: str, used: set[str], dataset: DataSet) -> str:
+    found = dataset.record.objects
+    classes = sorted({name.split("/")[0] for name in used if name in found and found[name].license == license})
+    return f"{license} ({', '.join(classes)})"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(cells)} |" for cells in lines]

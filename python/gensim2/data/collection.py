@@ -1,0 +1,164 @@
+"""``gensim2 collect``: a queue of (task, index); what comes of each is a function of (seed, task, index) alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.record import DatasetRecord, TaskRecord
+from gensim2.data.status import Listener, NullListener, Status
+from gensim2.errors import InputError
+from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, of_these_objects, read_task_input
+from gensim2.pipeline.setting import Physics
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.robots import DEFAULT_ROBOT
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
+
+SCHEMA_VERSION = 1
+"""Of what the command prints."""
+
+
+@dataclass(frozen=True)
+class CollectionResult:
+    """What a collection left.
+
+    Attributes:
+        folder: of the data set.
+        status: at the end.
+        skipped: tasks that could not be run on these objects, with the reason.
+        cpu_s: CPU of all processes in this call, their start apart; of this one alone on Ray.
+    """
+
+    folder: Path
+    status: Status
+    skipped: dict[str, str]
+    cpu_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        status = self.status
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "folder": str(self.folder),
+            "tasks": [asdict(task) for task in status.tasks],
+            "episodes": status.tried,
+            "held": sum(task.held for task in status.tasks),
+            "episodes_run": status.ran,
+            "episodes_per_second": None if status.rate is None else round(status.rate, 4),
+            "failed_tries": status.failed_tries,
+            "bytes": status.stored,
+            "skipped": self.skipped,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+def collect(
+    tasks: Sequence[str] = (),
+    *,
+    episodes: int,
+    out: Path,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    instances: str = "all",
+    physics: Physics = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
+    keep_failures: bool = False,
+    workers: int | None = 2,
+    ray: str | None = None,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    listener: Listener | None = None,
+) -> CollectionResult:
+    """Try episodes of tasks and keep each as soon as it is finished.
+
+    Args:
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole suite. Those that
+            these objects do not do for are named and left out.
+        episodes: tried of each task.
+        out: folder of the data set.
+        seed: of the scenes; nothing else draws from the same ones.
+        assets, instances, physics, robot, open_loop, randomization: as for ``demo``.
+        keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
+        workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
+            are at a time; None: one a CPU of the cluster.
+        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
+            this machine.
+        resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
+        time_limit, jobs_per_worker: as for ``demo``.
+        listener: is told how far it is.
+
+    Raises:
+        InputError: an argument cannot be used, or what an earlier run left.
+        WriteError: no room is left; what was finished is kept, and ``resume`` goes on.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
+    """
+    check_counts(episodes=episodes)
+    check_workers(time_limit, jobs_per_worker)
+    wanted, skipped = of_these_objects(assets, tasks, instances)
+    options: dict[str, Any] = {"physics": physics, "robot": robot, "open_loop": open_loop}
+    options["randomization"] = randomization
+    given = [read_task_input(task, assets, instances, seed, **options) for task in wanted]
+    if len({one.spec.name for one in given}) < len(given):
+        raise InputError("a task is named twice", field="tasks")
+    if ray is not None:
+        from gensim2.processes.ray import check_address
+
+        check_address(ray)
+    # Only now what takes long to import.
+    from gensim2.data.folder import ERRORS_LOG, CollectionFolder
+    from gensim2.data.queue import Queue
+    from gensim2.pipeline.evaluator import PoolEvaluator
+
+    listener = listener or NullListener()
+    with CollectionFolder(
+        Path(out), _description(given, seed, episodes, keep_failures), resume, {"workers": workers, "ray": ray}
+    ) as folder:
+        queue = Queue(folder, given, listener)
+        with PoolEvaluator(
+            given[0].circumstances,
+            workers,
+            listener,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.path / ERRORS_LOG,
+            pool=_pool(ray),
+        ) as evaluator:
+            status = queue.run(evaluator)
+            return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)
+
+
+def _pool(ray: str | None) -> Any:
+    from gensim2.processes import WorkerPool
+
+    if ray is None:
+        return WorkerPool
+    from gensim2.processes.ray import RayPool
+
+    return partial(RayPool, ray)
+
+
+def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
+    """What ``dataset.json`` says before the first episode."""
+    from gensim2.pipeline.runfolder import digest, listing, versions
+
+    classes = sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})
+    return DatasetRecord(
+        arguments=asdict(given[0].circumstances),
+        seed=seed,
+        episodes=episodes,
+        keep_failures=keep_failures,
+        tasks={
+            one.spec.name: TaskRecord(
+                digest=digest([one.spec.model_dump(mode="json"), one.strategies]), instances=one.instances
+            )
+            for one in given
+        },
+        listings={name: listing(given[0].library, [name]) for name in classes},
+        versions=versions(),
+    )

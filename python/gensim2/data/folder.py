@@ -1,0 +1,125 @@
+"""The folder of a collection: new or gone on with, one owner at a time, described before its first episode."""
+
+from __future__ import annotations
+
+import platform
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.record import DatasetRecord
+from gensim2.data.store import DATASET_JSON, DataSet
+from gensim2.errors import InputError
+from gensim2.files import remove_temporaries, write_json
+from gensim2.pipeline.lock import FolderLock
+
+RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
+"""What says when, where and how; everything else in the folder follows from ``dataset.json``."""
+
+_REMEDY = "go on with the same, or choose another --out"
+
+
+class CollectionFolder:
+    """A context manager: leaving it gives the folder up.
+
+    Args:
+        path: the folder; it is made where it is not there, also to ``resume``.
+        record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
+            everything else must be as it was.
+        resume: go on with a data set that is there.
+        circumstances: of this run alone (workers, for example), for ``run.json``.
+
+    Raises:
+        InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
+            process is at work in it, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, record: DatasetRecord, resume: bool, circumstances: dict[str, Any]) -> None:
+        self._check(path, resume)
+        self._lock = FolderLock(path)
+        try:
+            self._check(path, resume)  # what another process did until we had the lock
+            remove_temporaries(path)
+            if (path / DATASET_JSON).exists():
+                _compare(path / DATASET_JSON, DataSet.open(path).record, record)
+            self.dataset = DataSet(path, record)
+            self.dataset.save()
+            self._run: dict[str, Any] = {
+                "command_line": sys.argv[1:],
+                "host": socket.gethostname(),
+                "platform": platform.platform(),
+            }
+            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **circumstances}
+            self.note({})
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def __enter__(self) -> CollectionFolder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    @property
+    def path(self) -> Path:
+        """The folder."""
+        return self.dataset.path
+
+    def note(self, progress: dict[str, Any]) -> dict[str, Any]:
+        """Write ``run.json`` and return what it holds."""
+        self._run |= progress
+        write_json(self.path / RUN_JSON, self._run)
+        return self._run
+
+    @staticmethod
+    def _check(path: Path, resume: bool) -> None:
+        if not path.exists():
+            return
+        if not path.is_dir():
+            raise InputError("is not a folder", file=path, remedy="choose another --out")
+        if (path / DATASET_JSON).exists():
+            if not resume:
+                raise InputError("holds a data set", file=path, remedy="add --resume, or choose another --out")
+        elif any(entry.name != FolderLock.NAME for entry in path.iterdir() if not _is_leftover(entry)):
+            raise InputError("is not empty and holds no data set", file=path, remedy="choose another --out")
+
+
+def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
+    """Refuse to go on with another data set.
+
+    Raises:
+        InputError: names the first field that differs.
+    """
+    for name in ("arguments", "versions", "listings"):
+        old, new = getattr(before, name), getattr(now, name)
+        for key in sorted(old.keys() if name == "listings" else old.keys() | new.keys()):
+            if old.get(key) != new.get(key):
+                text = f"the collection was begun with {old.get(key)!r}, not {new.get(key)!r}"
+                raise InputError(text, file=file, field=f"{name}.{key}", remedy=_REMEDY)
+    for name in ("seed", "keep_failures"):
+        if getattr(before, name) != getattr(now, name):
+            text = f"the collection was begun with {getattr(before, name)}, not {getattr(now, name)}"
+            raise InputError(text, file=file, field=name, remedy=_REMEDY)
+    if now.episodes < before.episodes:
+        text = f"the collection was begun with {before.episodes}; it may get more, not fewer than that"
+        raise InputError(text, file=file, field="episodes", remedy=_REMEDY)
+    for name, task in before.tasks.items():
+        other = now.tasks.get(name)
+        if other is None or list(now.tasks)[: len(before.tasks)] != list(before.tasks):
+            text = "the collection was begun with these tasks in this order; further ones may follow"
+            raise InputError(f"{text}: {', '.join(before.tasks)}", file=file, field="tasks", remedy=_REMEDY)
+        if (other.digest, other.instances) != (task.digest, task.instances):
+            text = "the task, its strategies or its instances have changed since the collection was begun"
+            raise InputError(text, file=file, field=f"tasks.{name}", remedy=_REMEDY)
+
+
+def now() -> str:
+    """The time, with its zone."""
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
+
+
+def _is_leftover(path: Path) -> bool:
+    return path.name.startswith(f".{DATASET_JSON}.")

@@ -1,0 +1,151 @@
+"""From a data set to the formats of others.
+
+An export to LeRobot or zarr holds what policies learn from. Beside it, in ``gensim2/``, lie the episodes themselves, a
+hundredth of a point cloud's size: with them the data can be rendered with other cameras, replayed and imported again.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+from gensim2.data.card import write_card
+from gensim2.data.formats.frames import Array, Frames, frames_of
+from gensim2.data.formats.replay_zarr import ZarrWriter
+from gensim2.data.formats.to_lerobot import export_lerobot
+from gensim2.data.observation_file import read_observation
+from gensim2.data.record import DatasetRecord
+from gensim2.data.rendering import observation_path
+from gensim2.data.selection import Selection, some
+from gensim2.data.store import ROWS, DataSet, TaskStore
+from gensim2.episodes.trajectory import Provenance, write_trajectory
+from gensim2.errors import InputError
+from gensim2.files import replacing
+from gensim2.pipeline.attempts import LoggedEpisode, log_line
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import robot
+from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
+
+Format = Literal["maniskill", "lerobot", "zarr"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+NATIVE = "gensim2"
+"""Folder of the episodes themselves in an export."""
+
+Chosen = Sequence[tuple[TaskStore, list[LoggedEpisode]]]
+
+
+def export(
+    path: Path,
+    out: Path,
+    to: Format,
+    selection: Selection | None = None,
+    *,
+    observations: bool = True,
+    progress: Progress = NULL_PROGRESS,
+) -> int:
+    """Write episodes of a data set in another format, and a card; return how many.
+
+    Args:
+        path: of the data set.
+        out: folder, which must not hold anything yet.
+        to: ``"maniskill"``: a folder a task, which ManiSkill replays; ``"lerobot"``: v3.0; ``"zarr"``: as the code of
+            Diffusion Policy reads it.
+        selection: which episodes.
+        observations: with the point clouds and pictures that were made of them.
+        progress: listener.
+
+    Raises:
+        InputError: an argument or a file cannot be used.
+        MissingExtraError: the format's library is not installed.
+    """
+    dataset = DataSet.open(path)
+    chosen = some(selection or Selection(), dataset)
+    if out.exists() and any(out.iterdir()):
+        raise InputError("is not empty", file=out, remedy="choose another folder with --out")
+    count = sum(len(rows) for _, rows in chosen)
+    progress.start(f"export to {to}", count)
+    if to == "maniskill":
+        _export_maniskill(dataset, chosen, out, progress)
+    else:
+        frames = _frames(dataset, chosen, observations, progress)
+        if to == "lerobot":
+            export_lerobot(frames, out, robot(dataset.record.circumstances.robot))
+        else:
+            _export_zarr(frames, out)
+        _copy_native(dataset, chosen, out / NATIVE)
+    write_card(dataset, chosen, out, to)
+    return count
+
+
+def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Progress) -> None:
+    record = _record(dataset, chosen)
+    licenses = {name: used.license for name, used in record.objects.items()}
+    for store, rows in chosen:
+        spec = store.spec()
+        provenance = Provenance(
+            task=spec,
+            strategies=load_strategies_beside(store.folder, spec),
+            assets=record.circumstances.assets,
+            licenses=licenses,
+            seed=record.seed,
+            environment=record.circumstances.environment,
+            details={"versions": record.versions, "dataset": record.model_dump(), "indices": [r.index for r in rows]},
+        )
+        write_trajectory(out / store.name, provenance, [(store.path(row.index), row.episode_digest) for row in rows])
+        for _ in rows:
+            progress.advance()
+
+
+def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Progress) -> Iterator[Frames]:
+    """Those of every episode, one at a time.
+
+    Raises:
+        InputError: some episodes have observations and others none.
+    """
+    profile = robot(dataset.record.circumstances.robot)
+    seen: set[bool] = set()
+    for store, rows in chosen:
+        sentence = store.spec().description
+        for row in rows:
+            recording = store.read(row).recording
+            assert recording is not None  # of what held it always is
+            observation = _observed(store, row) if observations else None
+            seen.add(observation is not None)
+            if len(seen) > 1:
+                remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
+                raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
+            yield frames_of(recording, profile, sentence, observation)
+            progress.advance()
+
+
+def _observed(store: TaskStore, row: LoggedEpisode) -> dict[str, Array] | None:
+    path = observation_path(store, row.index)
+    return read_observation(path, row.episode_digest).arrays if path.exists() else None
+
+
+def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:
+    with ZarrWriter(out) as writer:
+        for frames in episodes:
+            writer.add(frames.sentence, frames.columns)
+
+
+def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
+    """The chosen episodes as a data set of their own, in which all were kept."""
+    for store, rows in chosen:
+        folder = TaskStore(out / store.name)
+        (folder.folder / "episodes").mkdir(parents=True)
+        shutil.copyfile(store.folder / TASK_FILE, folder.folder / TASK_FILE)
+        shutil.copytree(store.folder / STRATEGIES, folder.folder / STRATEGIES)
+        for row in rows:
+            shutil.copyfile(store.path(row.index), folder.path(row.index))
+        with replacing(folder.folder / ROWS) as path, path.open("wb") as stream:
+            stream.writelines(log_line(row) for row in rows)
+    DataSet(out, _record(dataset, chosen)).save()
+
+
+def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
+    """What the chosen episodes follow from; not all of those that were collected are among them."""
+    tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
+    return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

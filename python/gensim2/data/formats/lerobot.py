@@ -1,0 +1,398 @@
+"""LeRobot v3.0 (codebase version ``v3.0``): what LeRobot's own loader reads, written without it.
+
+    meta/info.json                            features, counts, file names
+    meta/stats.json                           minimum, maximum, mean, deviation and count of every feature
+    meta/tasks.parquet                        sentence -> task_index
+    meta/episodes/chunk-000/file-000.parquet  a row an episode: length, task, where its frames lie, its statistics
+    data/chunk-000/file-000.parquet           a row a frame; a row group an episode; files of about 100 MB
+    videos/<camera>/chunk-000/file-000.mp4    one an episode, where pictures were made
+
+One episode is in memory at a time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.files import replacing, write_json
+
+VERSION = "v3.0"
+FILE_BYTES = 100 * 2**20
+"""Size in memory at which another file of frames is begun."""
+FILES_PER_CHUNK = 1000
+PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+
+_INDEX = "__index_level_0__"
+"""What pandas calls an index without a name."""
+
+Array = npt.NDArray[Any]
+
+INDICES = {
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+"""Columns that every data set of LeRobot has, one number a frame."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One column beside the indices.
+
+    Attributes:
+        dtype: of its numbers, as NumPy names it; ``"video"`` is kept as an mp4 a camera.
+        shape: of one frame.
+        names: of the numbers, or of the axes.
+    """
+
+    dtype: str
+    shape: tuple[int, ...]
+    names: Sequence[str] | None = None
+
+    @property
+    def is_video(self) -> bool:
+        """Whether frames are pictures, (H, W, 3) uint8."""
+        return self.dtype == "video"
+
+
+class LeRobotWriter:
+    """Writes one data set, episode by episode. A context manager: what it leaves whole can be read.
+
+    Args:
+        root: folder, which must not hold a data set yet.
+        features: by name; dots, no slashes.
+        fps: frames a second.
+        robot: type of the robot, a word.
+
+    Raises:
+        InputError: there is something in ``root`` already.
+        MissingExtraError: pyarrow is not installed.
+    """
+
+    def __init__(self, root: Path, features: Mapping[str, Feature], *, fps: int, robot: str) -> None:
+        self._arrow, self._parquet = _pyarrow()
+        if root.exists() and any(root.iterdir()):
+            raise InputError("is not empty", file=root, remedy="give another folder")
+        self._root, self._features, self._fps, self._robot = root, dict(features), fps, robot
+        self._tasks: dict[str, int] = {}
+        self._episodes: list[dict[str, Any]] = []
+        self._frames = 0
+        self._file, self._in_file = 0, 0
+        self._writer: Any = None
+        self._totals: dict[str, _Totals] = {}
+
+    def __enter__(self) -> LeRobotWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
+        if kind is None:
+            self.finish()
+        elif self._writer is not None:
+            self._writer.close()
+
+    def add(self, task: str, frames: Mapping[str, Array]) -> None:
+        """Add an episode.
+
+        Args:
+            task: its sentence.
+            frames: (T, *shape) of every feature.
+
+        Raises:
+            InputError: a feature is missing, or has another shape.
+        """
+        length = self._length(frames)
+        number, task_index = len(self._episodes), self._tasks.setdefault(task, len(self._tasks))
+        columns: dict[str, Array] = {
+            "timestamp": (np.arange(length) / self._fps).astype(np.float32),
+            "frame_index": np.arange(length),
+            "episode_index": np.full(length, number),
+            "index": np.arange(self._frames, self._frames + length),
+            "task_index": np.full(length, task_index),
+        }
+        columns |= {
+            name: np.asarray(frames[name], feature.dtype)
+            for name, feature in self._features.items()
+            if not feature.is_video
+        }
+        self._write(columns)
+        row: dict[str, Any] = {
+            "episode_index": number,
+            "tasks": [task],
+            "length": length,
+            "data/chunk_index": self._file // FILES_PER_CHUNK,
+            "data/file_index": self._file % FILES_PER_CHUNK,
+            "dataset_from_index": self._frames,
+            "dataset_to_index": self._frames + length,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+        }
+        for name, feature in self._features.items():
+            if feature.is_video:
+                row |= self._film(name, np.asarray(frames[name], np.uint8), number)
+                columns[name] = _thinned(frames[name])
+        for name, values in columns.items():
+            picture = name in self._features and self._features[name].is_video
+            found = _Totals.of(values, picture)
+            row |= {f"stats/{name}/{word}": each.tolist() for word, each in found.statistics(picture).items()}
+            self._totals[name] = self._totals[name].plus(found) if name in self._totals else found
+        self._episodes.append(row)
+        self._frames += length
+
+    def finish(self) -> None:
+        """Write what is known only in the end; the data set can be read from now on."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+        if not self._episodes:
+            raise InputError("there is no episode to export", file=self._root)
+        meta = self._root / "meta"
+        with replacing(meta / "episodes" / f"{PATH.format(chunk_index=0, file_index=0)}.parquet") as path:
+            self._parquet.write_table(self._arrow.Table.from_pylist(self._episodes), path)
+        with replacing(meta / "tasks.parquet") as path:
+            self._parquet.write_table(self._task_table(), path)
+        write_json(
+            meta / "stats.json",
+            {
+                name: {word: each.tolist() for word, each in found.statistics(self._is_video(name)).items()}
+                for name, found in self._totals.items()
+            },
+        )
+        write_json(meta / "info.json", self._info())
+
+    def _is_video(self, name: str) -> bool:
+        return name in self._features and self._features[name].is_video
+
+    def _length(self, frames: Mapping[str, Array]) -> int:
+        lengths = set()
+        for name, feature in self._features.items():
+            if name not in frames:
+                raise InputError("an episode lacks it", field=name)
+            if frames[name].shape[1:] != feature.shape:
+                raise InputError(f"has the shape {frames[name].shape[1:]}, not {feature.shape}", field=name)
+            lengths.add(len(frames[name]))
+        if len(lengths) != 1 or not min(lengths):
+            raise InputError(f"features have {sorted(lengths)} frames", field="frames")
+        return lengths.pop()
+
+    def _write(self, columns: Mapping[str, Array]) -> None:
+        arrow = self._arrow
+        size = sum(values.nbytes for values in columns.values())
+        if self._writer is not None and self._in_file + size > FILE_BYTES:
+            self._writer.close()
+            self._writer, self._in_file, self._file = None, 0, self._file + 1
+        schema = arrow.schema(
+            [(name, _type(arrow, values.dtype, values.shape[1:])) for name, values in columns.items()]
+        )
+        table = arrow.Table.from_arrays([_column(arrow, values) for values in columns.values()], schema=schema)
+        if self._writer is None:
+            place = PATH.format(chunk_index=self._file // FILES_PER_CHUNK, file_index=self._file % FILES_PER_CHUNK)
+            path = self._root / "data" / f"{place}.parquet"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = self._parquet.ParquetWriter(path, schema, compression="zstd")
+        self._writer.write_table(table, row_group_size=len(table))
+        self._in_file += size
+
+    def _film(self, camera: str, pictures: Array, number: int) -> dict[str, Any]:
+        """Write one episode of a camera; what the episode's row says of it."""
+        try:
+            import imageio.v2 as imageio
+        except ImportError as error:
+            raise MissingExtraError("imageio", "sim") from error
+        chunk, file = divmod(number, FILES_PER_CHUNK)
+        with replacing(
+            self._root / "videos" / camera / f"{PATH.format(chunk_index=chunk, file_index=file)}.mp4"
+        ) as path:
+            # A key picture every second one: a frame is found without decoding what is before it.
+            imageio.mimwrite(path, list(pictures), fps=self._fps, macro_block_size=1, output_params=["-g", "2"])
+        return {
+            f"videos/{camera}/chunk_index": chunk,
+            f"videos/{camera}/file_index": file,
+            f"videos/{camera}/from_timestamp": 0.0,
+            f"videos/{camera}/to_timestamp": len(pictures) / self._fps,
+        }
+
+    def _task_table(self) -> Any:
+        """Sentences are the table's index, which only pandas knows of: its note says so."""
+        table = self._arrow.table({"task_index": list(self._tasks.values()), _INDEX: list(self._tasks)})
+        columns = [
+            {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+            for name, field, kind, numpy in (
+                ("task_index", "task_index", "int64", "int64"),
+                (None, _INDEX, "unicode", "object"),
+            )
+        ]
+        note = {"index_columns": [_INDEX], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
+        return table.replace_schema_metadata({"pandas": json.dumps(note)})
+
+    def _info(self) -> dict[str, Any]:
+        videos = any(feature.is_video for feature in self._features.values())
+        described: dict[str, Any] = {
+            name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in INDICES.items()
+        }
+        for name, feature in self._features.items():
+            names = list(feature.names) if feature.names is not None else None
+            described[name] = {"dtype": feature.dtype, "shape": list(feature.shape), "names": names}
+            if feature.is_video:
+                height, width, channels = feature.shape
+                described[name]["info"] = {
+                    "video.height": height,
+                    "video.width": width,
+                    "video.channels": channels,
+                    "video.codec": "h264",
+                    "video.pix_fmt": "yuv420p",
+                    "video.is_depth_map": False,
+                    "video.fps": self._fps,
+                    "has_audio": False,
+                }
+        return {
+            "codebase_version": VERSION,
+            "robot_type": self._robot,
+            "total_episodes": len(self._episodes),
+            "total_frames": self._frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": FILES_PER_CHUNK,
+            "data_files_size_in_mb": FILE_BYTES // 2**20,
+            "video_files_size_in_mb": 200,
+            "fps": self._fps,
+            "splits": {"train": f"0:{len(self._episodes)}"},
+            "data_path": f"data/{PATH}.parquet",
+            "video_path": f"videos/{{video_key}}/{PATH}.mp4" if videos else None,
+            "features": described,
+        }
+
+
+@dataclass(frozen=True)
+class _Totals:
+    """What statistics of any number of frames follow from, number by number."""
+
+    count: int
+    low: Array
+    high: Array
+    total: Array
+    squares: Array
+
+    @staticmethod
+    def of(values: Array, picture: bool) -> _Totals:
+        """Those of (T, ...) frames; of pictures by channel, scaled to 0 to 1, as LeRobot does."""
+        found = np.asarray(values, dtype=np.float64)
+        if picture:
+            found = found.reshape(-1, found.shape[-1]) / 255.0
+        count = len(values)
+        scale = count / len(found)
+        return _Totals(count, found.min(0), found.max(0), found.sum(0) * scale, np.square(found).sum(0) * scale)
+
+    def plus(self, other: _Totals) -> _Totals:
+        """Those of both."""
+        return _Totals(
+            self.count + other.count,
+            np.minimum(self.low, other.low),
+            np.maximum(self.high, other.high),
+            self.total + other.total,
+            self.squares + other.squares,
+        )
+
+    def statistics(self, picture: bool) -> dict[str, Array]:
+        """As LeRobot names and shapes them."""
+        mean = self.total / self.count
+        deviation = np.sqrt(np.maximum(self.squares / self.count - mean**2, 0.0))
+        found = {"min": self.low, "max": self.high, "mean": mean, "std": deviation}
+        shaped = {
+            word: np.atleast_1d(each).reshape(-1, 1, 1) if picture else np.atleast_1d(each)
+            for word, each in found.items()
+        }
+        return {**shaped, "count": np.array([self.count])}
+
+
+def _thinned(pictures: Array) -> Array:
+    """Some pictures of an episode, enough for its statistics."""
+    return np.asarray(pictures)[:: max(1, len(pictures) // 20)]
+
+
+def _type(arrow: ModuleType, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Any:
+    """Numbers, or lists of lists of them."""
+    found = arrow.from_numpy_dtype(dtype)
+    for _ in shape if shape != (1,) else ():
+        found = arrow.list_(found)
+    return found
+
+
+def _column(arrow: ModuleType, values: Array) -> Any:
+    """(T, *shape) as an Arrow array, without a Python object a number."""
+    shape = values.shape[1:]
+    column = arrow.array(np.ascontiguousarray(values).reshape(-1))
+    if shape == (1,):
+        return column
+    for size in reversed(shape):
+        offsets = np.arange(0, len(column) + 1, size, dtype=np.int32)
+        column = arrow.ListArray.from_arrays(offsets, column)
+    return column
+
+
+def _pyarrow() -> tuple[ModuleType, ModuleType]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise MissingExtraError("pyarrow", "data") from error
+    return pyarrow, pyarrow.parquet
+
+
+def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Yield the sentence and the columns of each episode of a LeRobot data set, by index; pictures are left out.
+
+    Numbers come as (T,), everything else as (T, *shape).
+
+    Raises:
+        InputError: it is no LeRobot data set of version 3.0.
+        MissingExtraError: pyarrow is not installed.
+    """
+    arrow, parquet = _pyarrow()
+    info = _read_info(root / "meta" / "info.json")
+    shapes = {name: tuple(each["shape"]) for name, each in info["features"].items() if each["dtype"] != "video"}
+    try:
+        tasks = parquet.read_table(root / "meta" / "tasks.parquet").to_pydict()
+        sentences = dict(zip(tasks["task_index"], tasks[_INDEX], strict=True))
+        for path in sorted((root / "data").glob("*/*.parquet")):
+            file = parquet.ParquetFile(path)
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group)
+                columns = {name: _array(table[name], shape) for name, shape in shapes.items()}
+                for number in np.unique(columns["episode_index"]):  # others may put several into a row group
+                    rows = columns["episode_index"] == number
+                    yield sentences[int(columns["task_index"][rows][0])], {n: v[rows] for n, v in columns.items()}
+    except (KeyError, ValueError, OSError, arrow.ArrowException) as error:
+        raise InputError(f"is no LeRobot data set that can be read: {error}", file=root) from error
+
+
+def _read_info(path: Path) -> dict[str, Any]:
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+        version, features = info["codebase_version"], info["features"]
+        if not isinstance(features, dict):
+            raise TypeError
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError("is no LeRobot data set", file=path, remedy="give the folder that holds meta/") from error
+    if version != VERSION:
+        remedy = "convert it with LeRobot's own script"
+        raise InputError(f"is {version}, not {VERSION}", file=path, field="codebase_version", remedy=remedy)
+    return dict(info)
+
+
+def _array(column: Any, shape: tuple[int, ...]) -> Array:
+    """A column of lists of lists as one array, without a Python object a number."""
+    found = column.combine_chunks()
+    for _ in shape if shape != (1,) else ():
+        found = found.flatten()
+    numbers: Array = found.to_numpy(zero_copy_only=False)
+    return numbers if shape == (1,) else numbers.reshape(-1, *shape)

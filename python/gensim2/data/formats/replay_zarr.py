@@ -1,0 +1,121 @@
+"""A zarr folder as the code of Diffusion Policy and DP3 reads it: frames of all episodes one after the other.
+
+    data/<key>          (frames, ...), one array a key: state, action, point_cloud, ...
+    meta/episode_ends   (episodes,) int64: number of frames up to and with each episode
+    meta/task           (episodes,) int64: index into the group's attribute ``tasks``, sentences
+
+Zarr format 2, which readers of both major versions of the library open. One episode is in memory at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data.formats.frames import Frames
+from gensim2.errors import InputError, MissingExtraError
+
+CHUNK_BYTES = 2**20
+"""Size of a chunk before compression."""
+EPISODES_PER_CHUNK = 4096
+
+Array = npt.NDArray[Any]
+
+
+class ZarrWriter:
+    """Writes one data set, episode by episode. A context manager.
+
+    Args:
+        root: folder, which must not hold anything yet; the suffix ``.zarr`` is what others expect.
+
+    Raises:
+        InputError: there is something in ``root`` already.
+        MissingExtraError: zarr is not installed.
+    """
+
+    def __init__(self, root: Path) -> None:
+        zarr = _zarr()
+        if root.exists() and any(root.iterdir()):
+            raise InputError("is not empty", file=root, remedy="give another folder")
+        self._root = root
+        self._group = zarr.open_group(root, mode="w", zarr_format=2)
+        self._data, self._meta = self._group.create_group("data"), self._group.create_group("meta")
+        self._tasks: dict[str, int] = {}
+        self._arrays: dict[str, Any] = {}
+        self._frames = 0
+        for name in ("episode_ends", "task"):
+            self._meta.create_array(name, shape=(0,), chunks=(EPISODES_PER_CHUNK,), dtype=np.int64)
+
+    def __enter__(self) -> ZarrWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
+        if kind is None and not self._frames:
+            raise InputError("there is no episode to export", file=self._root)
+
+    def add(self, task: str, frames: Mapping[str, Array]) -> None:
+        """Add an episode.
+
+        Args:
+            task: its sentence.
+            frames: (T, ...) by key, the same keys and shapes in every episode.
+
+        Raises:
+            InputError: a key is missing or new, or has another shape.
+        """
+        if self._arrays and frames.keys() != self._arrays.keys():
+            raise InputError(f"has {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
+        for key, values in frames.items():
+            if key not in self._arrays:
+                self._arrays[key] = self._created(key, values)
+            array = self._arrays[key]
+            if values.shape[1:] != array.shape[1:]:
+                raise InputError(f"has the shape {values.shape[1:]}, not {array.shape[1:]}", field=key)
+            array.append(np.ascontiguousarray(values))
+        self._frames += len(next(iter(frames.values())))
+        index = self._tasks.setdefault(task, len(self._tasks))
+        self._meta["episode_ends"].append(np.array([self._frames]))
+        self._meta["task"].append(np.array([index]))
+        self._group.attrs["tasks"] = list(self._tasks)
+
+    def _created(self, key: str, values: Array) -> Any:
+        row = max(1, values[:1].nbytes)
+        chunk = max(1, CHUNK_BYTES // row)
+        return self._data.create_array(
+            key, shape=(0, *values.shape[1:]), chunks=(chunk, *values.shape[1:]), dtype=values.dtype
+        )
+
+
+def zarr_frames(root: Path) -> Iterator[Frames]:
+    """Yield the episodes of such a folder, pictures included.
+
+    Raises:
+        InputError: it is none.
+        MissingExtraError: zarr is not installed.
+    """
+    zarr = _zarr()
+    try:
+        group = zarr.open_group(root, mode="r")
+        ends, tasks = group["meta/episode_ends"][:], group["meta/task"][:]
+        sentences, data = list(group.attrs["tasks"]), dict(group["data"].arrays())
+        if len(ends) != len(tasks):
+            raise ValueError("meta/episode_ends and meta/task differ in length")
+    except (KeyError, ValueError, TypeError, OSError) as error:
+        raise InputError(f"is no zarr data set of gensim2: {error}", file=root) from error
+    begin = 0
+    for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
+        yield Frames(str(sentences[task]), {name: array[begin:end] for name, array in data.items()})
+        begin = end
+
+
+def _zarr() -> ModuleType:
+    try:
+        import zarr
+    except ImportError as error:
+        raise MissingExtraError("zarr", "data") from error
+    return zarr

@@ -1,0 +1,150 @@
+"""What a data set covers and how good its motions are, counted episode by episode."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
+from gensim2.data.store import DataSet, TaskStore
+from gensim2.episodes.recording import Recording
+from gensim2.pipeline.attempts import LoggedEpisode
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import RobotProfile, robot
+
+SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
+"""m, rad and share within which two scenes are the same to a policy."""
+
+
+@dataclass
+class TaskQuality:
+    """One task of a data set.
+
+    Attributes:
+        name, sentence: of the task.
+        tried, held, strict, whole: episodes; whole: no step executed a part of a motion.
+        causes: why the others do not count as held.
+        places: x, y (m) and yaw (rad) of the object that the first step acts on, and whether the episode held.
+        openness: of that object at the start, of what held; empty where it has no joint.
+        lengths: control steps of what held.
+        jerks: root mean square of the arm's jerk (rad/s^3) of each episode that held.
+        instances: how often each object was used, of those that held.
+        same_scene: episodes that held whose scene is that of an earlier one, within a millimetre.
+        same_actions: episodes that held whose actions are those of an earlier one.
+    """
+
+    name: str
+    sentence: str
+    tried: int = 0
+    held: int = 0
+    strict: int = 0
+    whole: int = 0
+    causes: Counter[str] = field(default_factory=Counter)
+    places: list[tuple[float, float, float, bool]] = field(default_factory=list)
+    openness: list[float] = field(default_factory=list)
+    lengths: list[int] = field(default_factory=list)
+    jerks: list[float] = field(default_factory=list)
+    instances: Counter[str] = field(default_factory=Counter)
+    same_scene: int = 0
+    same_actions: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, spreads in place of lists."""
+        found = asdict(self)
+        for name in ("openness", "lengths", "jerks"):
+            found[name] = _spread(found[name])
+        found["places"] = {
+            axis: _spread([place[i] for place in self.places]) for i, axis in enumerate(("x", "y", "yaw"))
+        }
+        return {**found, "causes": dict(self.causes), "instances": dict(self.instances)}
+
+
+def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[TaskQuality]:
+    """Yield what is to be said of each task; one episode is in memory at a time.
+
+    Raises:
+        InputError: the collection is not complete, or a file is damaged.
+    """
+    profile = robot(dataset.record.circumstances.robot)
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
+        yield _quality(store, profile, progress)
+
+
+def _quality(store: TaskStore, profile: RobotProfile, progress: Progress) -> TaskQuality:
+    spec = store.spec()
+    found = TaskQuality(store.name, spec.description)
+    role = spec.steps[0].object
+    scenes: set[tuple[object, ...]] = set()
+    motions: set[bytes] = set()
+    for row in store.rows():
+        thing = row.objects[role]
+        x, y = thing.pose[:2]
+        found.tried += 1
+        found.places.append((x, y, thing.yaw, row.held))
+        if row.cause is not None:
+            found.causes[str(row.cause)] += 1
+        if row.held:
+            found.held += 1
+            found.strict += row.strict
+            found.whole += not row.partial
+            found.lengths.append(row.control_steps)
+            found.instances[thing.id] += 1
+            if thing.openness_start is not None:
+                found.openness.append(thing.openness_start)
+            found.same_scene += _again(scenes, _scene(row))
+            recording = store.read(row).recording
+            assert recording is not None
+            found.jerks.append(jerk(recording, profile))
+            found.same_actions += _again(motions, hashlib.sha256(recording.actions.tobytes()).digest())
+        progress.advance()
+    return found
+
+
+def jerk(recording: Recording, profile: RobotProfile) -> float:
+    """Root mean square of the arm's jerk over joints and time, rad/s^3, from the joint positions that were reached."""
+    names = profile.model.joint_names
+    columns = [FIRST_JOINT + names.index(name) for name in profile.arm_joints]
+    positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
+    third = np.diff(positions, n=3, axis=0) * CONTROL_STEPS_PER_SECOND**3
+    return float(np.sqrt(np.mean(np.square(third)))) if len(third) else 0.0
+
+
+def _scene(row: LoggedEpisode) -> tuple[object, ...]:
+    """What a policy sees at the start, as coarsely as it tells scenes apart."""
+    return tuple(
+        (
+            name,
+            thing.asset_class,
+            thing.id,
+            *(round(each / SAME_PLACE) for each in thing.pose[:3]),
+            round(thing.yaw / SAME_YAW),
+            None if thing.openness_start is None else round(thing.openness_start / SAME_OPENNESS),
+        )
+        for name, thing in sorted(row.objects.items())
+    )
+
+
+def _again(seen: set[Any], value: Any) -> bool:
+    known = value in seen
+    seen.add(value)
+    return known
+
+
+def _spread(values: list[float]) -> dict[str, float] | None:
+    if not values:
+        return None
+    low, middle, high = np.percentile(values, (5, 50, 95))
+    return {
+        "min": float(min(values)),
+        "5 %": float(low),
+        "median": float(middle),
+        "95 %": float(high),
+        "max": float(max(values)),
+    }

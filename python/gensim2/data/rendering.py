@@ -1,0 +1,214 @@
+"""``gensim2 render``: observations of a data set, from its recorded states; physics came first."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
+from gensim2.data.observing import Plan, Shown, observe
+from gensim2.data.store import DataSet, TaskStore
+from gensim2.errors import InputError
+from gensim2.files import remove_temporaries
+from gensim2.pipeline.attempts import LoggedEpisode
+from gensim2.pipeline.lock import FolderLock
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
+from gensim2.progress import NULL_PROGRESS, Progress
+
+SCHEMA_VERSION = 1
+"""Of what the command prints."""
+
+OBSERVATIONS = "observations"
+ERRORS_LOG = "render.log"
+
+PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What came of one episode.
+
+    Attributes:
+        frames: instants that were observed: its steps and one.
+        size: bytes of the file.
+        cpu_s: of making the observations.
+    """
+
+    frames: int
+    size: int
+    cpu_s: float
+
+
+@dataclass(frozen=True)
+class RenderingResult:
+    """What a call left.
+
+    Attributes:
+        folder: of the data set.
+        episodes: that have observations now.
+        rendered: of them by this call.
+        frames: by this call.
+        bytes: of all observations.
+        cpu_s: in which this call made its frames, reading and writing apart.
+    """
+
+    folder: Path
+    episodes: int
+    rendered: int
+    frames: int
+    bytes: int
+    cpu_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"schema_version": SCHEMA_VERSION, **asdict(self), "folder": str(self.folder)}
+
+
+def observation_path(store: TaskStore, index: int) -> Path:
+    """Where the observations of an episode lie."""
+    return store.folder / OBSERVATIONS / f"{index:06d}.h5"
+
+
+def render(
+    folder: Path,
+    *,
+    plan: Plan | None = None,
+    tasks: Sequence[str] = (),
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+) -> RenderingResult:
+    """Observe every episode of a data set that held, one atomic file each.
+
+    What a file holds follows from the episode and the plan alone.
+
+    Args:
+        folder: of a finished collection.
+        plan: what is observed; None: point clouds.
+        tasks: names; none: all of the data set.
+        workers: processes; what they leave does not depend on their number.
+        resume: go on with observations that are there, all of the same plan.
+        time_limit, jobs_per_worker: as for ``collect``.
+        progress: is told how far it is.
+
+    Raises:
+        InputError: an argument cannot be used, the collection is not finished, or there are other observations.
+        WriteError: no room is left; what was finished is kept.
+        NotRunError: some episodes could not be run; all others are finished.
+    """
+    plan = plan or Plan()
+    dataset = DataSet.open(folder)
+    wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
+    lock = FolderLock(folder)
+    try:
+        for store in wanted.values():
+            if (store.folder / OBSERVATIONS).is_dir():
+                remove_temporaries(store.folder / OBSERVATIONS)
+        return _Rendering(dataset, plan, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
+    finally:
+        lock.release()
+
+
+class _Rendering:
+    """One call."""
+
+    def __init__(self, dataset: DataSet, plan: Plan, resume: bool, progress: Progress) -> None:
+        self._dataset, self._plan, self._resume, self._progress = dataset, plan, resume, progress
+        self._size = self._there = 0
+
+    def run(
+        self, stores: dict[str, TaskStore], workers: int, time_limit: float, jobs_per_worker: int
+    ) -> RenderingResult:
+        missing = [(store, row) for store in stores.values() for row in self._missing(store)]
+        shown = {name: self._shown(store) for name, store in stores.items()}
+        jobs = (
+            Job(number, (store.folder, row, shown[store.name], self._plan))
+            for number, (store, row) in enumerate(missing)
+        )
+        self._progress.start("observations", len(missing))
+        rendered = frames = 0
+        cpu = 0.0
+        with WorkerPool(
+            min(workers, len(missing)),
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            preload=PRELOAD,
+            on_failure=self._failed,
+        ) as pool:
+            log = self._dataset.path / ERRORS_LOG
+            for _, made in results(pool.map_unordered(render_episode, jobs), "observations", log):
+                rendered, frames, cpu = rendered + 1, frames + made.frames, cpu + made.cpu_s
+                self._size += made.size
+                self._progress.advance()
+        return RenderingResult(self._dataset.path, self._there + rendered, rendered, frames, self._size, round(cpu, 3))
+
+    def _missing(self, store: TaskStore) -> Iterator[LoggedEpisode]:
+        """Episodes that held and have no observations yet; damaged ones are removed."""
+        for row in store.rows():
+            path = observation_path(store, row.index)
+            if not row.held:
+                continue
+            if not path.exists():
+                yield row
+                continue
+            if not self._resume:
+                raise InputError("there are observations already", file=path.parent, remedy="add --resume")
+            try:
+                found = read_description(path)
+            except DamagedObservationError:
+                path.unlink()
+                yield row
+                continue
+            expected = _description(store, row, self._plan)
+            for name in ("episode_digest", *self._plan.to_dict()):
+                if found.get(name) != expected[name]:
+                    remedy = "give the same, or remove the folder of observations"
+                    raise InputError(f"was made with {found.get(name)!r}", file=path, field=name, remedy=remedy)
+            self._there += 1
+            self._size += path.stat().st_size
+
+    def _shown(self, store: TaskStore) -> Shown:
+        circumstances = self._dataset.record.circumstances
+        return Shown(store.spec(), circumstances.assets, circumstances.robot, circumstances.physics)
+
+    def _failed(self, failure: Failure) -> None:
+        self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
+        with (self._dataset.path / ERRORS_LOG).open("a", encoding="utf-8") as stream:
+            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+            stream.write(f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n")
+            stream.write(failure.traceback or "")
+
+
+def render_episode(folder: Path, row: LoggedEpisode, shown: Shown, plan: Plan) -> Rendered:
+    """Observe one episode and write its file; called in a worker.
+
+    Raises:
+        InputError: its file is gone or damaged, or an object's files cannot be used.
+        WriteError: it cannot be written.
+    """
+    store = TaskStore(folder)
+    recording = store.read(row).recording
+    if recording is None:
+        raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
+    begin = time.process_time()
+    arrays = observe(recording, shown, plan)
+    cpu = time.process_time() - begin
+    path = observation_path(store, row.index)
+    description = _description(store, row, plan) | {
+        "language": shown.task.description,
+        "robot": shown.robot,
+        "steps": recording.steps,
+        "seed": recording.seed,
+        "instances": recording.instances,
+    }
+    write_observation(path, description, arrays)
+    return Rendered(recording.steps + 1, path.stat().st_size, cpu)
+
+
+def _description(store: TaskStore, row: LoggedEpisode, plan: Plan) -> dict[str, Any]:
+    return {"task": store.name, "index": row.index, "episode_digest": row.episode_digest, **plan.to_dict()}

@@ -1,0 +1,206 @@
+"""The native data set: one file an episode, one folder a task, one description of all (docs/data.md).
+
+dataset = DataSet.open(Path("runs/night"))
+for row in dataset.task("OpenBox").rows():          # every episode that was tried, by index
+    if row.held:
+        stored = dataset.task("OpenBox").read(row)  # its states and actions
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gensim2.data.record import DatasetRecord
+from gensim2.episodes.episode_file import (
+    DamagedEpisodeError,
+    EpisodeRow,
+    StoredEpisode,
+    episode_digest,
+    read_episode,
+    read_row,
+    write_episode,
+)
+from gensim2.episodes.record import Episode
+from gensim2.episodes.recording import Recording
+from gensim2.errors import InputError
+from gensim2.files import replacing, write_json
+from gensim2.pipeline.attempts import LoggedEpisode, log_line, parse_line
+from gensim2.pipeline.reading import read_record
+from gensim2.tasks.library import load_task_file
+from gensim2.tasks.spec import TaskSpec
+
+DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+
+_EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
+_ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A file of an episode that a folder holds.
+
+    Attributes:
+        index: of the episode.
+        path: of the file.
+        row: what it says; None where it is damaged.
+    """
+
+    index: int
+    path: Path
+    row: EpisodeRow | None
+
+
+class TaskStore:
+    """The episodes of one task in one folder.
+
+    Args:
+        folder: holds ``task.yaml``, ``strategies/``, ``episodes/`` (what held), ``failures/`` (what did not) and, once
+            all episodes are there, ``episodes.jsonl``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @property
+    def name(self) -> str:
+        """Of the task."""
+        return self.folder.name
+
+    def spec(self) -> TaskSpec:
+        """The task.
+
+        Raises:
+            InputError: ``task.yaml`` cannot be used.
+        """
+        return load_task_file(self.folder)
+
+    def path(self, index: int, held: bool = True) -> Path:
+        """Where the file of an episode lies."""
+        return self.folder / ("episodes" if held else "failures") / f"{index:06d}.h5"
+
+    def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
+        """Write one finished episode, whole or not at all, and return the digest of its file.
+
+        Any process may, and more than one at once: the same episode is the same bytes.
+
+        Args:
+            recording: its states; None keeps the record alone.
+
+        Raises:
+            WriteError: the folder cannot be written to, or is full.
+        """
+        return write_episode(self.path(index, episode.held), episode, recording)
+
+    def rows(self) -> Iterator[LoggedEpisode]:
+        """Every episode that was tried, by index, from ``episodes.jsonl``; one is in memory at a time.
+
+        Raises:
+            InputError: the file is not there, because the collection is not complete, or it cannot be read.
+        """
+        path = self.folder / ROWS
+        try:
+            with path.open("rb") as stream:
+                for number, line in enumerate(stream, 1):
+                    yield parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
+        except OSError as error:
+            remedy = "finish the collection with --resume"
+            raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+
+    def read(self, row: LoggedEpisode) -> StoredEpisode:
+        """Return the whole of an episode.
+
+        Raises:
+            InputError: its file is gone, damaged or not the one that the row is of.
+        """
+        path = self.path(row.index, row.held)
+        stored = read_episode(path)
+        if stored.row.digest != row.episode_digest:
+            raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
+        return stored
+
+    def found(self) -> Iterator[Found]:
+        """All files of episodes that there are, damaged ones too.
+
+        Raises:
+            InputError: one was written by another version of gensim2.
+        """
+        for held in (True, False):
+            folder = self.path(0, held).parent
+            for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+                if match := _EPISODE_FILE.match(path.name):
+                    try:
+                        row: EpisodeRow | None = read_row(path)
+                    except DamagedEpisodeError:
+                        row = None
+                    lies_right = row is not None and row.episode.held == held
+                    yield Found(int(match[1]), path, row if lies_right else None)
+
+    def is_complete(self, row: LoggedEpisode) -> bool:
+        """Whether the file of a row is there and whole."""
+        try:
+            return episode_digest(self.path(row.index, row.held)) == row.episode_digest
+        except DamagedEpisodeError:
+            return False
+        except InputError:
+            if self.path(row.index, row.held).exists():
+                raise
+            return False
+
+    def write_rows(self, count: int) -> Iterator[LoggedEpisode]:
+        """Write ``episodes.jsonl`` from the files of the first ``count`` episodes, and yield each row; it stands when
+        the iterator ends.
+
+        Raises:
+            InputError: an episode is missing or damaged.
+        """
+        with replacing(self.folder / ROWS) as path, path.open("wb") as stream:
+            for index in range(count):
+                held = self.path(index, True)
+                row = read_row(held if held.exists() else self.path(index, False))
+                logged = LoggedEpisode.of(row.episode, index, row.digest)
+                stream.write(log_line(logged))
+                yield logged
+
+
+class DataSet:
+    """A data set on disk.
+
+    Args:
+        path: its folder.
+        record: its ``dataset.json``.
+    """
+
+    def __init__(self, path: Path, record: DatasetRecord) -> None:
+        self.path, self.record = path, record
+
+    @staticmethod
+    def open(path: Path) -> DataSet:
+        """Read what a collection left, finished or not.
+
+        Raises:
+            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
+        """
+        file = path / DATASET_JSON
+        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
+
+    def save(self) -> None:
+        """Write ``dataset.json``."""
+        write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Names of the tasks, in order."""
+        return tuple(self.record.tasks)
+
+    def task(self, name: str) -> TaskStore:
+        """The episodes of a task.
+
+        Raises:
+            InputError: the data set has no such task.
+        """
+        if name not in self.record.tasks:
+            raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
+        return TaskStore(self.path / name)

@@ -1,0 +1,69 @@
+"""A pinhole camera: where it stands and what its pixels look along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera as OpenCV has it: x to the right of the picture, y down, z forward.
+
+    Attributes:
+        name: unique among those of a robot.
+        width, height: pixels; the middle of the first one is at (0.5, 0.5).
+        intrinsic: (3, 3) in pixels.
+        T_base_camera: (4, 4) camera in the robot's base frame.
+        far: metres ahead beyond which nothing is seen.
+    """
+
+    name: str
+    width: int
+    height: int
+    intrinsic: Array
+    T_base_camera: Array
+    far: float = 10.0
+
+    @staticmethod
+    def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:
+        """A camera at ``eye`` that looks at ``target``, both (3,) m in the base frame, upright.
+
+        Args:
+            fov: of the picture's height, rad.
+        """
+        place = np.asarray(eye, dtype=np.float64)
+        forward = np.asarray(target, dtype=np.float64) - place
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
+        pose[:3, 3] = place
+        focal = 0.5 * height / np.tan(0.5 * fov)
+        intrinsic = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
+        return Camera(name, width, height, intrinsic, pose)
+
+    @cached_property
+    def rays(self) -> npt.NDArray[np.float32]:
+        """(H, W, 3) way of each pixel's middle in the base frame, per metre of depth: a point is the camera's place
+        plus depth times this."""
+        columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        pixels = np.stack([columns, rows, np.ones_like(columns)], axis=-1)
+        turn = self.T_base_camera[:3, :3] @ np.linalg.inv(self.intrinsic)
+        return np.ascontiguousarray(pixels @ turn.T, dtype=np.float32)
+
+    @cached_property
+    def position(self) -> npt.NDArray[np.float32]:
+        """(3,) m in the base frame."""
+        return self.T_base_camera[:3, 3].astype(np.float32)
+
+    @cached_property
+    def projection(self) -> Array:
+        """(3, 4) from the base frame (homogeneous, m) to pixels times depth."""
+        return np.asarray(self.intrinsic @ np.linalg.inv(self.T_base_camera)[:3])

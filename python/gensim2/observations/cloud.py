@@ -1,0 +1,208 @@
+"""One point cloud of several depth pictures, in the robot's base frame, cropped and of a set size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.observations.noise import DepthNoise
+from gensim2.observations.sampling import close_to_others, every_so_many, farthest_points
+from gensim2.observations.view import View
+
+ROBOT_PARTS = ("gripper", "all", "none")
+MOST_POINTS = 49152
+
+RESOLUTION = np.float32(1e-4)
+"""Metres to which coordinates are rounded, so that a stored point is the seen one: 16 bits reach 3.2 m."""
+FARTHEST = 3.2
+
+
+class EmptyCloudError(GenSim2Error):
+    """No camera saw anything that a point cloud keeps."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Segmentation ids of the robot's links: the hand with its fingers, and all others."""
+
+    gripper: frozenset[int]
+    arm: frozenset[int]
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """How a point cloud is made; metres in the robot's base frame.
+
+    Attributes:
+        points: in the cloud.
+        low, high: corners of the workspace that it is cropped to. The default holds what stands on the table before a
+            Panda, and not the table's top.
+        robot: what of it is kept, where segmentation knows it: ``"gripper"``, ``"all"`` or ``"none"``.
+        candidates: points taken evenly over the pictures before farthest point sampling; 0: all.
+        outliers: standard deviations from which on a candidate stands alone and is dropped; None: none is.
+        neighbors: that tell.
+        noise: on the depth pictures; None: they are exact.
+    """
+
+    points: int = 1024
+    low: tuple[float, float, float] = (0.15, -0.62, 0.01)
+    high: tuple[float, float, float] = (1.15, 0.62, 1.0)
+    robot: Literal["gripper", "all", "none"] = "gripper"
+    candidates: int = 4096
+    outliers: float | None = None
+    neighbors: int = 16
+    noise: DepthNoise | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        _check_count(self.points, "points", 1)
+        _check_count(self.candidates, "candidates", 0)
+        _check_count(self.neighbors, "neighbors", 1)
+        if 0 < self.candidates < self.points:
+            raise InputError(f"must be 0 or at least points, {self.points}", field="candidates")
+        if self.robot not in ROBOT_PARTS:
+            raise InputError(f"must be one of {', '.join(ROBOT_PARTS)}, is {self.robot!r}", field="robot")
+        low, high = (np.asarray(corner, dtype=np.float64) for corner in (self.low, self.high))
+        if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
+            raise InputError("must be three numbers each, low below high", field="low, high")
+        if max(np.abs(low).max(), np.abs(high).max()) > FARTHEST:
+            raise InputError(f"must lie within {FARTHEST} m of the base", field="low, high")
+        if self.outliers is not None and not self.outliers > 0:
+            raise InputError("must be positive", field="outliers")
+
+    @staticmethod
+    def of(values: Mapping[str, Any]) -> CloudSettings:
+        """Settings from plain data, as :meth:`to_dict` gives them.
+
+        Raises:
+            InputError: there is no such setting, or it cannot be so.
+        """
+        given = dict(values)
+        known = [each.name for each in fields(CloudSettings)]
+        for name in given:
+            if name not in known:
+                raise InputError(f"there is no setting {name!r}", field="observation", remedy=f"one of {known}")
+        for corner in ("low", "high"):
+            if corner in given:
+                given[corner] = tuple(given[corner])
+        noise = given.get("noise")
+        if isinstance(noise, Mapping):
+            try:
+                given["noise"] = DepthNoise(**noise)
+            except TypeError as error:
+                raise InputError(str(error), field="observation: noise") from error
+        return CloudSettings(**given)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {**asdict(self), "low": list(self.low), "high": list(self.high)}
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """N points.
+
+    Attributes:
+        xyz: (N, 3) m in the robot's base frame, in whole numbers of ``RESOLUTION``.
+        rgb: (N, 3) of what they lie on.
+        segmentation: (N,) its id; None: nobody knows.
+    """
+
+    xyz: npt.NDArray[np.float32]
+    rgb: npt.NDArray[np.uint8]
+    segmentation: npt.NDArray[np.int16] | None
+
+
+def point_cloud(views: Sequence[View], settings: CloudSettings, robot: Robot | None = None) -> PointCloud:
+    """Fuse pictures into one cloud: crop, sample evenly, drop outliers, sample farthest points. Nothing is drawn.
+
+    Args:
+        views: of one instant, their noise on them.
+        settings: how.
+        robot: ids by which segmentation knows it; None: it is kept as anything else is.
+
+    Raises:
+        EmptyCloudError: nothing is left.
+    """
+    kept = [_inside(view, settings, robot) for view in views]
+    counts = np.cumsum([0, *(len(pixels) for pixels in kept)])
+    if counts[-1] == 0:
+        raise EmptyCloudError("no camera sees anything in the workspace")
+    chosen = every_so_many(int(counts[-1]), settings.candidates or int(counts[-1]))
+    parts = [
+        pixels[chosen[(chosen >= first) & (chosen < last)] - first]
+        for pixels, first, last in zip(kept, counts[:-1], counts[1:], strict=True)
+    ]
+    points = np.concatenate([_points(view, part) for view, part in zip(views, parts, strict=True)])
+    rows = np.arange(len(points))
+    if settings.outliers is not None:
+        rows = rows[close_to_others(points, settings.neighbors, settings.outliers)]
+    rows = rows[farthest_points(points[rows], settings.points)]
+    return _gather(views, parts, points, rows)
+
+
+def _inside(view: View, settings: CloudSettings, robot: Robot | None) -> npt.NDArray[np.int64]:
+    """Numbers of the pixels that are kept of a picture."""
+    depth, camera = view.depth, view.camera
+    inside = depth > 0
+    for axis in range(3):
+        along = depth * camera.rays[:, :, axis] + camera.position[axis]
+        inside &= (along > settings.low[axis]) & (along < settings.high[axis])
+    segmentation = view.segmentation
+    if robot is not None and segmentation is not None and settings.robot != "all":
+        dropped = robot.arm if settings.robot == "gripper" else robot.arm | robot.gripper
+        inside &= ~_is_one_of(segmentation, dropped)
+    return np.flatnonzero(inside)
+
+
+def _is_one_of(segmentation: npt.NDArray[np.int16], ids: frozenset[int]) -> npt.NDArray[np.bool_]:
+    table = np.zeros(max(int(segmentation.max()), *ids, 0) + 1, dtype=bool)
+    table[list(ids)] = True
+    found: npt.NDArray[np.bool_] = table[segmentation]
+    return found
+
+
+def _points(view: View, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """(k, 3) m in the base frame."""
+    camera = view.camera
+    found: npt.NDArray[np.float32] = (
+        camera.position + view.depth.reshape(-1)[pixels, None] * camera.rays.reshape(-1, 3)[pixels]
+    )
+    return found
+
+
+def _gather(
+    views: Sequence[View],
+    parts: Sequence[npt.NDArray[np.int64]],
+    points: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.int64],
+) -> PointCloud:
+    """The rows (in rising order) of all points, with what the pictures say of them."""
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    colors, ids = [], []
+    for view, part, first, last in zip(views, parts, starts[:-1], starts[1:], strict=True):
+        pixels = part[rows[(rows >= first) & (rows < last)] - first]
+        colors.append(view.colors_at(pixels))
+        if view.segmentation is not None:
+            ids.append(view.segmentation.reshape(-1)[pixels])
+    segmentation = np.concatenate(ids) if len(ids) == len(views) else None
+    return PointCloud(from_steps(to_steps(points[rows])), np.concatenate(colors), segmentation)
+
+
+def to_steps(xyz: npt.NDArray[np.float32]) -> npt.NDArray[np.int16]:
+    """Coordinates (m) in whole numbers of ``RESOLUTION``."""
+    return np.asarray(np.rint(xyz / RESOLUTION), dtype=np.int16)
+
+
+def from_steps(steps: npt.NDArray[np.int16]) -> npt.NDArray[np.float32]:
+    """Coordinates in m, bit for bit those of the cloud whose :func:`to_steps` these are."""
+    return steps * RESOLUTION
+
+
+def _check_count(value: Any, name: str, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MOST_POINTS:
+        raise InputError(f"must be a whole number from {least} to {MOST_POINTS}, is {value!r}", field=name)

@@ -1,0 +1,55 @@
+"""Collections in a made-up world, in this process and in workers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("kill", "pipeline")]
+
+import fake_world  # noqa: E402
+import kill_runs  # noqa: E402
+
+from gensim2.data import collect  # noqa: E402
+from gensim2.data.collection import CollectionResult  # noqa: E402
+from gensim2.pipeline import worker  # noqa: E402
+
+TASKS = ("OpenDrawer", "CloseBox")
+
+
+def _install(patch: pytest.MonkeyPatch) -> None:
+    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+        patch.setattr(worker, name, getattr(worker, name))
+    fake_world.install()
+    patch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
+
+
+@pytest.fixture(autouse=True)
+def made_up_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test of data sets waits for physics."""
+    _install(monkeypatch)
+
+
+@pytest.fixture
+def gather(tmp_path: Path) -> Callable[..., CollectionResult]:
+    """Tries eight episodes of two tasks into ``tmp_path / "set"``."""
+
+    def call(*tasks: str, **options: Any) -> CollectionResult:
+        given: dict[str, Any] = {"episodes": 8, "seed": 3, "workers": 0, "assets": "builtin", **options}
+        return collect(tasks or TASKS, out=given.pop("out", tmp_path / "set"), **given)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What those episodes leave where nothing happens."""
+    out = tmp_path_factory.mktemp("undisturbed") / "set"
+    with pytest.MonkeyPatch.context() as patch:
+        _install(patch)
+        collect(TASKS, episodes=8, seed=3, workers=0, assets="builtin", out=out)
+    return kill_runs.contents(out)

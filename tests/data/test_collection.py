@@ -1,0 +1,249 @@
+"""Collections: the folder follows from the arguments alone, whatever happened on the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
+
+from gensim2.data import DataSet
+from gensim2.data.status import NullListener, Status
+from gensim2.errors import InputError, NotRunError, WriteError
+from gensim2.pipeline import worker
+from gensim2.seeding import scene_seeds
+
+Gather = Callable[..., Any]
+KILL_RUNS = Path(__file__).parents[1] / "kill" / "kill_runs.py"
+
+
+def assert_same(folder: Path, undisturbed: dict[str, Any]) -> None:
+    assert list(differences(contents(folder), undisturbed)) == []
+
+
+def test_every_episode_has_its_row_and_those_that_hold_their_states(tmp_path: Path, gather: Gather) -> None:
+    result = gather()
+    dataset = DataSet.open(tmp_path / "set")
+    assert dataset.record.complete
+    assert dataset.tasks == ("OpenDrawer", "CloseBox")
+    for told in result.status.tasks:
+        store = dataset.task(told.name)
+        rows = list(store.rows())
+        assert [row.index for row in rows] == list(range(8))
+        assert [row.seed for row in rows] == scene_seeds(3, told.name, "collect", 8)
+        assert 0 < told.held == sum(row.held for row in rows) < told.tried == 8
+        assert sum(told.causes.values()) == 8 - told.held
+        for row in rows:
+            stored = store.read(row)
+            assert stored.row.episode == row.episode
+            assert (stored.recording is not None) == row.held
+        assert store.spec().name == told.name
+    used = {f"{thing.asset_class}/{thing.id}" for row in rows for thing in row.objects.values()}
+    assert used <= set(dataset.record.objects)
+    assert "16 episodes of 2 tasks" in (tmp_path / "set/report.html").read_text()
+
+
+def test_states_of_failures_are_kept_where_that_is_asked_for(tmp_path: Path, gather: Gather) -> None:
+    gather(keep_failures=True)
+    store = DataSet.open(tmp_path / "set").task("OpenDrawer")
+    failures = [row for row in store.rows() if not row.held]
+    assert failures
+    assert all(store.read(row).recording is not None for row in failures)
+
+
+def test_workers_and_the_order_of_tasks_change_no_episode(
+    tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]
+) -> None:
+    gather(workers=2)
+    assert_same(tmp_path / "set", undisturbed)
+    gather("CloseBox", out=tmp_path / "other")
+    for name, content in contents(tmp_path / "other").items():
+        if name.startswith("CloseBox/"):
+            assert content == undisturbed[name]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_part_can_be_gone_or_damaged(
+    tmp_path: Path, gather: Gather, undisturbed: dict[str, Any], seed: int
+) -> None:
+    folder, dice = tmp_path / "set", random.Random(seed)
+    gather()
+    for path in [*folder.glob("*/episodes/*.h5"), *folder.glob("*/failures/*.h5"), *folder.glob("*/episodes.jsonl")]:
+        what = dice.random()
+        if what < 0.15:
+            path.unlink()
+        elif what < 0.3:
+            path.write_bytes(path.read_bytes()[: dice.randrange(path.stat().st_size)])
+        elif what < 0.4:
+            content = bytearray(path.read_bytes())
+            content[dice.randrange(len(content))] ^= 0x10
+            path.write_bytes(content)
+    (folder / "OpenDrawer/episodes/.000001.h5.0123456789abcdef.tmp.h5").write_bytes(b"half an episode")
+    (folder / "report.html").unlink()
+    gather(resume=True)
+    assert_same(folder, undisturbed)
+
+
+def test_resuming_starts_what_is_not_there_and_runs_nothing_twice(
+    tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]
+) -> None:
+    assert gather(resume=True).status.ran == 16
+    with pytest.raises(InputError, match=r"holds a data set \(add --resume"):
+        gather()
+    assert gather(resume=True).status.ran == 0
+    assert_same(tmp_path / "set", undisturbed)
+
+
+def test_a_data_set_can_grow(tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]) -> None:
+    gather("OpenDrawer", episodes=5)
+    assert gather(resume=True).status.ran == 11
+    assert_same(tmp_path / "set", undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"seed": 4}, "seed: the collection was begun with 3, not 4"),
+        ({"episodes": 7}, "episodes: the collection was begun with 8"),
+        ({"physics": "original"}, "arguments.physics: the collection was begun with 'ours', not 'original'"),
+        ({"instances": "train"}, "tasks.OpenDrawer: the task, its strategies or its instances have changed"),
+        ({"keep_failures": True}, "keep_failures: the collection was begun with False"),
+    ],
+)
+def test_another_collection_is_not_gone_on_with(gather: Gather, options: dict[str, Any], said: str) -> None:
+    gather()
+    with pytest.raises(InputError, match=said):
+        gather(resume=True, **options)
+
+
+def test_what_is_not_ours_is_refused(tmp_path: Path, gather: Gather) -> None:
+    folder = tmp_path / "set"
+    gather()
+    store = DataSet.open(folder).task("OpenDrawer")
+    other = DataSet.open(folder).task("CloseBox")
+    held = next(row.index for row in other.rows() if row.held)
+    good = store.path(held).read_bytes() if store.path(held).exists() else None
+    shutil.copy(other.path(held), store.path(held))
+    with pytest.raises(InputError, match=rf"{held:06d}\.h5: is (not of this collection|there twice)"):
+        gather(resume=True)
+    store.path(held).unlink() if good is None else store.path(held).write_bytes(good)
+    described = json.loads((folder / "dataset.json").read_text())
+    for change in ({"schema_version": 9}, {"episodes": "many"}):
+        (folder / "dataset.json").write_text(json.dumps({**described, **change}))
+        with pytest.raises(InputError, match=rf"dataset\.json: {next(iter(change))}: "):
+            gather(resume=True)
+    (folder / "dataset.json").write_text(json.dumps(described))
+    gather(resume=True)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/file").write_text("")
+    with pytest.raises(InputError, match="is not empty and holds no data set"):
+        gather(out=tmp_path / "full", resume=True)
+
+
+def test_what_cannot_be_run_is_named_after_all_others_and_tried_again(
+    tmp_path: Path, gather: Gather, undisturbed: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import broken_world
+
+    broken = scene_seeds(3, "CloseBox", "collect", 8)[5]
+    monkeypatch.setattr(worker, "record", broken_world.record)
+    monkeypatch.setenv("BROKEN_SEED", str(broken))
+    with pytest.raises(NotRunError, match=r"episodes of CloseBox: could not be run: 5 \(.*errors\.log"):
+        gather(workers=2)
+    assert (tmp_path / "set/OpenDrawer/episodes.jsonl").exists()
+    assert not (tmp_path / "set/CloseBox/episodes.jsonl").exists()
+    assert not DataSet.open(tmp_path / "set").record.complete
+    assert "Not complete: 1 are to come" in (tmp_path / "set/report.html").read_text()
+    monkeypatch.delenv("BROKEN_SEED")
+    assert gather(workers=2, resume=True).status.ran == 1
+    assert_same(tmp_path / "set", undisturbed)
+
+
+def test_whoever_watches_is_told(gather: Gather) -> None:
+    class Watcher(NullListener):
+        last: Status | None = None
+
+        def update(self, status: Status) -> None:
+            self.last = status
+
+    watcher = Watcher()
+    gather(listener=watcher)
+    assert watcher.last is not None
+    assert (watcher.last.tried, watcher.last.total, watcher.last.ran) == (16, 16, 16)
+    assert watcher.last.stored > 0
+    assert watcher.last.free > 0
+
+
+def test_a_full_disk_ends_it_at_once_and_keeps_what_is_finished(
+    tmp_path: Path, gather: Gather, undisturbed: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, written = os.fsync, []
+
+    def full_after_a_while(handle: int) -> None:
+        written.append(handle)
+        if len(written) > 40:
+            raise OSError(28, "No space left on device")
+        real(handle)
+
+    monkeypatch.setattr(os, "fsync", full_after_a_while)
+    with pytest.raises(WriteError, match=r"No space left on device \(make room, and go on with --resume\)"):
+        gather()
+    monkeypatch.setattr(os, "fsync", real)
+    there = {path.name: path.read_bytes() for path in (tmp_path / "set/OpenDrawer").glob("*/0*.h5")}
+    assert there
+    assert gather(resume=True).status.ran == 16 - len(there)
+    assert_same(tmp_path / "set", undisturbed)
+
+
+def collecting(out: Path, before: Callable[[], None] | None = None, *prefix: str) -> subprocess.CompletedProcess[str]:
+    """The command itself, in the made-up world."""
+    words = ["collect", "OpenDrawer", "CloseBox", "--episodes", "8", "--seed", "3", "--assets", "builtin"]
+    command = [*prefix, sys.executable, str(KILL_RUNS), "--child", "fake", *words, "--workers", "2", "--resume"]
+    return subprocess.run(
+        [*command, "--out", str(out)], capture_output=True, text=True, preexec_fn=before, env=SCRIPT_ENVIRONMENT
+    )
+
+
+def small_files() -> None:
+    """No file of this process and of those that it starts gets longer than 4 kB: an episode with states is."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+def test_the_command_says_one_line_where_a_worker_cannot_write(tmp_path: Path, undisturbed: dict[str, Any]) -> None:
+    done = collecting(tmp_path / "set", small_files)
+    assert done.returncode == 2
+    *_, said = done.stderr.splitlines()
+    assert said.startswith("gensim2: ")
+    assert "cannot write: File too large" in said
+    assert "Traceback" not in done.stderr
+    assert not list((tmp_path / "set").glob("**/*.tmp*"))
+    assert collecting(tmp_path / "set").returncode == 0
+    assert_same(tmp_path / "set", undisturbed)
+
+
+def can_mount() -> bool:
+    words = ["unshare", "--mount", "mount", "-t", "tmpfs", "none", "/mnt"]
+    return shutil.which("unshare") is not None and subprocess.run(words, capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(not can_mount(), reason="mounts a file system of its own")
+@pytest.mark.parametrize(
+    ("mounted", "said"), [("size=32k", "No space left on device"), ("ro", "Read-only file system")]
+)
+def test_the_command_says_one_line_on_a_full_or_read_only_disk(tmp_path: Path, mounted: str, said: str) -> None:
+    script = f'mount -t tmpfs -o {mounted} none "$0" && shift 0 && exec "$@"'
+    done = collecting(tmp_path / "set", None, "unshare", "--mount", "sh", "-c", script, str(tmp_path))
+    assert done.returncode == 2
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("gensim2: ")
+    assert said in last
+    assert "Traceback" not in done.stderr

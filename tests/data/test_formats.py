@@ -1,0 +1,169 @@
+"""What leaves a data set for other tools comes back as it was, and says what the episodes say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow.parquet
+import pytest
+import zarr
+
+from gensim2.data.collection import CollectionResult
+from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
+from gensim2.data.formats.importing import import_
+from gensim2.data.formats.lerobot import Feature, LeRobotWriter, read_lerobot
+from gensim2.data.observation_file import write_observation
+from gensim2.data.rendering import observation_path
+from gensim2.data.selection import Selection
+from gensim2.data.store import DataSet
+from gensim2.errors import InputError
+from gensim2.observations.cloud import to_steps
+
+Gather = Callable[..., CollectionResult]
+
+
+@pytest.fixture
+def dataset(gather: Gather) -> DataSet:
+    return DataSet.open(gather().folder)
+
+
+def held(dataset: DataSet) -> list[Path]:
+    return sorted(path.relative_to(dataset.path) for path in dataset.path.glob("*/episodes/*.h5"))
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_episodes_come_back_byte_for_byte(dataset: DataSet, to: Format, tmp_path: Path) -> None:
+    count = export(dataset.path, tmp_path / "out", to)
+    assert count == len(held(dataset)) > 0
+    assert import_(tmp_path / "out", tmp_path / "back", to) == count
+    back = DataSet.open(tmp_path / "back")
+    assert held(back) == held(dataset)
+    for path in held(dataset):
+        assert (back.path / path).read_bytes() == (dataset.path / path).read_bytes()
+    assert [row.index for row in back.task("CloseBox").rows()] == [
+        row.index for row in dataset.task("CloseBox").rows() if row.held
+    ]
+
+
+def test_frames_of_each_format_are_those_of_the_episodes(dataset: DataSet, tmp_path: Path) -> None:
+    export(dataset.path, tmp_path / "l", "lerobot")
+    export(dataset.path, tmp_path / "z", "zarr")
+    export(dataset.path, tmp_path / "m", "maniskill")
+    episodes = list(read_lerobot(tmp_path / "l"))
+    group = zarr.open_group(tmp_path / "z", mode="r")
+    begin = number = 0
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        with h5py.File(tmp_path / "m" / name / "trajectory.h5") as file:
+            for place, row in enumerate(row for row in store.rows() if row.held):
+                recording = store.read(row).recording
+                assert recording is not None
+                sentence, columns = episodes[number]
+                end = int(group["meta/episode_ends"][number])
+                assert sentence == store.spec().description
+                assert np.array_equal(columns["action"], recording.actions)
+                assert np.array_equal(group["data/action"][begin:end], recording.actions)
+                assert np.array_equal(file[f"traj_{place}"]["actions"], recording.actions)
+                assert np.array_equal(columns["observation.state"], group["data/state"][begin:end])
+                assert columns["next.done"].tolist() == [False] * (recording.steps - 1) + [True]
+                assert (columns["index"] == np.arange(begin, end)).all()
+                begin, number = end, number + 1
+    assert number == len(episodes) == group["meta/episode_ends"].shape[0]
+
+
+def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_path: Path) -> None:
+    store = dataset.task("CloseBox")
+    rows = [row for row in store.rows() if row.held]
+    rng = np.random.default_rng(0)
+    clouds = {}
+    for row in rows:
+        steps = row.control_steps
+        clouds[row.index] = rng.normal(size=(steps + 1, 16, 3)).astype(np.float32)
+        arrays = {
+            "pointcloud/xyz": to_steps(clouds[row.index]),
+            "pointcloud/rgb": np.full((steps + 1, 16, 3), 51, np.uint8),
+        }
+        write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
+    only = Selection(tasks=("CloseBox",))
+    export(dataset.path, tmp_path / "z", "zarr", only)
+    export(dataset.path, tmp_path / "l", "lerobot", only)
+    _, columns = next(read_lerobot(tmp_path / "l"))
+    stored = zarr.open_group(tmp_path / "z", mode="r")["data/point_cloud"][: len(columns["action"])]
+    assert np.array_equal(stored, columns["observation.points"])
+    assert stored.shape[1:] == (16, 6)
+    assert np.allclose(stored[..., 3:], 0.2)
+    assert np.allclose(stored[..., :3], clouds[rows[0].index][:-1], atol=1e-3)  # kept in steps
+    with pytest.raises(InputError, match="some episodes have observations"):
+        export(dataset.path, tmp_path / "both", "zarr")
+
+
+def test_a_selection_takes_what_it_says(dataset: DataSet, tmp_path: Path) -> None:
+    rows = [row for row in dataset.task("CloseBox").rows() if row.held]
+    middle = sorted(row.control_steps for row in rows)[len(rows) // 2]
+    short = Selection(tasks=("CloseBox",), longest=middle)
+    assert export(dataset.path, tmp_path / "a", "maniskill", short) == sum(r.control_steps <= middle for r in rows)
+    with pytest.raises(InputError, match="no episode is taken"):
+        export(dataset.path, tmp_path / "b", "maniskill", Selection(longest=1, shortest=2))
+    with pytest.raises(InputError, match="has no task"):
+        export(dataset.path, tmp_path / "c", "maniskill", Selection(tasks=("Elsewhere",)))
+
+
+def test_frames_that_were_changed_are_found_out(dataset: DataSet, tmp_path: Path) -> None:
+    export(dataset.path, tmp_path / "z", "zarr")
+    actions = zarr.open_group(tmp_path / "z", mode="r+")["data/action"]
+    actions[0, 0] += 1
+    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/"):
+        import_(tmp_path / "z", tmp_path / "back", "zarr")
+    assert not (tmp_path / "back").exists()
+
+
+@pytest.mark.parametrize("to", ["lerobot", "zarr"])
+def test_frames_without_states_are_no_data_set(dataset: DataSet, to: Format, tmp_path: Path) -> None:
+    export(dataset.path, tmp_path / "out", to)
+    (tmp_path / "out" / NATIVE).rename(tmp_path / "away")
+    with pytest.raises(InputError, match="the states are not there"):
+        import_(tmp_path / "out", tmp_path / "back", to)
+
+
+def test_a_folder_with_something_in_it_is_left_alone(dataset: DataSet, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").touch()
+    for to in FORMATS:
+        with pytest.raises(InputError, match="is not empty"):
+            export(dataset.path, tmp_path / "out", to)
+    with pytest.raises(InputError, match="is not empty"):
+        import_(dataset.path, tmp_path / "out", "zarr")
+
+
+def test_lerobot_files_rotate_and_statistics_are_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gensim2.data.formats.lerobot.FILE_BYTES", 2600)
+    rng = np.random.default_rng(1)
+    episodes = [rng.normal(size=(length, 3)).astype(np.float32) for length in (20, 31, 7, 50)]
+    with LeRobotWriter(tmp_path / "out", {"x": Feature("float32", (3,))}, fps=20, robot="panda") as writer:
+        for number, values in enumerate(episodes):
+            writer.add(f"task {number % 2}", {"x": values})
+    assert len(list((tmp_path / "out" / "data").glob("*/*.parquet"))) == 3
+    assert all(np.array_equal(a["x"], b) for (_, a), b in zip(read_lerobot(tmp_path / "out"), episodes, strict=True))
+    whole = np.concatenate(episodes).astype(np.float64)
+    stats = json.loads((tmp_path / "out" / "meta" / "stats.json").read_text())["x"]
+    assert stats["count"] == [len(whole)]
+    for word, truth in (("mean", whole.mean(0)), ("std", whole.std(0)), ("min", whole.min(0)), ("max", whole.max(0))):
+        assert np.allclose(stats[word], truth)
+    rows = pyarrow.parquet.read_table(tmp_path / "out" / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["length"] for row in rows] == [20, 31, 7, 50]
+    assert rows[-1]["dataset_to_index"] == len(whole)
+    for row, values in zip(rows, episodes, strict=True):
+        assert np.allclose(row["stats/x/mean"], values.astype(np.float64).mean(0))
+
+
+def test_what_is_no_lerobot_data_set_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no LeRobot data set"):
+        next(read_lerobot(tmp_path))
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text('{"codebase_version": "v2.1", "features": {}}')
+    with pytest.raises(InputError, match=r"is v2\.1, not v3\.0"):
+        next(read_lerobot(tmp_path))

@@ -1,0 +1,79 @@
+"""What is said of a data set's coverage is counted, and counted rightly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gensim2.data.card import card
+from gensim2.data.collection import CollectionResult
+from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
+from gensim2.data.quality import jerk, qualities
+from gensim2.data.report import report
+from gensim2.data.store import DataSet
+from gensim2.episodes.episode_file import write_episode
+from gensim2.pipeline.attempts import log_line
+from gensim2.robots import robot
+
+Gather = Callable[..., CollectionResult]
+
+
+def test_jerk_of_a_motion_that_is_known(gather: Gather) -> None:
+    store = DataSet.open(gather("CloseBox").folder).task("CloseBox")
+    recording = store.read(next(row for row in store.rows() if row.held)).recording
+    assert recording is not None
+    profile = robot("panda")
+    time = np.arange(400) / CONTROL_STEPS_PER_SECOND
+    states = np.zeros((400, FIRST_JOINT + 18))
+    states[:, FIRST_JOINT : FIRST_JOINT + 7] = np.sin(time)[:, None]  # its third derivative is -cos
+    moved = replace(recording, env_states={"articulations": {profile.agent: states}})
+    assert jerk(moved, profile) == pytest.approx(np.sqrt(np.mean(np.cos(time) ** 2)), rel=0.01)
+
+
+def test_what_is_there_twice_is_counted(gather: Gather) -> None:
+    dataset = DataSet.open(gather("CloseBox").folder)
+    before = next(qualities(dataset))
+    store = dataset.task("CloseBox")
+    rows = list(store.rows())
+    row = next(row for row in rows if row.held)
+    stored = store.read(row)
+    index = len(rows)
+    write_episode(store.path(index), row.episode, stored.recording)
+    with (store.folder / "episodes.jsonl").open("ab") as stream:
+        stream.write(log_line(replace(row, index=index, episode_digest=row.episode_digest)))
+    after = next(qualities(dataset))
+    assert (before.same_scene, before.same_actions) == (0, 0)
+    assert (after.same_scene, after.same_actions) == (1, 1)
+    assert (after.tried, after.held) == (before.tried + 1, before.held + 1)
+
+
+def test_the_report_says_what_the_rows_say(gather: Gather) -> None:
+    dataset = DataSet.open(gather().folder)
+    numbers = report(dataset.path, video=False)
+    assert numbers == json.loads((dataset.path / "quality.json").read_text())
+    for task in numbers["tasks"]:
+        rows = list(dataset.task(task["name"]).rows())
+        lengths = [row.control_steps for row in rows if row.held]
+        assert (task["tried"], task["held"]) == (len(rows), len(lengths))
+        assert (task["lengths"]["min"], task["lengths"]["max"]) == (min(lengths), max(lengths))
+        assert sum(task["instances"].values()) == len(lengths)
+        assert sum(task["causes"].values()) == len(rows) - len(lengths)
+    page = (dataset.path / "quality.html").read_text()
+    assert all(task["sentence"] in page for task in numbers["tasks"])
+    assert page.count("<svg") >= len(numbers["tasks"])
+    report(dataset.path, video=False)
+    assert (dataset.path / "quality.html").read_text() == page
+
+
+def test_a_card_names_tasks_counts_and_terms(gather: Gather) -> None:
+    dataset = DataSet.open(gather().folder)
+    text = card(dataset.path).read_text()
+    for name in dataset.tasks:
+        record = dataset.record.tasks[name]
+        assert f"| {name} | {dataset.task(name).spec().description} | {record.held} | {record.tried} |" in text
+    assert all(used.license in text for used in dataset.record.objects.values())
+    assert f"| seed | {dataset.record.seed} |" in text

@@ -1,0 +1,107 @@
+"""Observations of a small data set of real states: the same bytes always, whole or made again, of their episodes."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gensim2.data import TaskStore
+from gensim2.data.observation_file import DamagedObservationError, read_observation
+from gensim2.data.observing import Plan
+from gensim2.data.rendering import observation_path, render
+from gensim2.episodes.recording import Recorder
+from gensim2.errors import InputError
+from gensim2.observations import CloudSettings
+from gensim2.sim.lane import Lane
+
+SMALL = Plan(("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256))
+
+
+@pytest.fixture
+def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
+    """Two episodes of two steps, one of which held, in the folders of a collection in a made-up world."""
+    gather("OpenDrawer", episodes=2)
+    store = TaskStore(tmp_path / "set" / "OpenDrawer")
+    lane = Lane("OpenDrawer", assets="builtin")
+    for index, row in enumerate(list(store.rows())):
+        lane.reset(seed=index)
+        recorder = Recorder(lane)
+        for _ in range(2):
+            lane.step(lane.profile.rest_action)
+            recorder.add(lane.profile.rest_action, lane.measure())
+        episode = store.read(row).row.episode
+        store.path(row.index, row.held).unlink()
+        store.add(index, episode, recorder.finish())
+    list(store.write_rows(2))
+    assert any(row.held for row in store.rows())
+    return store
+
+
+def rendered(store: TaskStore, plan: Plan = SMALL, **options: Any) -> dict[str, bytes]:
+    render(store.folder.parent, plan=plan, **{"workers": 0, **options})
+    return {path.name: path.read_bytes() for path in sorted((store.folder / "observations").iterdir())}
+
+
+def test_every_episode_that_held_is_observed(store: TaskStore) -> None:
+    rendered(store)
+    for row in store.rows():
+        path = observation_path(store, row.index)
+        assert path.exists() == row.held
+        if not row.held:
+            continue
+        found = read_observation(path, row.episode_digest)
+        assert found.description["language"] == store.spec().description
+        assert found.description["steps"] == 2
+        arrays = found.arrays
+        assert arrays["pointcloud/xyz"].shape == (3, 64, 3)
+        assert arrays["pointcloud/xyz"].dtype == np.float32
+        assert arrays["pointcloud/rgb"].shape == (3, 64, 3)
+        assert arrays["cameras/front/depth"].shape == (3, 128, 128)
+        assert 300 < np.median(arrays["cameras/front/depth"]) < 2000, "millimetres"
+        assert set(np.unique(arrays["pointcloud/segmentation"])) <= set(
+            np.unique(arrays["cameras/left/segmentation"])
+        ) | set(np.unique(arrays["cameras/front/segmentation"]))
+        assert "cameras/right/depth" not in arrays
+        recording = store.read(row).recording
+        assert recording is not None
+        assert np.array_equal(arrays["proprioception/qpos"], recording.obs[:, :9])
+        assert arrays["proprioception/tool_pose"].shape == (3, 7)
+
+
+def test_the_bytes_do_not_depend_on_what_happened_on_the_way(store: TaskStore) -> None:
+    first = rendered(store)
+    name, content = next(iter(first.items()))
+    path = store.folder / "observations" / name
+    path.write_bytes(content[:-7] + b"changed")
+    with pytest.raises(DamagedObservationError, match="not a finished file of observations"):
+        read_observation(path)
+    (path.with_name(".0.h5.0123456789abcdef.tmp.h5")).write_bytes(b"left by a kill")
+    assert rendered(store, resume=True) == first
+    shutil.rmtree(path.parent)
+    assert rendered(store, workers=1) == first
+
+
+def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None:
+    first = rendered(store)
+    with pytest.raises(InputError, match="--resume"):
+        rendered(store)
+    with pytest.raises(InputError, match="modalities"):
+        rendered(store, Plan(), resume=True)
+    assert rendered(store, resume=True) == first
+    path = store.folder / "observations" / next(iter(first))
+    with pytest.raises(InputError, match="another episode"):
+        read_observation(path, "0" * 64)
+
+
+@pytest.mark.parametrize(
+    ("modalities", "cameras", "words"),
+    [(("smell",), ("left",), "modalities"), (("depth",), ("left", "left"), "cameras"), ((), ("left",), "modalities")],
+)
+def test_plans_that_cannot_be_are_refused(modalities: Any, cameras: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Plan(modalities, cameras)
