@@ -49,7 +49,7 @@ class ModelReport:
         return self._told(own) if own else None
 
     def of_run(self) -> dict[str, Any] | None:
-        """The model, its conversations by stage, those that came to no task, and the whole cost; None without a model."""
+        """The model, its conversations by stage, those that came to no task, the whole cost; None without a model."""
         if self._model is None:
             return None
         stages = sorted({each.stage for each in self._conversations}, key=_rank)

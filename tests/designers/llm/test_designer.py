@@ -284,6 +284,9 @@ def test_of_a_long_task_the_step_to_blame_is_written_anew(server: ModelServer, b
 class Camera:
     """Draws nothing, and says what of."""
 
+    def thing(self, asset_class: str) -> None:
+        """None: the brief has a picture."""
+
     def actuation(self, task: TaskSpec, steps: Any, step: str) -> Picture:
         return Picture(f"{task.name}/{step}", lambda: PNG + b"arm")
 
@@ -295,7 +298,7 @@ def test_pictures_of_the_object_and_of_the_actuation_pose_go_along(server: Model
     (task,) = proposed(found, seen)
     found.candidates(task, seen, seed=0)
     assert [asked.pictures for asked in server.asked] == [(), (), (PNG,), (PNG, PNG + b"arm")]
-    assert "1. `box_rotate` as the robot has it before it" in server.asked[2].prompt
+    assert "1. `box_rotate`, seen from the side of the robot" in server.asked[2].prompt
     assert "2. the arm at the actuation pose" in server.asked[3].prompt
 
 

@@ -22,6 +22,10 @@ SHOWN_TRIED = 3
 class Views(Protocol):
     """Draws what a model is shown."""
 
+    def thing(self, asset_class: str) -> Picture | None:
+        """An object of a class with its keypoints named; None: there is none."""
+        ...
+
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture | None:
         """The scene with the arm at the actuation pose that the strategies of ``step`` lead to; None: there is none."""
         ...
@@ -79,9 +83,16 @@ class Solutions:
             return Sight()
         captions, pictures = [], []
         for thing in (job.things[job.step.object], job.held):
+            picture = None
             if thing is not None and thing.picture is not None:
-                captions.append(f"`{thing.asset_class}` as the robot has it before it, its keypoints marked and named")
-                pictures.append(Picture(f"class {thing.asset_class}", thing.picture))
+                picture = Picture(f"class {thing.asset_class}", thing.picture)
+            elif thing is not None and self.views is not None:
+                picture = self.views.thing(thing.asset_class)
+            if thing is not None and picture is not None:
+                captions.append(
+                    f"`{thing.asset_class}`, seen from the side of the robot, its keypoints marked and named"
+                )
+                pictures.append(picture)
         return Sight(tuple(captions), tuple(pictures))
 
     def _with_actuation(
