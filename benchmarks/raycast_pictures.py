@@ -75,7 +75,7 @@ def drawn(cloud: PointCloud, pixels: int) -> Any:
     up, near = np.cos(tilt) * z - np.sin(tilt) * ahead * -1, np.sin(tilt) * z + np.cos(tilt) * ahead * -1
     place = np.stack([right, -up], axis=1)
     place = (place - place.min(axis=0)) / np.ptp(place, axis=0).max() * (pixels - 30) + 12
-    image = np.full((pixels, pixels, 3), 245, dtype=np.uint8)
+    image = np.full((pixels, pixels, 3), (52, 58, 70), dtype=np.uint8)
     for index in np.argsort(near):
         column, row = place[index].astype(int)
         image[row : row + 5, column : column + 5] = cloud.rgb[index]
