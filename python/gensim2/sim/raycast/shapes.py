@@ -23,7 +23,7 @@ WHITE = (255, 255, 255)
 
 NEARLY = 0.01
 """By which the entries of a node's transform differ from those of the identity, at most, where SAPIEN's reader of mesh
-files (assimp) takes it for the identity: what is seen is what SAPIEN shows. The Panda's fourth link is 3 mm off by it."""
+files (assimp) takes it for the identity: what is seen is what SAPIEN shows. The Panda's link 4 is 3 mm off by it."""
 
 
 @dataclass(frozen=True, eq=False)
