@@ -4,8 +4,8 @@
     taskset -c 1 python benchmarks/raycast.py DIR [DIR...] [--compared 3] [--timed 40] [--photographed 10]
 
 Needs a Vulkan driver for SAPIEN's pictures. Of each episode that held, `--compared` instants are compared and `--timed`
-are observed against the clock. CPU time is of the whole process, the renderer's threads with it. A pixel agrees where both
-see the same link; depth is compared where they agree, SAPIEN's in whole millimetres.
+are observed against the clock. CPU time is of the whole process, the renderer's threads with it. A pixel agrees where
+both see the same link; depth is compared where they agree, SAPIEN's in whole millimetres.
 """
 
 from __future__ import annotations

@@ -91,6 +91,14 @@ def test_nothing_knows_data_sets_but_the_command_line() -> None:
                 assert not lies_in(name, "gensim2.data"), f"{path}: {name}"
 
 
+def test_observations_know_of_nothing_but_pictures() -> None:
+    """A real robot's cameras feed the same code, where no simulator is installed."""
+    for path in sources("gensim2.observations"):
+        for name in imports(path.read_text()):
+            known = ("gensim2.observations", "gensim2.errors")
+            assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
+
+
 def test_pages_know_of_no_room() -> None:
     for path in sources("gensim2.pages"):
         for name in imports(path.read_text()):

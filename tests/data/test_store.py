@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import fake_world
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from gensim2.data import TaskStore
+from gensim2.episodes import episode_file
 from gensim2.episodes.episode_file import DamagedEpisodeError, read_episode, read_row, write_episode
 from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
@@ -80,7 +82,7 @@ def test_every_changed_byte_and_every_cut_is_seen(tmp_path: Path) -> None:
 
 
 def test_another_version_is_named_and_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gensim2.episodes.episode_file.SCHEMA_VERSION", 2)
+    monkeypatch.setattr(episode_file, "_SEAL", replace(episode_file._SEAL, version=2))
     write_episode(tmp_path / "a.h5", *made())
     monkeypatch.undo()
     with pytest.raises(InputError, match=r"a\.h5: schema_version: is version 2, this gensim2 reads 1") as raised:

@@ -200,8 +200,8 @@ def test_pictures_are_those_of_the_renderer() -> None:
 
     lane = Lane("StashCupInBox", assets="builtin")
     lane.reset(seed=6)
-    for _ in range(4):
-        lane.step(HOLD)
+    for _ in range(6):
+        lane.step(HOLD + np.float32(0.4))
     recorded = states(lane)
     pictures = StatePictures(lane.task, "builtin", "panda", "ours", ("depth", "segmentation"))
     instances = {name: model.id for name, model in models(lane).items()}
@@ -213,7 +213,7 @@ def test_pictures_are_those_of_the_renderer() -> None:
     for view in observer.views(observer.poses(recorded)[0], 0):
         theirs = images[view.camera.name]
         same = theirs["segmentation"] == view.segmentation
-        assert same.mean() > 0.998
+        assert same.mean() > 0.999
         assert len(np.unique(theirs["segmentation"])) > 8
         apart = np.abs(theirs["depth"] / 1000 - view.depth)[same & (theirs["segmentation"] > 0)]
-        assert (apart < 0.002).mean() > 0.99
+        assert (apart < 0.002).mean() > 0.999

@@ -21,6 +21,10 @@ Color = npt.NDArray[np.uint8]
 
 WHITE = (255, 255, 255)
 
+NEARLY = 0.01
+"""By which the entries of a node's transform differ from those of the identity, at most, where SAPIEN's reader of mesh
+files (assimp) takes it for the identity: what is seen is what SAPIEN shows. The Panda's link 4 is 3 mm off by it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Texture:
@@ -145,7 +149,8 @@ def read_mesh(file: Path) -> Surface | None:
         T, name = scene.graph[node]
         mesh = scene.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-            surfaces.append(_dressed(mesh).moved(np.asarray(T, dtype=np.float64)))
+            dressed = _dressed(mesh)
+            surfaces.append(dressed if np.abs(T - np.eye(4)).max() <= NEARLY else dressed.moved(np.asarray(T)))
     return Surface.joined(surfaces)
 
 
