@@ -14,6 +14,7 @@ import os
 import pickle
 import re
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -51,7 +52,8 @@ def check_address(address: str) -> None:
 class _Environment:
     """Body of an actor: imports, gets ready, runs jobs."""
 
-    def __init__(self, modules: Sequence[str], prepare: bytes) -> None:
+    def __init__(self, path: Sequence[str], modules: Sequence[str], prepare: bytes) -> None:
+        sys.path.extend(folder for folder in path if folder not in sys.path)  # jobs are functions by name
         for name in modules:
             with contextlib.suppress(ImportError):  # the jobs will complain about it
                 importlib.import_module(name)
@@ -117,7 +119,7 @@ class RayPool:
 
         self._ray, self._workers = ray, workers
         self._time_limit, self._jobs_per_worker, self._on_failure = time_limit, jobs_per_worker, on_failure
-        self._arguments = (tuple(preload), pickle.dumps(prepare))
+        self._arguments = (tuple(sys.path), tuple(preload), pickle.dumps(prepare))
         self._places: list[_Place] = []
         self._ran = False
         self._looked, self._target, self._failed_starts, self._alive = 0.0, 0, 0, time.monotonic()
