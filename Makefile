@@ -16,7 +16,7 @@ setup: ## make .venv/ ready: packages, extension, command line, Vulkan driver
 
 demo: setup ## design a task from nothing, take a long one from the library, verify both in physics, record both
 	@.venv/bin/gensim2 run-pipeline --assets builtin --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
-		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --out $(DEMO_OUT) --resume
+		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --library none --out $(DEMO_OUT) --resume
 
 test: setup ## everything that must hold: format, lint, types, Rust and Python tests
 	@scripts/check.sh

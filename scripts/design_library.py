@@ -20,12 +20,12 @@ from gensim2.files import write_atomic, write_json
 from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Attempt
-from gensim2.pipeline.runfolder import dump_yaml
 from gensim2.pipeline.search import Budget, Search
 from gensim2.pipeline.worker import Screened
 from gensim2.progress import ConsoleProgress
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
+from gensim2.yaml_files import dump_yaml
 
 LIBRARY = Path(__file__).parents[1] / "python/gensim2/tasks/library"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -86,6 +87,17 @@ def test_pages_know_of_no_room() -> None:
     for path in sources("gensim2.pages"):
         for name in imports(path.read_text()):
             assert not lies_in(name, "gensim2"), f"{path}: {name}"
+
+
+def test_the_sandbox_knows_tasks_and_what_runs_inside_it_knows_python_only() -> None:
+    known = ("gensim2.designers.sandbox", "gensim2.tasks", "gensim2.errors")
+    inside = {path.stem for path in (PYTHON / "gensim2/designers/sandbox/inside").glob("*.py")}
+    for path in sources("gensim2.designers.sandbox"):
+        for name in imports(path.read_text()):
+            assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
+            if path.parent.name == "inside":
+                top = name.partition(".")[0]
+                assert top in inside or top in sys.stdlib_module_names, f"{path}: {name}"
 
 
 def test_rooms_of_objects_depend_in_one_direction() -> None:

@@ -62,12 +62,20 @@ class Diagnosis:
         }
 
 
-def doctor(assets: str | Path | None = None) -> Diagnosis:
+def doctor(
+    assets: str | Path | None = None, model: str | None = None, base_url: str | None = None, config: Path | None = None
+) -> Diagnosis:
     """Look at everything gensim2 stands on.
 
     Args:
         assets: the library to look at: a folder, ``"builtin"``, or ``None`` for ``GENSIM2_ASSETS``, else the
             built-in one.
+        model: a language model, which is asked for one word; None: which models there are.
+        base_url: of its endpoint; None: ``OPENAI_BASE_URL``, else OpenAI's where there is a key.
+        config: YAML file with fields of :class:`~gensim2.designers.llm.ModelOptions`.
+
+    Raises:
+        InputError: ``config`` or ``base_url`` cannot be used.
     """
     checks: tuple[Callable[[], Check], ...] = (
         _python,
@@ -76,6 +84,8 @@ def doctor(assets: str | Path | None = None) -> Diagnosis:
         _simulation,
         vulkan,
         _video,
+        sandbox,
+        lambda: language_model(model, base_url, config),
         lambda: _assets(assets),
         _cache,
         _cores,
@@ -101,6 +111,50 @@ def vulkan() -> Check:
         return Check(name, "ok", "software (Mesa)" if device == "cpu" else device)
     lines = probe.stderr.strip().splitlines()
     return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
+
+
+def sandbox() -> Check:
+    """Whether generated task code can be run here, which is tried out, and behind how many walls."""
+    from gensim2.designers.sandbox import NoSandboxError
+    from gensim2.designers.sandbox import sandbox as tried
+
+    try:
+        found = tried()
+    except NoSandboxError as error:
+        return Check(
+            "Sandbox", "limited", "none: generated task code is refused", f"{error.why}; all else works without"
+        )
+    remedy = f"a second wall: {found.without}" if found.without else ""
+    return Check("Sandbox", "ok", found.in_words, remedy)
+
+
+def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
+    """Whether a language model answers; nobody is asked where no endpoint is named."""
+    name, without = "Language model", "the offline designer works without"
+    absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
+    if absent:
+        return Check(name, "limited", f"not installed: {', '.join(absent)}", f"pip install 'gensim2[llm]'; {without}")
+    from gensim2.designers.llm.client import Client
+    from gensim2.designers.llm.options import model_options
+    from gensim2.designers.llm.questions import Message, Question
+
+    given = {"model": model or (None if config else "any"), "base_url": base_url, "retries": 0, "timeout": 20.0}
+    options = model_options(config, **given)
+    if not (options.key or options.base_url or os.environ.get("OPENAI_BASE_URL")):
+        remedy = f"set {options.key_variable} or OPENAI_BASE_URL, or give --base-url; {without}"
+        return Check(name, "limited", "not asked: no endpoint is named", remedy)
+    try:
+        client = Client(options)
+        if options.model == "any":
+            found = client.models()
+            listed = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+            return Check(name, "ok", f"{client.endpoint} offers {listed or 'no model'}")
+        asked = Question("doctor", "", (Message("user", "Answer with the one word: yes"),), {"type": "object"})
+        answer = client.ask(asked)
+    except GenSim2Error as error:
+        return Check(name, "limited", str(error), without)
+    said = answer.problem or f"{options.model} at {client.endpoint} answers"
+    return Check(name, "limited" if answer.problem else "ok", said)
 
 
 def _python() -> Check:

@@ -102,3 +102,10 @@ class NotRunError(GenSim2Error):
     def __reduce__(self) -> tuple[type[NotRunError], tuple[str, dict[int, str], Path | None]]:
         """Survive the way from a worker process."""
         return type(self), (self.what, self.reasons, self.log)
+
+
+class ModelError(GenSim2Error):
+    """A language model gives no answer: its endpoint is away, refuses, or asks to be left alone after all tries.
+
+    What was finished is kept, and a run can be resumed.
+    """

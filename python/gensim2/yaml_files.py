@@ -1,4 +1,4 @@
-"""The one reader of our YAML: plain data as JSON has it, of bounded size, depth and repetition.
+"""The one reader and writer of our YAML: plain data as JSON has it, of bounded size, depth and repetition.
 
 Files come from strangers and from language models, so nothing in them may cost much or mean more than it shows:
 mappings with text for keys, lists, text, numbers, true, false and null. Dates, merges, tags of other types and an
@@ -47,6 +47,11 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=path) from error
     return parse_yaml(data, str(path))
+
+
+def dump_yaml(value: dict[str, Any]) -> str:
+    """YAML in the order given, lists of numbers on one line."""
+    return str(yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True))
 
 
 def parse_yaml(data: bytes, file: str) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.doctor import doctor, vulkan
+from gensim2.doctor import doctor, language_model, vulkan
 
 
 def test_all_that_is_promised_is_looked_at() -> None:
@@ -18,6 +18,8 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "Simulation",
         "Vulkan driver",
         "ffmpeg",
+        "Sandbox",
+        "Language model",
         "Assets",
         "Cache",
         "Cores",
@@ -39,3 +41,20 @@ def test_missing_assets_are_named(tmp_path: Path) -> None:
     (assets,) = (check for check in diagnosis.checks if check.name == "Assets")
     assert assets.status == "missing"
     assert "nowhere" in assets.value
+
+
+def test_a_language_model_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openai")
+    from llm_server import KEY, ModelServer
+
+    for variable in ("OPENAI_API_KEY", "OPENAI_BASE_URL"):
+        monkeypatch.delenv(variable, raising=False)
+    assert language_model().value == "not asked: no endpoint is named"
+    with ModelServer(lambda asked: "yes", key=None) as server:
+        assert language_model(base_url=server.url).value == f"{server.url}/ offers test-model"
+        assert language_model("test-model", server.url).status == "ok"
+        assert [asked.prompt for asked in server.asked] == ["Answer with the one word: yes"]
+        server.key = KEY
+        refused = language_model("test-model", server.url)
+    assert (refused.status, "$OPENAI_API_KEY: is not set" in refused.value) == ("limited", True)
+    assert "cannot be reached" in language_model("test-model", server.url).value

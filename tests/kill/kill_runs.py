@@ -174,7 +174,11 @@ def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:
             stdout=stream,
             stderr=stream,
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])},
+            env={
+                **os.environ,
+                "GENSIM2_LIBRARY": "none",
+                "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
+            },
         )
 
 

@@ -24,6 +24,7 @@ from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import Design, RunRecord, Verification
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.tasks.library import load_strategies, load_task
+from gensim2.yaml_files import dump_yaml
 
 Record = Callable[..., Any]
 ATTEMPTS = Path("tasks/OpenDrawer/attempts.jsonl")
@@ -88,7 +89,7 @@ def _task_folder(folder: Path, **changes: Any) -> str:
     for data in strategies.values():
         data.update({key: value for key, value in changes.items() if key not in spec})
     files.write_strategies(strategies)
-    (folder / "task.yaml").write_text(runfolder.dump_yaml(spec))
+    (folder / "task.yaml").write_text(dump_yaml(spec))
     return str(folder)
 
 

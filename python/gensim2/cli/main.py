@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import click
 
 from gensim2.cli.signals import Stopped, exit_code, stopping_signals
-from gensim2.errors import GenSim2Error, InputError, MissingExtraError, NotRunError, one_line
+from gensim2.errors import GenSim2Error, InputError, MissingExtraError, ModelError, NotRunError, one_line
 
 #: Exit codes; 0 is "ran to the end", 128 + n "stopped by signal n".
 FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
@@ -21,6 +21,7 @@ FOUND_WRONG, BAD_INPUT, NOT_RUN = 1, 2, 3
 #: Modules that come with an extra; a light installation has none of them.
 EXTRAS = {
     **dict.fromkeys(("imageio", "mani_skill", "PIL", "sapien", "torch"), "sim"),
+    **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
 }
 
@@ -98,6 +99,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"gensim2: {MissingExtraError(module, EXTRAS[module])}", BAD_INPUT)
     except NotRunError as error:
         return _fail(f"gensim2: {error}", NOT_RUN)
+    except ModelError as error:
+        return _fail(f"gensim2: {error} (what was finished is kept; --resume goes on)", NOT_RUN)
     except GenSim2Error as error:
         return _fail(f"gensim2: {error}", FOUND_WRONG)
     except (KeyboardInterrupt, click.Abort, Stopped) as error:

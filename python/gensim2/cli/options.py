@@ -139,11 +139,11 @@ origin = click.option(
 )
 library = click.option(
     "--library",
-    metavar="DIR",
+    metavar="DIR|FILE.zip|none",
     default=None,
     expose_value=False,
     callback=_use_library,
-    help="Folder of your own tasks beside those of the package.  [default: $GENSIM2_LIBRARY, else among your data]",
+    help="Your own tasks beside those of the package.  [default: $GENSIM2_LIBRARY, else a folder among your data]",
 )
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from gensim2.cli import options
+from gensim2.cli.designers import NAMES, designer_of_command, designer_options
 from gensim2.cli.output import line, report, table
+from gensim2.cli.tasks_memory import show_remembered
 
 if TYPE_CHECKING:
     from gensim2.pipeline.setting import Physics
@@ -17,14 +20,26 @@ if TYPE_CHECKING:
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
 @click.option("--num-tasks", type=options.count(1000), default=2, show_default=True, help="Tasks to design.")
+@click.option("--single", type=click.IntRange(0, 1000), help="Tasks of one step, in place of --num-tasks.")
+@click.option("--long", type=click.IntRange(0, 1000), help="Tasks of several steps, in place of --num-tasks.")
+@click.option(
+    "--verify", type=options.count(), default=20, show_default=True, help="Fresh episodes that decide of each task."
+)
+@click.option("--from-empty", is_flag=True, help="The designer knows of no task that is stored.")
 @click.option(
     "--episodes",
-    type=options.count(),
+    type=click.IntRange(0, 1_000_000),
     default=5,
     show_default=True,
-    help="Demonstrations to keep of each task.",
+    help="Demonstrations to keep of each task; 0: none.",
 )
-@click.option("--target-task", metavar="NAME", help="Design this task of the library anew, hidden from the designer.")
+@click.option(
+    "--target-task",
+    metavar="NAME",
+    help="Design this task of the library anew, hidden from the designer. A model also takes a name of yours, and says "
+    "what such a task is.",
+)
+@click.option("--target-object", metavar="CLASS", help="Tasks are to be about this class of objects.")
 @click.option(
     "--stored-task",
     "stored_tasks",
@@ -32,15 +47,20 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="Also verify and demonstrate this task of the library as it is stored; may be given several times.",
 )
-@click.option("--designer", default="offline", show_default=True, help="Who proposes tasks and configs.")
+@click.option(
+    "--designer",
+    metavar="offline|MODEL",
+    help="Who proposes tasks and writes configs: the search, or a language model by its name.  [default: offline]",
+)
+@designer_options
 @options.seed
-@options.library
 @options.assets
 @options.instances
 @options.physics
 @options.randomization
 @options.robot
 @options.open_loop
+@options.library
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.workers
 @options.time_limit
@@ -49,58 +69,43 @@ if TYPE_CHECKING:
 @options.video
 @options.json_file
 def run_pipeline(
-    num_tasks: int,
-    episodes: int,
     target_task: str | None,
-    stored_tasks: tuple[str, ...],
-    designer: str,
-    seed: int,
+    target_object: str | None,
+    designer: str | None,
     assets: str | None,
-    instances: str,
     physics: Physics,
     randomization: PresetName,
     robot: str,
-    open_loop: bool,
-    out: Path | None,
-    workers: int,
-    time_limit: float,
-    jobs_per_worker: int,
-    resume: bool,
-    video: bool,
     json_file: str | None,
+    **given: Any,
 ) -> None:
     """Propose new tasks, find strategies that solve them, verify them in physics and record demonstrations.
 
     Leaves the tasks, their strategies, how they fared, the demonstrations, a video each and report.html in the
-    run folder. A task is kept if 70 % of at least 20 fresh episodes hold that do not with a still arm, on objects that
-    the search never saw.
+    run folder. A task is kept if enough of its fresh episodes hold that do not with a still arm, on objects that the
+    search never saw; it goes into your own library. With a language model the folder also holds every question, its
+    answer and what it cost (docs/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):
+        from gensim2.objects import open_library
         from gensim2.pipeline import run_pipeline as function
+        from gensim2.pipeline.remembering import remember
+        from gensim2.pipeline.setting import Circumstances
 
-        give(
-            function(
-                num_tasks=num_tasks,
-                episodes=episodes,
-                seed=seed,
-                assets=assets,
-                out=out,
-                workers=workers,
-                time_limit=time_limit,
-                jobs_per_worker=jobs_per_worker,
-                target_task=target_task,
-                stored_tasks=stored_tasks,
-                physics=physics,
-                randomization=randomization,
-                instances=instances,
-                robot=robot,
-                open_loop=open_loop,
-                resume=resume,
-                designer=designer,
-                video=video,
-                progress=progress,
-            ).to_dict()
-        )
+        asked = {name: given.pop(name) for name in NAMES}
+        circumstances = Circumstances(open_library(assets).location, physics, robot, randomization=randomization)
+        by, target = designer_of_command(designer, target_task, target_object, circumstances, asked)
+        result = function(
+            designer=by,
+            target_task=target,
+            assets=assets,
+            physics=physics,
+            randomization=randomization,
+            robot=robot,
+            progress=progress,
+            **given,
+        ).to_dict()
+        give({**result, "remembered": asdict(remember(Path(result["run_dir"])))})
 
 
 def _show(result: dict[str, Any]) -> None:
@@ -121,4 +126,5 @@ def _show(result: dict[str, Any]) -> None:
         line(f"rejected {rejected['name']}: {rejected['reason']}")
     for note in result["notes"]:
         line(f"note: {note}")
+    show_remembered(result["remembered"])
     line(f"report: {Path(result['run_dir']) / 'report.html'}")

@@ -9,6 +9,7 @@ import click
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_gallery import gallery
+from gensim2.cli.tasks_memory import add, export, remove
 
 
 @click.group("tasks")
@@ -16,7 +17,8 @@ def tasks() -> None:
     """The task library."""
 
 
-tasks.add_command(gallery)
+for command in (gallery, add, remove, export):
+    tasks.add_command(command)
 
 
 @tasks.command("list", cls=options.Command)
@@ -81,8 +83,9 @@ def _show_list(result: dict[str, Any]) -> None:
 
 def _show_task(task: dict[str, Any]) -> None:
     line(f"{task['name']}: {task['description']}")
-    origin = "" if task["origin"] is None else f", origin: {task['origin']}"
-    line(f"{task['type']}, {task['env_id']}, at most {task['max_episode_steps']} control steps{origin}")
+    environment = "" if task["env_id"] is None else f"{task['env_id']}, "
+    line(f"{task['type']}, {environment}at most {task['max_episode_steps']} control steps")
+    _show_provenance(task)
     line(f"goal: {task['goal']}\n")
     rows = [(thing["name"], thing["class"], thing["place"], thing["randomization"]) for thing in task["objects"]]
     table(("object", "class", "stands", "randomization"), rows)
@@ -90,6 +93,16 @@ def _show_task(task: dict[str, Any]) -> None:
     table(("", "step", "acts on", "with", "strategies, in order", "until"), _steps(task["steps"]))
     line("")
     _show_figures(task["figures"])
+
+
+def _show_provenance(task: dict[str, Any]) -> None:
+    if task["origin"] is not None:
+        line(f"proposed by {task['origin']}" + (f", prompts {task['prompts'][:12]}" if task["prompts"] else ""))
+    if (found := task["verification"]) is not None:
+        low, high = found["interval"]
+        objects = ", ".join(f"{count} {name}" for name, count in found["objects"].items())
+        held = f"{found['held']} of {found['episodes']} fresh episodes held ({low:.2f} to {high:.2f})"
+        line(f"verified: {held}, seed {found['seed']}, {found['instances']} objects: {objects}")
 
 
 def _steps(steps: list[dict[str, Any]]) -> list[tuple[object, ...]]:

@@ -27,8 +27,8 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         "name": task.name,
         "type": "single-step" if task.is_single_step else "long-horizon",
         "description": task.description,
-        "origin": None if task.provenance is None else task.provenance.origin,
-        "env_id": task.env_id,
+        **_provenance(task),
+        "env_id": task.env_id if task.name in packaged_names() else None,
         "max_episode_steps": task.max_episode_steps,
         "objects": [
             {
@@ -43,6 +43,11 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         "goal": criteria_in_words(task.success),
         "figures": _figures(task.name, measured=_is_stored(task, strategies)),
     }
+
+
+def _provenance(task: TaskSpec) -> dict[str, Any]:
+    told = None if task.provenance is None else task.provenance.model_dump(mode="json")
+    return {name: None if told is None else told[name] for name in ("origin", "prompts", "verification")}
 
 
 def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:

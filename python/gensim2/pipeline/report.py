@@ -14,6 +14,7 @@ from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.pages import template
 from gensim2.pipeline.attempts import ATTEMPTS, read_log
+from gensim2.pipeline.model_report import ModelReport
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import (
     DesignRecord,
@@ -42,8 +43,9 @@ def write_report(run_dir: Path) -> Path:
     """
     run = read_record(run_dir / RUN_JSON, RunRecord, "restore the file")
     summary = read_record(run_dir / RUN_JSON, RunSummary, "restore the file")
-    tasks = [_task(folder) for folder in _folders(run_dir / "tasks")]
-    rejected = [_task(folder) for folder in _folders(run_dir / "rejected")]
+    model = ModelReport(run_dir)
+    tasks = [_task(folder, model) for folder in _folders(run_dir / "tasks")]
+    rejected = [_task(folder, model) for folder in _folders(run_dir / "rejected")]
     result = summary.result or ResultSummary()
     reasons = {entry.name: entry.reason for entry in result.rejected}
     for task in rejected:
@@ -59,6 +61,7 @@ def write_report(run_dir: Path) -> Path:
         licenses=_licenses(run.licenses),
         demos=sum(task["demos"] for task in tasks),
         shown=SHOWN_CANDIDATES,
+        model=model.of_run(),
     )
     path = run_dir / "report.html"
     write_atomic(path, page)
@@ -82,7 +85,7 @@ def _folders(parent: Path) -> list[Path]:
     return sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
 
 
-def _task(folder: Path) -> dict[str, Any]:
+def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
     source = folder / "task.yaml"
     spec = load_task_file(source) if source.exists() else None
     files = TaskFolder(folder)
@@ -100,6 +103,7 @@ def _task(folder: Path) -> dict[str, Any]:
         "verification": _verification(verification, spec),
         "collection": _figures(logged, spec) if logged else None,
         "design": _design(files.design()),
+        "model": model.of_task(spec.name if spec is not None else folder.name),
         "video": _beside(folder, "*.mp4"),
         "still": _beside(folder, "*.png"),
         "demos": len(recording.episodes) if recording is not None else 0,

@@ -19,8 +19,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gensim2.designers.base import Strategies
 from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
@@ -37,6 +35,7 @@ from gensim2.pipeline.records import (
     VerificationRecord,
 )
 from gensim2.tasks.spec import TaskSpec
+from gensim2.yaml_files import dump_yaml
 
 #: Distributions whose versions decide what an episode looks like.
 VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch")
@@ -296,11 +295,6 @@ class TaskFolder:
         path = self.path / name
         if not path.is_file() or path.read_bytes() != text.encode():
             write_atomic(path, text)
-
-
-def dump_yaml(value: dict[str, Any]) -> str:
-    """Return YAML in the order given, lists of numbers on one line."""
-    return yaml.dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
 
 
 def _now() -> str:

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import difflib
 import os
+import zipfile
+import zlib
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
@@ -24,7 +26,7 @@ from gensim2.errors import InputError
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import parse_yaml, read_yaml
+from gensim2.yaml_files import MOST_BYTES, parse_yaml, read_yaml
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
@@ -36,12 +38,31 @@ Strategy = dict[str, Any]
 PAPER = "paper"
 """Origin of the suite: what the paper's tables list."""
 
-LIBRARY_VARIABLE = "GENSIM2_LIBRARY"
+LIBRARY_VARIABLE, NO_LIBRARY = "GENSIM2_LIBRARY", "none"
 
 
-def user_library() -> Path:
-    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist."""
-    return Path(os.environ.get(LIBRARY_VARIABLE) or user_data_path("gensim2") / "tasks")
+def user_library() -> Path | None:
+    """The user's own shelf: ``$GENSIM2_LIBRARY``, else a folder among the user's data; it need not exist.
+
+    None where the variable says ``none``: nothing is read there and nothing kept.
+    """
+    given = os.environ.get(LIBRARY_VARIABLE)
+    return None if given == NO_LIBRARY else Path(given or user_data_path("gensim2") / "tasks")
+
+
+def _user_shelf() -> Traversable | None:
+    """The user's own shelf, if any; an archive that ``gensim2 tasks export`` wrote is one that can be read.
+
+    Raises:
+        InputError: it is no archive.
+    """
+    path = user_library()
+    if path is None or path.suffix != ".zip" or not path.is_file():
+        return path
+    try:
+        return zipfile.Path(path)
+    except (OSError, zipfile.BadZipFile) as error:
+        raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
 
 
 def _suite() -> Traversable:
@@ -62,7 +83,7 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
         InputError: there are none of that origin; names those that there are. Or a task cannot be read.
     """
     if origin is None:
-        return tuple(sorted({*packaged_names(), *_names_on(user_library())}))
+        return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))
     if origin == PAPER:
         return _names_on_shelf(_suite)
     found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
@@ -93,8 +114,9 @@ def task_folder(name: str) -> Traversable:
     for shelf in (_suite, _designed):
         if name in _names_on_shelf(shelf):
             return shelf() / name
-    if name in _names_on(user_library()):
-        return user_library() / name
+    own = _user_shelf()
+    if own is not None and name in names_in(own):
+        return own / name
     by_lower = {known.lower(): known for known in task_names()}
     near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
     remedy = f"did you mean {', '.join(near)}?" if near else "gensim2 tasks list names all"
@@ -117,8 +139,7 @@ def _packaged_task(name: str) -> TaskSpec:
 
 def _read_task(folder: Traversable, name: str) -> TaskSpec:
     source = folder / TASK_FILE
-    data = read_yaml(source) if isinstance(source, Path) else parse_yaml(source.read_bytes(), str(source))
-    task = parse_task(data, str(source))
+    task = parse_task(_read(source), str(source))
     if task.name != name:
         raise InputError(f"is {task.name!r} in the folder {name!r}", file=str(source), field="name")
     return task
@@ -127,11 +148,12 @@ def _read_task(folder: Traversable, name: str) -> TaskSpec:
 @cache
 def _names_on_shelf(shelf: Callable[[], Traversable]) -> tuple[str, ...]:
     """Of a shelf of the package: it does not change."""
-    return _names_on(shelf())
+    return names_in(shelf())
 
 
-def _names_on(shelf: Traversable) -> tuple[str, ...]:
-    entries = shelf.iterdir() if shelf.is_dir() else ()
+def names_in(shelf: Traversable | None) -> tuple[str, ...]:
+    """Names of the tasks that lie in a folder, sorted."""
+    entries = shelf.iterdir() if shelf is not None and shelf.is_dir() else ()
     return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 
@@ -205,8 +227,8 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
         places = _places(folder, name)
         file = next((file for file in places if file.is_file()), None)
         if file is None:
-            shared = (name for shelf in _shared() for name in _names_in(shelf))
-            there = sorted({*_names_in(folder / STRATEGIES), *shared})
+            shared = (name for shelf in _shared() for name in _files_in(shelf))
+            there = sorted({*_files_in(folder / STRATEGIES), *shared})
             near = difflib.get_close_matches(name, there, n=1)
             remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
             raise InputError(f"a step names a strategy {name!r} without a file", file=str(places[0]), remedy=remedy)
@@ -224,10 +246,17 @@ def _shared() -> tuple[Traversable, ...]:
     return _suite() / STRATEGIES, _designed() / STRATEGIES
 
 
-def _read(file: Traversable) -> Strategy:
-    return load_strategy_file(file) if isinstance(file, Path) else parse_yaml(file.read_bytes(), str(file))
+def _read(file: Traversable) -> dict[str, Any]:
+    """The fields of a file of the package, of a folder or of an archive."""
+    if isinstance(file, Path):
+        return read_yaml(file)
+    try:
+        with file.open("rb") as stream:
+            return parse_yaml(stream.read(MOST_BYTES + 1), str(file))
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"cannot be read: {error}", file=str(file)) from error
 
 
-def _names_in(folder: Traversable) -> list[str]:
+def _files_in(folder: Traversable) -> list[str]:
     entries = folder.iterdir() if folder.is_dir() else ()
     return sorted(entry.name.removesuffix(".yaml") for entry in entries if entry.name.endswith(".yaml"))

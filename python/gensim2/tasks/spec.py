@@ -126,12 +126,44 @@ class Made(_Value):
     """How a strategy came about.
 
     Attributes:
-        by: ``"search"``: a designer found it; ``"hand"``: a person wrote it.
+        by: ``"search"``: a designer found it; ``"model"``: a language model wrote it; ``"hand"``: a person did.
         seen: instances that it was tried on meanwhile, as in ``--instances``; figures on others are on unseen objects.
     """
 
-    by: Literal["search", "hand"]
+    by: Literal["search", "model", "hand"]
     seen: Literal["train", "all"]
+
+
+class Verified(_Value):
+    """What fresh episodes said of a task and its strategies, on scenes that no design saw.
+
+    Attributes:
+        episodes: how many there were.
+        held: in how many the goal held at the end, at rest, and not with a still arm.
+        interval: of the share that held, 95 %.
+        seed: of the run; the scenes are those of ``gensim2.seeding.scene_seeds(seed, name, "verify", episodes)``.
+        instances: what the objects were drawn from: ``"new"`` and ``"test"`` are such that no search saw.
+        objects: number of different ones by class.
+    """
+
+    episodes: Annotated[int, Field(ge=1)]
+    held: Annotated[int, Field(ge=0)]
+    interval: tuple[Share, Share]
+    seed: Annotated[int, Field(ge=0)]
+    instances: Literal["new", "test", "all"]
+    objects: dict[str, Annotated[int, Field(ge=1)]]
+
+    @model_validator(mode="after")
+    def _figures_go_together(self) -> Self:
+        low, high = self.interval
+        if self.held > self.episodes or not low - 1e-6 <= self.share <= high + 1e-6:
+            raise ValueError("held, episodes and interval do not go together")
+        return self
+
+    @property
+    def share(self) -> float:
+        """Of the episodes that held."""
+        return self.held / self.episodes
 
 
 class Provenance(_Value):
@@ -140,10 +172,14 @@ class Provenance(_Value):
     Attributes:
         origin: who proposed it: ``"paper"`` for what the paper's tables list, else the designer's name.
         strategies: how each strategy came about, by name.
+        prompts: SHA-256 of the prompts that a language model was given, in hexadecimal.
+        verification: what fresh episodes said of it.
     """
 
     origin: Annotated[str, Field(min_length=1, max_length=100)]
     strategies: dict[Name, Made] = {}
+    prompts: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    verification: Verified | None = None
 
 
 class TaskSpec(_Value):

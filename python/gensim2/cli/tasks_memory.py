@@ -1,0 +1,88 @@
+"""``gensim2 tasks add``, ``remove`` and ``export``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report
+
+
+@click.command("add", cls=options.Command, short_help="Add what a run kept to your own library.")
+@click.argument("run", type=click.Path(path_type=Path))
+@options.library
+@options.json_file
+def add(run: Path, json_file: str | None) -> None:
+    """Add the tasks that RUN, the folder of a run-pipeline, designed and kept to your own library.
+
+    A task that the library has already, by its name or in other words, is named and left out.
+    """
+    with report(json_file, show_remembered) as (_, give):
+        from gensim2.pipeline.remembering import remember
+
+        give({"schema_version": 1, **asdict(remember(run))})
+
+
+@click.command("remove", cls=options.Command, short_help="Remove a task from your own library.")
+@click.argument("names", nargs=-1, required=True)
+@options.library
+@options.json_file
+def remove(names: tuple[str, ...], json_file: str | None) -> None:
+    """Remove tasks by NAMES from your own library; those of the package stay."""
+    with report(json_file, _show_removed) as (_, give):
+        from gensim2.tasks.memory import Memory
+
+        memory = Memory()
+        for name in dict.fromkeys(names):
+            memory.remove(name)
+        give({"schema_version": 1, "library": str(memory.folder), "removed": list(dict.fromkeys(names))})
+
+
+@click.command("export", cls=options.Command, short_help="Write tasks with their strategies to a folder or a .zip.")
+@click.argument("names", nargs=-1)
+@click.option("--origin", metavar="NAME", default=None, help="All that NAME proposed, where no task is named.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="DIR|FILE.zip",
+    help="What is made: a folder, or an archive.",
+)
+@options.library
+@options.json_file
+def export(names: tuple[str, ...], origin: str | None, out: Path, json_file: str | None) -> None:
+    """Write the tasks NAMES (or all of --origin) with all strategies that they use to a folder or an archive.
+
+    Either can be given to every command as --library; OUT/<Task> of a folder also as a task.
+    """
+    with report(json_file, _show_exported) as (_, give):
+        from gensim2.errors import InputError
+        from gensim2.tasks import memory
+        from gensim2.tasks.library import task_names
+
+        if bool(names) == (origin is not None):
+            raise InputError("name tasks, or an --origin whose tasks are meant", field="names")
+        wanted = list(dict.fromkeys(names)) or list(task_names(origin))
+        memory.export(wanted, out)
+        give({"schema_version": 1, "out": str(out), "exported": wanted})
+
+
+def show_remembered(result: dict[str, Any]) -> None:
+    """Say what was added and what was not."""
+    for name, why in result["left_out"].items():
+        line(f"left out {name}: {why}")
+    if result["added"]:
+        line(f"in your library {result['library']}: {', '.join(result['added'])}")
+
+
+def _show_removed(result: dict[str, Any]) -> None:
+    line(f"removed {', '.join(result['removed'])} from {result['library']}")
+
+
+def _show_exported(result: dict[str, Any]) -> None:
+    count = len(result["exported"])
+    line(f"{count} task{'' if count == 1 else 's'} in {result['out']}")

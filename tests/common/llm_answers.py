@@ -1,0 +1,157 @@
+"""What a good model would say, for tests: configs out of the library, in the formats that the prompts ask for."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+from llm_server import Asked
+
+from gensim2.tasks.library import load_strategies
+
+#: By the class that a step works on and what it brings about: a task of the library and its strategy that does it.
+WAYS = {
+    ("box_rotate", "open"): ("DropAppleIntoBox", "open_box"),
+    ("box_rotate", "close"): ("CloseBox", "close_box"),
+    ("drawer", "open"): ("OpenDrawer", "open_drawer_from_inside"),
+    ("drawer", "close"): ("PlaceGolfBallIntoDrawer", "close_drawer_from_the_front"),
+    ("drawer", "place"): ("PlaceGolfBallIntoDrawer", "place_in_drawer"),
+}
+
+MOTION_FIELDS = ("pre_actuation_motions", "post_actuation_motions", "gripper", "let_go", "contact_speed")
+
+BOX = {
+    "task-name": "fling-box-open",
+    "task-description": "Fling the box open.",
+    "assets-used": ["box_rotate"],
+    "success-criteria": ["articulated_open"],
+}
+DRAWER = {
+    "task-name": "shove-drawer-shut",
+    "task-description": "shove the drawer shut",
+    "assets-used": ["drawer"],
+    "success-criteria": ["articulated_closed"],
+}
+LONG = {
+    "task-name": "stow-golf-ball",
+    "task-description": "open the drawer, lay the golf ball into it and close it",
+    "assets-used": ["drawer", "golf_ball"],
+    "success-criteria": ["distance_articulated_rigidbody", "articulated_closed"],
+}
+SUBTASKS = [
+    {
+        "task-name": "open-drawer",
+        "task-description": "pull the drawer open",
+        "assets-used": ["drawer"],
+        "success-criteria": ["articulated_open"],
+    },
+    {"task-name": "grasp"},
+    {
+        "task-name": "move-ball",
+        "task-description": "move the ball into the drawer",
+        "assets-used": ["drawer"],
+        "success-criteria": ["distance_articulated_rigidbody"],
+    },
+    {"task-name": "ungrasp"},
+    {
+        "task-name": "close-drawer",
+        "task-description": "push the drawer closed",
+        "assets-used": ["drawer"],
+        "success-criteria": ["articulated_closed"],
+    },
+]
+COMPOSED = {
+    "task-name": "stow-ball-away",
+    "task-description": "open the drawer and lay the golf ball into it",
+    "steps": [
+        {"skill": "OpenDrawer", "object": "drawer"},
+        {"skill": "grasp", "object": "golf_ball"},
+        {"skill": "place", "object": "golf_ball", "into": "drawer"},
+    ],
+}
+
+
+def config_for(prompt: str) -> dict[str, Any]:
+    """A config of the library for the step that a solver prompt is about."""
+    asset_class = re.findall(r"^The keypoints of `(\w+)`", prompt, re.MULTILINE)[-1]
+    (_, step) = re.findall(r'^(".*") \(task `\w+`, step `(\w+)`\)', prompt, re.MULTILINE)[0]
+    verb = step.split("_")[0]
+    task, strategy = WAYS[asset_class, verb]
+    return load_strategies(task)[strategy]
+
+
+def _call(criterion: dict[str, Any]) -> str:
+    """A criterion as generated code writes it."""
+    given = {name: value for name, value in criterion.items() if name != "type"}
+    words = [f"{name}=self.{value}" if isinstance(value, str) else f"{name}={value}" for name, value in given.items()]
+    return f"{criterion['type']}({', '.join(words)})"
+
+
+class GoodModel:
+    """Answers each stage well.
+
+    Args:
+        proposals: what it proposes, one after the other, in the paper's keys.
+    """
+
+    def __init__(self, *proposals: dict[str, Any]) -> None:
+        self.proposals: Sequence[dict[str, Any]] = proposals or (BOX, DRAWER)
+        self._proposed = 0
+
+    def __call__(self, asked: Asked) -> str:
+        return str(getattr(self, asked.stage)(asked))
+
+    def proposal(self, asked: Asked) -> str:
+        found = self.proposals[self._proposed % len(self.proposals)]
+        self._proposed += 1
+        return f"I thought about it. A lid is fun.\n```json\n{json.dumps(found)}\n```\nIs it good?"
+
+    def reflection(self, asked: Asked) -> str:
+        return '{"verdict": "good", "reasons": ["clear goal"], "usefulness": 0.9}'
+
+    def decomposition(self, asked: Asked) -> str:
+        return json.dumps({"sub-tasks": SUBTASKS})
+
+    def composition(self, asked: Asked) -> str:
+        self._proposed += 1
+        return json.dumps(COMPOSED)
+
+    def code(self, asked: Asked) -> str:
+        name = re.findall(r"^Write the class of the task `(\w+)`", asked.prompt, re.MULTILINE)[0]
+        told = yaml.safe_load(asked.prompt.split("## The task")[1].split("## Answer")[0])
+        called = {criterion["type"] for step in told["steps"] for criterion in step["done"]}
+        objects = [f"        self.{role} = Object({found!r})" for role, found in told["objects"].items()]
+        steps = [
+            f"        self.step({step['name']!r}, self.{step['object']}"
+            + ("" if step["tool"] == "hand" else f", tool=self.{step['tool']}")
+            + f", done=[{', '.join(_call(criterion) for criterion in step['done'])}])"
+            for step in told["steps"]
+        ]
+        goal = ", ".join(_call(criterion) for criterion in told["goal"])
+        lines = [
+            f"from task_code import Object, Task, {', '.join(sorted(called))}",
+            f"class {name}(Task):",
+            f"    description = {told['description']!r}",
+            "    def __init__(self):",
+            *objects,
+            *steps,
+            f"        self.goal({goal})",
+        ]
+        return "Here it is.\n```python\n" + "\n".join(lines) + "\n```"
+
+    def constraints(self, asked: Asked) -> str:
+        return yaml.safe_dump({"constraint_list": config_for(asked.prompt)["constraint_list"]})
+
+    def motions(self, asked: Asked) -> str:
+        config = config_for(asked.prompt)
+        good = {name: config[name] for name in MOTION_FIELDS if name in config}
+        late = {**good, "pre_actuation_motions": [["translate_z", -0.06]]}
+        return "```yaml\n" + yaml.safe_dump({"trials": [good, late]}) + "```"
+
+    def regeneration(self, asked: Asked) -> str:
+        config = config_for(asked.prompt)
+        kept = {name: config[name] for name in ("constraint_list", *MOTION_FIELDS) if name in config}
+        return yaml.safe_dump({"configs": [{**kept, "let_go": 0.05}]})
