@@ -15,7 +15,7 @@ from gensim2.files import write_atomic
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import RunRecord
 from gensim2.pipeline.remembering import verified
-from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder, dump_yaml
+from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
 from gensim2.tasks.library import (
     PAPER,
     STRATEGIES,
@@ -28,6 +28,7 @@ from gensim2.tasks.library import (
     task_names,
 )
 from gensim2.tasks.spec import TaskSpec
+from gensim2.yaml_files import dump_yaml
 
 
 @dataclass(frozen=True)
