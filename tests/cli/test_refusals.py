@@ -235,7 +235,7 @@ def test_what_the_file_system_refuses_anywhere_is_one_line(
 ) -> None:
     import gensim2.tasks.library
 
-    def refused() -> object:
+    def refused(origin: str | None = None) -> object:
         raise PermissionError(13, "Permission denied", "/some/where")
 
     monkeypatch.setattr(gensim2.tasks.library, "task_names", refused)

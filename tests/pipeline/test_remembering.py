@@ -11,7 +11,7 @@ from run_folders import CONFIG, add_task, run_folder, task_spec
 from gensim2.cli.main import run as command
 from gensim2.errors import InputError
 from gensim2.pipeline.inputs import task_and_strategies
-from gensim2.pipeline.remembering import remember
+from gensim2.pipeline.remembering import known_before, remember
 from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.tasks import Provenance
 from gensim2.tasks.library import load_task, packaged_names
@@ -57,6 +57,8 @@ def test_what_is_new_is_added_with_its_verification_and_the_rest_is_named(run: P
     assert found.verification.objects == {"box_rotate": 4}  # what its episodes say
     assert task_and_strategies(NEW)[1] == {"designed": CONFIG}
     assert Memory().run_of(NEW) == str(run)
+    assert NEW in known_before(None)
+    assert set(known_before(None)) - set(known_before(run)) == {NEW}
 
 
 def test_without_a_library_nothing_is_kept(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,9 @@ import pytest
 from gensim2.errors import InputError
 from gensim2.tasks import Provenance, TaskSpec, Verified
 from gensim2.tasks import library as shelves
+from gensim2.tasks.exporting import export
 from gensim2.tasks.library import load_strategies, load_task, task_names
-from gensim2.tasks.memory import ADDED_FILE, KnownTaskError, Memory, UnverifiedTaskError, export
+from gensim2.tasks.memory import ADDED_FILE, KnownTaskError, Memory, UnverifiedTaskError
 from gensim2.tasks.parse import parse_task
 
 LONG = "PlaceGolfBallIntoDrawer"
@@ -147,10 +148,11 @@ def test_a_task_of_the_package_is_known_and_another_thing_or_goal_is_new(memory:
 
 def test_only_ones_own_tasks_can_be_removed(memory: Memory) -> None:
     memory.add(novel(), load_strategies(LONG), verified())
+    with pytest.raises(InputError, match="OpenDrawer is part of the package"):
+        memory.remove("PutScissorsIntoDrawer", "OpenDrawer")
+    assert memory.names() == ("PutScissorsIntoDrawer",)
     memory.remove("PutScissorsIntoDrawer")
     assert [path.name for path in memory.folder.iterdir()] == [".lock"]
-    with pytest.raises(InputError, match="OpenDrawer is part of the package"):
-        memory.remove("OpenDrawer")
     with pytest.raises(InputError, match="there is no task 'PutScissorsIntoDrawer'"):
         memory.remove("PutScissorsIntoDrawer")
 

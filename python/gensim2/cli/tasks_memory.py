@@ -37,8 +37,7 @@ def remove(names: tuple[str, ...], json_file: str | None) -> None:
         from gensim2.tasks.memory import Memory
 
         memory = Memory()
-        for name in dict.fromkeys(names):
-            memory.remove(name)
+        memory.remove(*names)
         give({"schema_version": 1, "library": str(memory.folder), "removed": list(dict.fromkeys(names))})
 
 
@@ -61,13 +60,13 @@ def export(names: tuple[str, ...], origin: str | None, out: Path, json_file: str
     """
     with report(json_file, _show_exported) as (_, give):
         from gensim2.errors import InputError
-        from gensim2.tasks import memory
+        from gensim2.tasks.exporting import export as function
         from gensim2.tasks.library import task_names
 
         if bool(names) == (origin is not None):
             raise InputError("name tasks, or an --origin whose tasks are meant", field="names")
         wanted = list(dict.fromkeys(names)) or list(task_names(origin))
-        memory.export(wanted, out)
+        function(wanted, out)
         give({"schema_version": 1, "out": str(out), "exported": wanted})
 
 

@@ -10,7 +10,14 @@ from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import RunRecord, Verification
 from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
 from gensim2.pipeline.tally import interval
-from gensim2.tasks.library import PAPER, load_strategies_beside, load_task_file, origin_of
+from gensim2.tasks.library import (
+    PAPER,
+    load_strategies_beside,
+    load_task_file,
+    origin_of,
+    packaged_names,
+    task_names,
+)
 from gensim2.tasks.memory import KnownTaskError, Memory, UnverifiedTaskError
 from gensim2.tasks.spec import Verified
 
@@ -47,6 +54,19 @@ def verified(verification: Verification, seed: int) -> Verified:
         instances=verification.instances,
         objects=tally.objects,
     )
+
+
+def known_before(run: Path | None) -> tuple[str, ...]:
+    """Names of the tasks that the library has, without what this very run has added: it may be resumed.
+
+    Args:
+        run: its folder; None: one that is still to be made.
+    """
+    memory = Memory()
+    if run is None or not memory.is_there:
+        return task_names()
+    own = str(run.resolve())
+    return tuple(name for name in task_names() if name in packaged_names() or memory.run_of(name) != own)
 
 
 def remember(run: Path, memory: Memory | None = None) -> Remembered:

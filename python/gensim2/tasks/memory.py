@@ -14,19 +14,17 @@ import os
 import secrets
 import shutil
 import time
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from gensim2.errors import InputError
-from gensim2.files import replacing, sync_folder, write_atomic, write_json
+from gensim2.files import sync_folder, write_json
+from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
     PAPER,
-    STRATEGIES,
     TASK_FILE,
     Strategy,
-    load_strategies,
     load_strategies_beside,
     load_task,
     load_task_file,
@@ -38,7 +36,7 @@ from gensim2.tasks.library import (
 )
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec, Verified
-from gensim2.yaml_files import dump_yaml, read_yaml
+from gensim2.yaml_files import read_yaml
 
 ADDED_FILE = "added.json"
 LOCK_FILE = ".lock"
@@ -48,9 +46,6 @@ LEAST_EPISODES = 20
 """Fresh episodes under which nothing counts as verified."""
 LEAST_SHARE = 0.6
 """Share of them that must hold."""
-
-#: Of members of an exported archive: the same tasks make the same bytes.
-_NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class UnverifiedTaskError(InputError):
@@ -107,8 +102,10 @@ class Memory:
         Raises:
             InputError: what was written down when it was added cannot be read.
         """
+        if name not in self.names():
+            return None
         path = self.folder / name / ADDED_FILE
-        if name not in self.names() or not path.is_file():
+        if not path.is_file():
             return None
         run = read_yaml(path).get("run")
         return run if isinstance(run, str) else None
@@ -148,28 +145,35 @@ class Memory:
                 return self.folder / task.name
             self._check_new(kept)
             with self._making(task.name) as made:
-                _write_task(made, kept, ways)
+                write_task(made, kept, ways)
                 write_json(made / ADDED_FILE, _note(run))
         return self.folder / task.name
 
-    def remove(self, name: str) -> None:
-        """Remove a task.
+    def remove(self, *names: str) -> None:
+        """Remove tasks: all of them or, where one cannot be, none.
 
         Raises:
-            InputError: it is not among the user's own, or cannot be removed.
+            InputError: one is not among the user's own, or cannot be removed.
         """
-        if name not in names_in(self.folder):
+        own = names_in(self.folder)
+        for name in names:
+            if name in own:
+                continue
             if name in packaged_names():
                 raise InputError(f"{name} is part of the package", remedy="only your own tasks can be removed")
             raise InputError(f"there is no task {name!r} in {self.folder}", remedy="gensim2 tasks list names all")
         with self._locked():
-            gone = self.folder / _temporary(name)
-            try:
-                (self.folder / name).rename(gone)
-                sync_folder(self.folder)
-            except FileNotFoundError:
-                return  # somebody else was quicker
-            shutil.rmtree(gone)
+            for name in dict.fromkeys(names):
+                self._remove(name)
+
+    def _remove(self, name: str) -> None:
+        gone = self.folder / _temporary(name)
+        try:
+            (self.folder / name).rename(gone)
+        except FileNotFoundError:
+            return  # somebody else was quicker
+        sync_folder(self.folder)
+        shutil.rmtree(gone)
 
     def _has(self, task: TaskSpec, strategies: Mapping[str, Strategy]) -> bool:
         """Whether just this task stands here, verified at whatever time."""
@@ -218,32 +222,6 @@ class Memory:
             raise InputError(f"cannot write: {error.strerror}", file=self.folder, remedy=remedy) from error
 
 
-def export(names: Sequence[str], out: Path) -> None:
-    """Write tasks of any shelf, each with all its strategies, to a folder or to a ``.zip``; both can be a library.
-
-    Args:
-        names: of the tasks.
-        out: a folder that is made, or a file whose name ends in ``.zip``.
-
-    Raises:
-        InputError: there is no such task, ``out`` exists and is not empty, or it cannot be written to.
-    """
-    tasks = [(load_task(name), load_strategies(name)) for name in dict.fromkeys(names)]
-    try:
-        if out.exists() and (out.is_file() or any(out.iterdir())):
-            raise InputError("is there already", file=out, remedy="choose another --out")
-    except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=out) from error
-    if out.suffix == ".zip":
-        with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-            for task, strategies in tasks:
-                for path, text in _files(task, strategies).items():
-                    archive.writestr(zipfile.ZipInfo(f"{task.name}/{path}", _NO_TIME), text)
-        return
-    for task, strategies in tasks:
-        _write_task(out / task.name, task, strategies)
-
-
 def read_task(folder: Path) -> tuple[TaskSpec, dict[str, Strategy]]:
     """The spec and the strategies in a folder.
 
@@ -277,17 +255,6 @@ def _spec_of(folder: Path, name: str) -> TaskSpec:
     """Of a task of the package, of the user's library, or of another folder that is being written to."""
     own = folder / name
     return read_task(own)[0] if (own / TASK_FILE).is_file() else load_task(name)
-
-
-def _files(task: TaskSpec, strategies: Mapping[str, Strategy]) -> dict[str, str]:
-    """Texts of a task's folder, by path; the task's own comes last."""
-    found = {f"{STRATEGIES}/{name}.yaml": dump_yaml(dict(data)) for name, data in strategies.items()}
-    return {**found, TASK_FILE: dump_yaml(task.model_dump(mode="json", exclude_none=True))}
-
-
-def _write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, Strategy]) -> None:
-    for path, text in _files(task, strategies).items():
-        write_atomic(folder / path, text)
 
 
 def _note(run: str | None) -> dict[str, Any]:

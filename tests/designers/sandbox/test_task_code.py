@@ -13,6 +13,7 @@ import pytest
 from gensim2.designers.sandbox import NoSandboxError, Sandbox, TaskCodeError, box, run_task_code, sandbox, task_code
 from gensim2.designers.sandbox.box import INSIDE, Limits
 from gensim2.designers.sandbox.code import criterion_arguments
+from gensim2.errors import InputError
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
 
@@ -85,6 +86,8 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (("self.safe = safe", "self.safe = ("), "syntax", "line 11: '(' was never closed"),
         (('"golf_ball"', "input()"), "refused", "line 12: a call of 'input' is not allowed"),
         (("import Object", "import Lid, Object"), "refused", "line 2: task_code has no 'Lid'; it has Object, Place"),
+        (("done=[near]", "done=[n for n in near]"), "refused", "line 15: a list comprehension is not allowed"),
+        (('"drop", "throw"', 'f"drop"'), "refused", "line 15: an f-string is not allowed"),
         (("done=[near]", "until=[near]"), "failed", "line 15: TypeError: Task.step() got an unexpected keyword"),
         (("(self.safe, 0.6 + 0.1)", "(self.safe, level=1)"), "failed", "takes object, threshold; not 'level'"),
         (("0.6 + 0.1", "1.5"), "invalid", "steps.0.done.0.threshold: input should be less than 1"),
@@ -104,6 +107,12 @@ def test_what_is_wrong_is_said_in_words_for_whoever_wrote_it(change: tuple[str, 
         run_task_code(CODE.replace(*change))
     assert caught.value.kind == kind
     assert words in str(caught.value)
+
+
+def test_an_object_that_is_called_as_a_part_of_the_language_is_refused() -> None:
+    task = json.loads(load_task("OpenBox").model_dump_json().replace('"box"', '"goal"'))
+    with pytest.raises(InputError, match="no room for an object called 'goal'"):
+        task_code(parse_task(task))
 
 
 def test_a_program_that_takes_too_long_is_ended() -> None:
@@ -144,7 +153,9 @@ def test_a_kernel_that_has_no_filter_is_told(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(shutil, "which", lambda name: None)
     box.sandbox.cache_clear()
     try:
-        with pytest.raises(NoSandboxError, match=r"does not hold: .*went through: access, kill, fork"):
+        with pytest.raises(
+            NoSandboxError, match=r"a trial of the seccomp filter failed: .*went through: access, kill, fork"
+        ):
             sandbox()
     finally:
         box.sandbox.cache_clear()

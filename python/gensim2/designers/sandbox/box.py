@@ -171,7 +171,7 @@ def sandbox() -> Sandbox:
         alone = Sandbox(None, without=f"{found} cannot be used: {_complaint(wrapped) or why}")
     why = _fault(alone)
     if why is not None:
-        raise NoSandboxError(f"the kernel's seccomp filter does not hold: {why}; use Linux 4.8 or newer")
+        raise NoSandboxError(f"a trial of the seccomp filter failed: {why}; it needs Linux 4.8 or newer")
     return alone
 
 

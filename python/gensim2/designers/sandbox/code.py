@@ -15,6 +15,10 @@ from gensim2.tasks.spec import TaskSpec
 Kind = Literal["syntax", "refused", "failed", "timeout", "invalid"]
 
 
+#: Of what a program says of itself: sentences, and characters of each.
+MOST_PROBLEMS, LONGEST_PROBLEM = 10, 600
+
+
 class TaskCodeError(InputError):
     """Generated task code cannot be used; the message can go back to whoever wrote it.
 
@@ -51,7 +55,8 @@ def run_task_code(source: str, within: Sandbox | None = None) -> TaskSpec:
         kind: Any = found.get("kind")
         problems = found.get("problems")
         known: Kind = kind if kind in typing.get_args(Kind) else "failed"
-        raise TaskCodeError(known, tuple(map(str, problems)) if isinstance(problems, list) else ("it failed",))
+        told = problems[:MOST_PROBLEMS] if isinstance(problems, list) else ["it failed"]
+        raise TaskCodeError(known, tuple(str(problem)[:LONGEST_PROBLEM] for problem in told))
     fields = found["task"]
     if not isinstance(fields, dict):
         raise TaskCodeError("invalid", ("it describes no task",))

@@ -6,18 +6,26 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from gensim2.designers.sandbox.code import criterion_arguments
+from gensim2.errors import InputError
 from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
 
 MODULE = "task_code"
 WIDTH = 100
+MEMBERS = {"step", "goal", "description", "max_episode_steps"}
+"""Attributes of a ``Task``."""
 
 
 def task_code(task: TaskSpec) -> str:
     """A program that describes a task, in the language of ``inside/task_code.py``.
 
     :func:`~gensim2.designers.sandbox.run_task_code` makes the same task of it, but for its provenance.
+
+    Raises:
+        InputError: an object is called as something that every such program has.
     """
+    for name in MEMBERS.intersection(task.objects):
+        raise InputError(f"task code has no room for an object called {name!r}", field="objects")
     body = ["# Its objects: each is called as the attribute that it is given to, and loaded by its class."]
     for name, thing in task.objects.items():
         body += _object(name, thing, task)

@@ -32,6 +32,19 @@ PLAIN = (
 )
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.UAdd, ast.USub)
 CONSTANTS = (str, int, float, bool, type(None))
+#: Where the tree's own word is nobody's.
+SPOKEN = {
+    ast.JoinedStr: "an f-string",
+    ast.ListComp: "a list comprehension",
+    ast.SetComp: "a set comprehension",
+    ast.DictComp: "a dict comprehension",
+    ast.GeneratorExp: "a generator",
+    ast.AugAssign: "an assignment such as +=",
+    ast.AnnAssign: "an assignment with a type",
+    ast.NamedExpr: "an assignment inside an expression",
+    ast.Subscript: "an index",
+    ast.IfExp: "a conditional expression",
+}
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
@@ -239,7 +252,9 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 
 def _spoken(node: ast.AST) -> str:
-    """A kind of node as people say it: ``ListComp`` is ``a list comp``."""
+    """A kind of node as people say it."""
+    if type(node) in SPOKEN:
+        return SPOKEN[type(node)]
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(node).__name__).lower()
     return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
 

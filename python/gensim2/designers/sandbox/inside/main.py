@@ -11,7 +11,6 @@ import json
 import os
 import resource
 import sys
-import traceback
 import types
 from typing import Any
 
@@ -25,6 +24,9 @@ SECCOMP_MODE_FILTER, SIGKILL = 2, 9
 BYTES_PER_INSTRUCTION = 8
 
 LONGEST_MESSAGE = 500
+
+FILE = "<task>"
+"""Name of the program in its own tracebacks."""
 
 
 class Program(ctypes.Structure):
@@ -65,7 +67,7 @@ def answer(source: str, checked: bool) -> dict[str, Any]:
             found = allow_list.problems(source, task_code.__all__, task_code.METHODS)
             if found:
                 return {"kind": "refused", "problems": [f"line {line}: {words}" for line, words in found]}
-        code = compile(source, "task", "exec", dont_inherit=True)
+        code = compile(source, FILE, "exec", dont_inherit=True)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         words = getattr(error, "msg", None) or str(error) or type(error).__name__
@@ -92,8 +94,12 @@ def the_class(module: types.ModuleType) -> type[Any]:
 
 def told(error: BaseException, lines: list[str]) -> str:
     """An exception with the line of the program that it comes from."""
-    numbers = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "task"]
-    where = f"line {numbers[-1]}: " if numbers and numbers[-1] and numbers[-1] <= len(lines) else ""
+    number, trace = None, error.__traceback__
+    while trace is not None:  # not by the module traceback, which would look for the program's file
+        if trace.tb_frame.f_code.co_filename == FILE:
+            number = trace.tb_lineno
+        trace = trace.tb_next
+    where = f"line {number}: " if number is not None and number <= len(lines) else ""
     return f"{where}{type(error).__name__}: {str(error)[:LONGEST_MESSAGE]}"
 
 

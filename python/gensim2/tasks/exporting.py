@@ -1,0 +1,58 @@
+"""Tasks as files: a folder each, or an archive of such folders."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from gensim2.errors import InputError
+from gensim2.files import replacing, write_atomic
+from gensim2.tasks.library import STRATEGIES, TASK_FILE, Strategy, load_strategies, load_task
+from gensim2.tasks.spec import TaskSpec
+from gensim2.yaml_files import dump_yaml
+
+#: Of members of an archive: the same tasks make the same bytes.
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+def export(names: Sequence[str], out: Path) -> None:
+    """Write tasks of any shelf, each with all its strategies, to a folder or to a ``.zip``; both can be a library.
+
+    Args:
+        names: of the tasks.
+        out: a folder that is made, or a file whose name ends in ``.zip``.
+
+    Raises:
+        InputError: there is no such task, ``out`` exists and is not empty, or it cannot be written to.
+    """
+    tasks = [(load_task(name), load_strategies(name)) for name in dict.fromkeys(names)]
+    try:
+        if out.exists() and (out.is_file() or any(out.iterdir())):
+            raise InputError("is there already", file=out, remedy="choose another --out")
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}", file=out) from error
+    if out.suffix == ".zip":
+        with replacing(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for task, strategies in tasks:
+                for path, text in _files(task, strategies).items():
+                    archive.writestr(zipfile.ZipInfo(f"{task.name}/{path}", _NO_TIME), text)
+        return
+    for task, strategies in tasks:
+        write_task(out / task.name, task, strategies)
+
+
+def _files(task: TaskSpec, strategies: Mapping[str, Strategy]) -> dict[str, str]:
+    """Texts of a task's folder, by path; the task's own comes last."""
+    found = {f"{STRATEGIES}/{name}.yaml": dump_yaml(dict(data)) for name, data in strategies.items()}
+    return {**found, TASK_FILE: dump_yaml(task.model_dump(mode="json", exclude_none=True))}
+
+
+def write_task(folder: Path, task: TaskSpec, strategies: Mapping[str, Strategy]) -> None:
+    """Write a task's folder, every file of it atomically.
+
+    Raises:
+        InputError: it cannot be written to.
+    """
+    for path, text in _files(task, strategies).items():
+        write_atomic(folder / path, text)
