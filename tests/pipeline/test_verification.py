@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.pipeline import worker
+from gensim2.pipeline import verification, worker
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.records import Verification
 from gensim2.pipeline.runfolder import RunFolder
@@ -22,11 +22,17 @@ TASK = load_task("OpenDrawer")
 CIRCUMSTANCES = Circumstances("builtin")
 
 
-def _verify(out: Path, seed: int = 0) -> Verification:
+@pytest.fixture(autouse=True)
+def low_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The made-up world holds three times in four: less than a task of one step needs to be kept."""
+    monkeypatch.setattr(verification, "KEEP_THRESHOLD", 0.1)
+
+
+def _verify(out: Path, seed: int = 0, episodes: int = VERIFY_EPISODES) -> Verification:
     with RunFolder(out, {}, {}, resume=True) as run, PoolEvaluator(CIRCUMSTANCES, 0) as evaluator:
         files, library = run.task(TASK.name), open_library("builtin")
-        apart = kept_apart(library, "drawer")
-        return verify(TASK, {}, files, run, evaluator, library, apart, episodes=3, seed=seed)
+        apart = kept_apart(library, TASK)
+        return verify(TASK, {}, files, run, evaluator, library, apart, episodes=episodes, seed=seed)
 
 
 def test_an_interrupted_verification_repeats_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,12 +75,12 @@ def test_a_verification_of_another_run_is_refused(tmp_path: Path) -> None:
 def test_generated_objects_of_a_verification_are_such_as_no_search_sees(tmp_path: Path) -> None:
     library = open_library("builtin")
     listed = set(library.instances("drawer"))
-    assert set(library.choose("drawer", kept_apart(library, "drawer").search)) <= listed
-    verification = _verify(tmp_path)
-    drawn = [episode.objects["drawer"].id for episode in verification.episodes]
+    assert set(library.choose("drawer", kept_apart(library, TASK).search)) <= listed
+    found = _verify(tmp_path)
+    drawn = [episode.objects["drawer"].id for episode in found.episodes]
     assert len(set(drawn)) == len(drawn) == VERIFY_EPISODES
     assert not set(drawn) & listed
-    assert verification.tally.objects == {"drawer": VERIFY_EPISODES}
+    assert found.tally.objects == {"drawer": VERIFY_EPISODES}
     written = json.loads((tmp_path / "tasks/OpenDrawer/verification.json").read_text())
     assert (written["instances"], written["objects"]) == ("new", {"drawer": VERIFY_EPISODES})
 
@@ -97,6 +103,28 @@ class _Folder:
 
 @pytest.mark.parametrize(("count", "search", "kind"), [(9, "all", "all"), (10, "train", "test")])
 def test_a_folder_is_divided_where_it_has_enough(count: int, search: str, kind: str) -> None:
-    apart = kept_apart(_Folder(count), "drawer")  # type: ignore[arg-type]
+    apart = kept_apart(_Folder(count), TASK)  # type: ignore[arg-type]
     assert (apart.search, apart.kind) == (search, kind)
     assert apart.verification(3, seed=0) == [kind] * 3
+
+
+def test_what_cannot_be_kept_any_more_is_not_run_to_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "KEEP_THRESHOLD", 1.0)
+    found = _verify(tmp_path, episodes=60)
+    assert not found.kept
+    assert len(found.episodes) in range(verification.STRIDE, 60, verification.STRIDE)
+    assert _verify(tmp_path, episodes=60) == found
+
+
+def test_each_articulated_object_of_a_task_is_a_new_one() -> None:
+    drawer = TASK.objects["drawer"]
+    other = drawer.model_copy(update={"asset_class": "faucet"})
+    ball = drawer.model_copy(update={"asset_class": "golf_ball"})
+    task = TASK.model_copy(update={"objects": {"drawer": drawer, "faucet": other, "ball": ball}})
+    library = open_library("builtin")
+    drawn = [dict(each) for each in kept_apart(library, task).verification(5, seed=0)]  # type: ignore[arg-type]
+    for name, asset_class in (("drawer", "drawer"), ("faucet", "faucet")):
+        ids = {each[name] for each in drawn}
+        assert len(ids) == 5
+        assert not ids & set(library.instances(asset_class))
+    assert all("ball" not in each for each in drawn)

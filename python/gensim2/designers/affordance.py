@@ -74,7 +74,7 @@ class Affordance:
 
     @staticmethod
     def of(
-        objects: Sequence[Instance] | Sequence[RigidObject],
+        objects: Sequence[Instance | RigidObject],
         description: str = "",
         picture: Callable[[], bytes] | None = None,
     ) -> Affordance:
@@ -98,7 +98,7 @@ class Affordance:
         if isinstance(first, RigidObject):
             return Affordance(kind="rigid", lever_arms={}, grip_width=first.grip.width, **common)
         instances = [each for each in objects if isinstance(each, Instance)]
-        joint = first.joint
+        joint = instances[0].joint
         moving = [
             name for name in shared if all(each.keypoints[name].link == each.joint.child_link for each in instances)
         ]
@@ -111,7 +111,7 @@ class Affordance:
                 float(np.mean([each.joint.upper for each in instances])),
             ),
             joint_axis="vertical" if abs(float((first.placement.rotation @ joint.axis)[2])) > 0.7 else "level",
-            default_openness=first.default_openness,
+            default_openness=instances[0].default_openness,
             **common,
         )
 

@@ -38,8 +38,8 @@ STEPS_EACH = 300
 
 #: Where a rigid object waits beside what it is put into, x and y in the world, and what is drawn about it.
 BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
-ABOUT = Randomization(x=0.1, y=0.1)
-CLOSE_ABOUT = Randomization(x=0.05, y=0.05)
+ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
+CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
 
 #: Where two things with joints stand beside each other, x and y in the world, and by how much they are turned.
 PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
@@ -224,7 +224,7 @@ def _tidy(container: Affordance, thing: Affordance, how: str, opens: bool, shuts
     }[how]
     draft = Draft(name.format(camel_case(it), camel_case(the)), sentence)
     openness = {} if opens else {"openness_mean": OPEN_AT[0], "openness_spread": OPEN_AT[1]}
-    about = Randomization(x=0.05, y=(0.0, 0.05), **openness)  # type: ignore[arg-type]
+    about = Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), **openness)
     draft.objects = {
         box: ObjectSpec(asset_class=container.asset_class, randomization=about),
         role: ObjectSpec(asset_class=thing.asset_class, place=Place(at=BESIDE), randomization=ABOUT),
@@ -376,8 +376,8 @@ def _carried(brief: Brief, name: str, sentence: str, shuts: bool) -> Iterator[Dr
         into = "into" if support.asset_class == "bowl" else "on"
         nouns = {"thing": thing.noun, "box": container.noun, "support": support.noun, "into": into}
         draft = Draft(name.format(camel_case(thing.noun), camel_case(container.noun)), sentence.format(**nouns))
-        opened = Randomization(x=0.05, y=(0.0, 0.05), openness_mean=OPEN_AT[0], openness_spread=OPEN_AT[1])
-        little = Randomization(x=0.01, y=0.01)
+        opened = Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=OPEN_AT[0], openness_spread=OPEN_AT[1])
+        little = Randomization(x=(-0.01, 0.01), y=(-0.01, 0.01))
         draft.objects = {
             box: ObjectSpec(asset_class=container.asset_class, randomization=opened),
             role: ObjectSpec(asset_class=thing.asset_class, place=Place(on=box), randomization=little),

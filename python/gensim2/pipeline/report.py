@@ -196,6 +196,12 @@ def _design(design: DesignRecord | None) -> dict[str, Any] | None:
                 "plan": _share(plan),
                 "stages": [(round(stage.successes), stage.episodes) for stage in physics],
                 "physics": _share(physics),
+                "interval": interval(
+                    round(sum(stage.successes for stage in physics)), sum(stage.episodes for stage in physics)
+                )
+                if physics
+                else None,
+                "told": next(([each.words for each in s.diagnoses] for s in candidate.stages[::-1] if s.diagnoses), []),
             }
         )
     return {

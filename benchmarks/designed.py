@@ -1,0 +1,100 @@
+"""Put what a run of the offline designer kept on the package's shelf, and write ``docs/designed.md`` from the shelf.
+
+    gensim2 run-pipeline --designer offline --from-empty --single 80 --long 70 --verify 50 --episodes 0 --no-video \
+        --assets builtin --seed 7 --out runs/designed
+    python benchmarks/designed.py runs/designed
+
+Without a folder only the table is written anew.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from gensim2.designers.composition import verbs
+from gensim2.objects import open_library
+from gensim2.pipeline.shelving import shelve
+from gensim2.tasks.library import load_task_file
+from gensim2.tasks.spec import TaskSpec
+
+ROOT = Path(__file__).parents[1]
+SHELF = ROOT / "python" / "gensim2" / "tasks" / "designed"
+PAGE = ROOT / "docs" / "designed.md"
+
+HEAD = """# Tasks that the offline designer made
+
+From an empty library, on generated objects, without a key: proposed from what objects afford and composed by pre- and
+post-conditions ([architecture.md](architecture.md)), verified on objects that the search never saw. Strategies come
+from the shared rules (`gensim2/tasks/library/strategies`), from rules over sizes (`designers/skills.py`), and from the
+search over alignments. Tasks that the paper's suite has are left out. `gensim2 benchmark --origin offline` runs them.
+This page is written by `python benchmarks/designed.py`.
+"""
+
+
+def main(arguments: list[str]) -> int:
+    """Shelve the run that is named, if any, and write the page."""
+    if arguments:
+        done = shelve(Path(arguments[0]), SHELF)
+        print(f"{len(done.tasks)} tasks on the shelf; left out: {', '.join(done.left_out) or 'none'}")
+    tasks = [load_task_file(folder) for folder in sorted(SHELF.glob("*/")) if (folder / "task.yaml").is_file()]
+    PAGE.write_text("\n".join([HEAD, *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")
+    print(PAGE)
+    return 0
+
+
+def _summary(tasks: list[TaskSpec]) -> list[str]:
+    long = [task for task in tasks if not task.is_single_step]
+    library = open_library("builtin")
+    classes = Counter(c for task in tasks for c in {thing.asset_class for thing in task.objects.values()})
+    joints = [sum(library.kind(t.asset_class) == "articulated" for t in task.objects.values()) for task in long]
+    chains = Counter(" - ".join(verbs(task)) for task in long)
+    kinds = {kind: [c for c in classes if library.kind(c) == kind] for kind in ("articulated", "rigid")}
+    rows = [
+        ("tasks of one step", len(tasks) - len(long)),
+        ("tasks of several steps", len(long)),
+        ("of these with two articulated objects", sum(count > 1 for count in joints)),
+        ("classes of articulated objects", len(kinds["articulated"])),
+        ("classes of rigid objects", len(kinds["rigid"])),
+        ("chains of verbs", len(chains)),
+    ]
+    return [
+        *_table(("", "count"), rows),
+        "",
+        "Classes, with the number of tasks: " + ", ".join(f"{c} {n}" for c, n in classes.most_common()) + ".",
+        "",
+        "Chains: " + ", ".join(f"{chain} ({n})" for chain, n in chains.most_common()) + ".",
+        "",
+    ]
+
+
+def _tables(tasks: list[TaskSpec]) -> list[str]:
+    found: list[str] = []
+    for title, group in (
+        ("One step", [task for task in tasks if task.is_single_step]),
+        ("Several steps", [task for task in tasks if not task.is_single_step]),
+    ):
+        rows = []
+        for task in group:
+            told = task.provenance.verification if task.provenance is not None else None
+            classes = ", ".join(dict.fromkeys(thing.asset_class for thing in task.objects.values()))
+            figure = (
+                "" if told is None else f"{told.held}/{told.episodes} ({told.interval[0]:.2f}–{told.interval[1]:.2f})"
+            )
+            rows.append((task.name, task.description, classes, len(task.steps), figure))
+        found += [f"## {title}", "", *_table(("task", "in words", "classes", "steps", "held, fresh objects"), rows), ""]
+    return found
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+    return [
+        f"| {' | '.join(head)} |",
+        f"|{' --- |' * len(head)}",
+        *(f"| {' | '.join(map(str, row))} |" for row in rows),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,59 @@
+"""Criteria beyond the paper's, on measurements made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from gensim2.tasks.criteria import ArticulatedBetween, RigidLifted, RigidMoved, RigidOnRigid
+from gensim2.tasks.measurement import Measurement
+
+
+def measured(at: tuple[float, float, float] = (0.0, 0.0, 0.02), openness: float = 0.5) -> Measurement:
+    """A ball that stood at the origin, 2 cm high, and a plate at (0.3, 0, 0.01)."""
+    poses = {"ball": np.array([*at, 1.0, 0, 0, 0]), "plate": np.array([0.3, 0.0, 0.01, 1.0, 0, 0, 0])}
+    return Measurement(
+        openness={"door": openness},
+        joint_speed={"door": 0.0},
+        keypoints={},
+        poses=poses,
+        speeds={},
+        gripper={},
+        finger_opening=0.0,
+        starts={"ball": np.array([0.0, 0.0, 0.02]), "plate": np.array([0.3, 0.0, 0.01])},
+    )
+
+
+@pytest.mark.parametrize(("openness", "ajar"), [(0.1, False), (0.5, True), (0.9, False), (float("nan"), False)])
+def test_ajar_is_neither_open_nor_closed(openness: float, ajar: bool) -> None:
+    assert ArticulatedBetween(object="door").holds(measured(openness=openness)) is ajar
+
+
+def test_a_range_that_is_none_is_refused() -> None:
+    with pytest.raises(ValidationError, match="low must be less than high"):
+        ArticulatedBetween(object="door", low=0.7, high=0.3)
+
+
+def test_what_is_lifted_is_higher_than_where_it_stood() -> None:
+    lifted = RigidLifted(rigid="ball", height=0.06)
+    assert lifted.holds(measured((0.1, 0.0, 0.09)))
+    assert not lifted.holds(measured((0.0, 0.0, 0.07)))
+
+
+@pytest.mark.parametrize(
+    ("direction", "at"),
+    [("away", (0.1, 0, 0.02)), ("closer", (-0.1, 0, 0.02)), ("left", (0, 0.1, 0.02)), ("right", (0, -0.1, 0.02))],
+)
+def test_what_is_moved_went_that_way_and_hardly_another(direction: str, at: tuple[float, float, float]) -> None:
+    moved = RigidMoved(rigid="ball", direction=direction, distance=0.08)  # type: ignore[arg-type]
+    assert moved.holds(measured(at))
+    assert not moved.holds(measured((-at[0], -at[1], at[2])))
+    assert not moved.holds(measured((at[0] + at[1], at[1] + at[0], at[2])))  # askew
+
+
+def test_what_is_on_a_plate_is_above_it_and_low() -> None:
+    on = RigidOnRigid(rigid="ball", support="plate", threshold=0.08, height=0.05)
+    assert on.holds(measured((0.32, 0.03, 0.04)))
+    assert not on.holds(measured((0.32, 0.03, 0.2))), "held above it"
+    assert not on.holds(measured((0.2, 0.0, 0.02))), "beside it"
