@@ -1,9 +1,9 @@
 """Does LeRobot's own loader, and the reader of its visualizer, take an export? Run by a Python that has LeRobot.
 
     uv venv lerobot --python 3.11
-    uv pip install --python lerobot/bin/python torch==2.13.0 torchvision torchcodec "datasets>=4,<5" jsonlines draccus==0.10.0 \\
-        "huggingface-hub<0.36" "packaging<26" "av<16" deepdiff termcolor einops opencv-python-headless "rerun-sdk<0.27" \\
-        accelerate safetensors "gymnasium<2" "imageio[ffmpeg]"
+    uv pip install --python lerobot/bin/python torch==2.13.0 torchvision torchcodec accelerate safetensors einops \\
+        "datasets>=4,<5" "huggingface-hub<0.36" "packaging<26" "av<16" "gymnasium<2" "rerun-sdk<0.27" jsonlines \\
+        draccus==0.10.0 deepdiff termcolor opencv-python-headless "imageio[ffmpeg]"
     uv pip install --python lerobot/bin/python --no-deps lerobot==0.4.4
     gensim2 data export runs/night --to lerobot --out runs/lerobot
     lerobot/bin/python benchmarks/lerobot_reads.py runs/lerobot

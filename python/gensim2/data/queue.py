@@ -10,6 +10,7 @@ import shutil
 import time
 from collections.abc import Sequence
 
+from gensim2.data.card import card
 from gensim2.data.folder import CollectionFolder, now
 from gensim2.data.page import write_page
 from gensim2.data.record import ObjectUsed
@@ -64,6 +65,8 @@ class Queue:
             remove_temporaries(self._folder.path)  # a worker that was killed while it wrote leaves one
             self._record.complete = True
             self._folder.dataset.save()
+            if any(task.status.held for task in self._tasks):
+                card(self._folder.path)
         except BaseException:
             with contextlib.suppress(InputError):  # a full disk has no room for a report either, and is what is told
                 self._report()
