@@ -8,10 +8,22 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.data.collection import collect
+    from gensim2.data.observation_file import Observation, read_observation
+    from gensim2.data.observing import Plan
     from gensim2.data.record import DatasetRecord
+    from gensim2.data.rendering import render
     from gensim2.data.store import DataSet, TaskStore
 
-__all__ = ["DataSet", "DatasetRecord", "TaskStore", "collect"]
+__all__ = [
+    "DataSet",
+    "DatasetRecord",
+    "Observation",
+    "Plan",
+    "TaskStore",
+    "collect",
+    "read_observation",
+    "render",
+]
 
 __getattr__ = lazy_names(
     __name__,
@@ -19,6 +31,10 @@ __getattr__ = lazy_names(
         "DataSet": "gensim2.data.store",
         "DatasetRecord": "gensim2.data.record",
         "TaskStore": "gensim2.data.store",
+        "Observation": "gensim2.data.observation_file",
+        "Plan": "gensim2.data.observing",
         "collect": "gensim2.data.collection",
+        "read_observation": "gensim2.data.observation_file",
+        "render": "gensim2.data.rendering",
     },
 )
