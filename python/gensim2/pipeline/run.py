@@ -23,6 +23,7 @@ from gensim2.pipeline.inputs import (
     read_task_input,
 )
 from gensim2.pipeline.records import PipelineResult
+from gensim2.pipeline.remembering import known_before
 from gensim2.pipeline.report import reported
 from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
 from gensim2.pipeline.search import LONG_BUDGET, Budget
@@ -31,7 +32,7 @@ from gensim2.pipeline.verification import VERIFY_EPISODES
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.library import load_strategies, load_task, task_names
+from gensim2.tasks.library import load_strategies, load_task
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
@@ -125,7 +126,7 @@ def run_pipeline(
         )
         for name in dict.fromkeys(stored_tasks)
     ]
-    known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in task_names()]
+    known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in known_before(out)]
     circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     with (
         RunFolder(
