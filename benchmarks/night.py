@@ -78,7 +78,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="keep the data sets here; default: a temporary folder")
     options = parser.parse_args()
     kill_runs.LIFE_LIMIT = 48 * 3600.0
-    single = [name for name in task_names() if load_task(name).is_single_step][: options.tasks]
+    single = [name for name in task_names("paper") if load_task(name).is_single_step][: options.tasks]
     words = ("collect", *single, "--workers", str(options.workers))
     command = kill_runs.Command("collect", words, options.episodes, (), None)
     with tempfile.TemporaryDirectory() as temporary:
