@@ -79,10 +79,10 @@ def design() -> dict[str, Any]:
             }
         )
     return {
-        "schema_version": 2,
+        "schema_version": 3,
         "candidates": candidates,
         "chosen": 0,
-        "strategies": {"designed": CONFIG},
+        "steps": {"open": {"designed": CONFIG}},
         "notes": ["10 of 20 plan"],
     }
 
