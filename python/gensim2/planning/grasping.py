@@ -26,6 +26,9 @@ COMPARED = 6
 #: Hand poses nearer to each other than this are the same grasp: m and rad.
 SAME_PLACE, SAME_TURN = 0.015, 0.3
 
+#: Margin (rad) within the friction cone from which on a grasp counts as one that holds.
+HELD = 0.03
+
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
 
@@ -40,26 +43,37 @@ def grasps_of(
 ) -> list[kpam.Grasp]:
     """Grasps of a rigid object as it lies among all else, best first, those that lean too far or too little left out.
 
+    They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
+    would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind.
+
     Args:
         world: ``scene`` as the solver's own.
         lost: (4, 4) hand poses in the object's frame from which it slipped before: what is near to one of them comes
             last.
     """
-    friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     found = world.grasps(
         name,
         gripper,
         center_of_mass=scene.objects[name].center_of_mass,
         options={
-            "friction": friction,
+            "friction": strategy.friction,
             "approach": strategy.approach,
             "up": np.linalg.inv(scene.T_world_base)[:3, 2],
         },
     )
     leaning = [grasp for grasp in found if strategy.least_tilt <= grasp.quality["tilt"] <= strategy.tilt]
-    again = [any(is_near(grasp.T_object_hand, each) for each in lost) for grasp in leaning]
-    ranked = [grasp for late in (False, True) for grasp, near in zip(leaning, again, strict=True) if near is late]
+    late = [
+        (any(is_near(grasp.T_object_hand, each) for each in lost), margin_of(grasp, scene, name, strategy) < HELD)
+        for grasp in leaning
+    ]
+    ranked = [grasp for _, grasp in sorted(zip(late, leaning, strict=True), key=lambda pair: pair[0])]
     return ranked[: strategy.candidates]
+
+
+def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrategy) -> float:
+    """Angle (rad) that is left to the edge of the friction cone of the scene; at most the strategy's."""
+    friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
+    return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:

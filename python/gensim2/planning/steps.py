@@ -13,7 +13,7 @@ import numpy.typing as npt
 import gensim2_kpam as kpam
 from gensim2.planning import predict
 from gensim2.planning.actions import Acts, Schedule, grip_force, grip_on, schedule
-from gensim2.planning.grasping import COMPARED, grasp_config, grasps_of, lever_of
+from gensim2.planning.grasping import COMPARED, HELD, grasp_config, grasps_of, lever_of, margin_of
 from gensim2.planning.landmarks import FLOOR, floor
 from gensim2.planning.reaching import REACH_CLEARANCES, Reach, reach
 from gensim2.planning.scene import Scene, SceneObject
@@ -415,7 +415,7 @@ class StepPlanner:
         if plan.trajectory is None:
             return StepPlan(plan.status, plan.reason, plan, None, None)
         thing = scene.objects[step.object]
-        margin = grasp.quality["friction_margin"]
+        margin = max(margin_of(grasp, scene, step.object, strategy), HELD)
         force = grip_force(thing.mass or 0.0, margin, lever_of(grasp, thing, self.profile))
         opening, grip = self._command(grasp.opening / 2), grip_on(grasp.width, force, self.profile)
         acts = self._acts(scene, strategy, opening, grip, gently=True)
