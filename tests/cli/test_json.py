@@ -45,10 +45,20 @@ def _needed(command: click.Command) -> list[str]:
     words = []
     for param in command.params:
         if param.required and isinstance(param, click.Argument):
-            words.append("WORD")
+            words.append(_word(param))
         elif param.required:
-            words += [param.opts[0], "value"]
+            words += [param.opts[0], _word(param)]
     return words
+
+
+def _word(param: click.Parameter) -> str:
+    """A value that the parameter takes."""
+    kind = param.type
+    if isinstance(kind, click.Choice):
+        return str(kind.choices[0])
+    if isinstance(kind, click.Path) and kind.exists:
+        return "."
+    return "1" if isinstance(kind, click.IntRange) else "WORD"
 
 
 @pytest.mark.parametrize(("name", "command"), _json_commands(), ids=[name for name, _ in _json_commands()])

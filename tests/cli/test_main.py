@@ -67,7 +67,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, error: Excep
     [
         ["nonsense"],
         ["run-pipeline", "--seed", "-1"],
-        ["run-pipeline", "--episodes", "0"],
+        ["run-pipeline", "--episodes", "-1"],
         ["run-pipeline", "--workers", "two"],
         ["run-pipeline", "--no-such-flag"],
         ["demo"],
@@ -172,7 +172,7 @@ def test_doctor_ends_with_1_where_something_needed_is_missing(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], status: str, code: int
 ) -> None:
     check = Check("Solver", status, "found", "build it")  # type: ignore[arg-type]
-    monkeypatch.setattr(gensim2.doctor, "doctor", lambda _: Diagnosis((check,)))
+    monkeypatch.setattr(gensim2.doctor, "doctor", lambda *_: Diagnosis((check,)))
     assert cli.run(["doctor", "--json"]) == code
     answer = json.loads(capfd.readouterr().out)
     assert answer["healthy"] is (code == 0)

@@ -105,7 +105,8 @@ def good_folder(folder: Path, problems: str) -> None:
             stages=[stage],
             cause="object did not move",
         )
-        design = {**Design((), strategies, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
+        chosen = {task.steps[0].name: strategies}
+        design = {**Design((), chosen, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
         (files.path / "design.json").write_text(json.dumps(design))
         log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
         store, random = TrajectoryStore(files.path), np.random.default_rng(0)

@@ -219,6 +219,8 @@ def contents(folder: Path) -> dict[str, Any]:
         del record[field]
     for told in (record["result"], *record["result"].get("tasks", ())):
         told.pop("cpu_s", None)
+        if (effort := told.get("design")) is not None:
+            del effort["cpu_s"]
     record["result"].pop("episodes_per_second", None)
     del record["result"]["run_dir"]
     found["run.json"] = record

@@ -142,7 +142,8 @@ def test_a_machine_without_pictures_is_told_before_anything_is_written(
 def test_tasks_that_a_folder_has_no_objects_for_are_named(
     tmp_path: Path, camera: Camera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gallery, "of_these_objects", lambda assets, tasks: (("OpenDrawer",), {"OpenSafe": "no safe"}))
+    found = (("OpenDrawer",), {"OpenSafe": "no safe"})
+    monkeypatch.setattr(gallery, "of_these_objects", lambda assets, tasks, origin: found)
     result = made(tmp_path / "out", tasks=())
     assert result.skipped == {"OpenSafe": "no safe"}
     assert re.search(r"OpenSafe\s+<span class=\"dim\">no safe", result.index.read_text())

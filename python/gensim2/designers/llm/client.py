@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import importlib
 import logging
+import os
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -50,6 +51,9 @@ class Client:
         self._key = options.key
         if self._key is not None and not (self._key.isascii() and self._key.isprintable() and " " not in self._key):
             raise InputError("holds no key: spaces, line breaks or odd characters", field=f"${options.key_variable}")
+        if self._key is None and options.base_url is None and not os.environ.get("OPENAI_BASE_URL"):
+            remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
+            raise InputError("is not set", field=f"${options.key_variable}", remedy=remedy)
         self._without: set[str] = {"response_format"} if options.structured == "off" else set()
         self._api = self._openai.OpenAI(
             api_key=self._key or "none",
