@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 import gensim2_kpam as kpam
 from gensim2.planning.scene import Scene, SceneObject
@@ -86,6 +85,8 @@ def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> fl
 
 def is_near(T_object_hand: Array, other: Array) -> bool:
     """Whether two hand poses (4, 4) are the same grasp, the fingers either way round."""
+    from scipy.spatial.transform import Rotation  # here: refusing arguments needs none
+
     turn = T_object_hand[:3, :3].T @ other[:3, :3]
     turned = min(Rotation.from_matrix(turn @ swap).magnitude() for swap in (np.eye(3), np.diag([-1.0, -1.0, 1.0])))
     apart = float(np.linalg.norm(T_object_hand[:3, 3] - other[:3, 3]))
