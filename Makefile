@@ -15,7 +15,7 @@ setup: ## make .venv/ ready: packages, extension, command line, Vulkan driver
 	@scripts/setup.sh
 
 demo: setup ## design a task from nothing, take a long one from the library, verify both in physics, record both
-	@.venv/bin/gensim2 run-pipeline --assets builtin --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
+	@.venv/bin/gensim2 run-pipeline --assets builtin --from-empty --num-tasks $(DEMO_TASKS) --stored-task $(DEMO_LONG) \
 		--episodes $(DEMO_EPISODES) --seed $(DEMO_SEED) --library none --out $(DEMO_OUT) --resume
 
 test: setup ## everything that must hold: format, lint, types, Rust and Python tests
