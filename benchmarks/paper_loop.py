@@ -19,6 +19,7 @@ nothing depends on that. CPU time is of this process. One line a task, way and d
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import sys
 import time
@@ -45,6 +46,8 @@ from gensim2.pipeline.tally import interval
 from gensim2.pipeline.unseen import seen_by_search
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
+
+CIRCUMSTANCES = Circumstances("builtin")
 
 #: Candidates after which a round ends.
 ROUNDS = (1, 2, 3, 6, 10, 15, 20, 30, 45, 60, 90, 120, 160, 200, 250, 300)
@@ -156,7 +159,7 @@ class Judge:
         return held, run
 
     def _setting(self, instances: str | tuple[str, ...]) -> Setting:
-        return Setting(self.task, instances, Circumstances("builtin"))
+        return Setting(self.task, instances, CIRCUMSTANCES)
 
     def _candidate(self, each: Manipulation) -> Candidate:
         step = self.task.steps[0]
@@ -259,14 +262,20 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--draws", type=int, default=2, help="draws are numbered from 1 on, which is their seed")
+    parser.add_argument("--draws", type=int, default=2, help="how many; they are numbered, which is their seed")
+    parser.add_argument("--first", type=int, default=1, help="number of the first draw")
     parser.add_argument("--most", type=int, default=ROUNDS[-1], choices=ROUNDS, help="candidates of a draw")
     parser.add_argument("--tasks", nargs="*", default=[each for each in task_names("paper") if _is_single(each)])
     parser.add_argument("--table", action="store_true", help="run nothing")
     options = parser.parse_args(arguments)
     lines = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
-    jobs = [(name, way, draw) for draw in range(1, options.draws + 1) for name in options.tasks for way in WAYS]
+    numbers = range(options.first, options.first + options.draws)
+    jobs = [(name, way, draw) for draw in numbers for name in options.tasks for way in WAYS]
     done = {(line["task"], line["way"], line["draw"]) for line in lines}
+    if not options.table:
+        for module in worker.PRELOAD:
+            importlib.import_module(module)
+        worker.prepare(CIRCUMSTANCES)
     for job in () if options.table else (job for job in jobs if job not in done):
         line = loop(*job, options.most)
         lines.append(line)

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from llm_server import Asked
 
-from gensim2.tasks.library import load_strategies
+from gensim2.tasks.library import load_strategies, shared_strategy
 
 #: By the class that a step works on and what it brings about: a task of the library and its strategy that does it.
 WAYS = {
@@ -155,3 +155,35 @@ class GoodModel:
         config = config_for(asked.prompt)
         kept = {name: config[name] for name in ("constraint_list", *MOTION_FIELDS) if name in config}
         return yaml.safe_dump({"configs": [{**kept, "let_go": 0.05}]})
+
+
+#: What a learner says of each step of ``LONG``: at first, and when it is told what went wrong.
+FIRST = {"open": "open_drawer_from_the_front", "place": "place_deep_in_drawer", "close": "close_drawer_from_the_front"}
+BETTER = {
+    "open": ("open_drawer_from_inside", "open_drawer_over_the_front"),
+    "place": ("place_in_drawer", "drop_into_drawer_from_above"),
+    "close": ("close_drawer_from_the_side",),
+}
+
+
+class Learner(GoodModel):
+    """Writes one way a step at first, the shared ones of the library, and others where it is told of failures."""
+
+    def constraints(self, asked: Asked) -> str:
+        return yaml.safe_dump({"constraint_list": self._config(asked)["constraint_list"]})
+
+    def motions(self, asked: Asked) -> str:
+        config = self._config(asked)
+        return yaml.safe_dump({"trials": [{name: config[name] for name in MOTION_FIELDS if name in config}]})
+
+    def regeneration(self, asked: Asked) -> str:
+        fields = ("constraint_list", *MOTION_FIELDS)
+        found = [shared_strategy(name) for name in BETTER[_step(asked)]]
+        return yaml.safe_dump({"configs": [{name: each[name] for name in fields if name in each} for each in found]})
+
+    def _config(self, asked: Asked) -> dict[str, Any]:
+        return shared_strategy(FIRST[_step(asked)])
+
+
+def _step(asked: Asked) -> str:
+    return next(name for name in FIRST if f"step `{name}`" in asked.prompt)

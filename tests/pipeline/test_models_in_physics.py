@@ -13,9 +13,8 @@ import pytest
 
 pytest.importorskip("openai")
 
-import yaml
-from llm_answers import LONG, MOTION_FIELDS, GoodModel
-from llm_server import KEY, Asked, ModelServer
+from llm_answers import LONG, Learner
+from llm_server import KEY, ModelServer
 
 from gensim2.designers.llm import Asking
 from gensim2.pipeline import run_pipeline
@@ -23,7 +22,7 @@ from gensim2.pipeline.designing import model_designer
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.search import Budget
 from gensim2.pipeline.setting import Circumstances
-from gensim2.tasks.library import load_task_file, shared_strategy
+from gensim2.tasks.library import load_task_file
 
 SIMULATOR = True
 
@@ -38,37 +37,6 @@ SMALL = Budget(
     enough_strict=0.0,
     enough_episodes=2,
 )
-
-#: What the script says of each step: once, and when it is told what went wrong.
-FIRST = {"open": "open_drawer_from_the_front", "place": "place_deep_in_drawer", "close": "close_drawer_from_the_front"}
-BETTER = {
-    "open": ("open_drawer_from_inside", "open_drawer_over_the_front"),
-    "place": ("place_in_drawer", "drop_into_drawer_from_above"),
-    "close": ("close_drawer_from_the_side",),
-}
-
-
-class Learner(GoodModel):
-    """Writes a poor way to open at first, and better ones when it is told of failures."""
-
-    def constraints(self, asked: Asked) -> str:
-        return yaml.safe_dump({"constraint_list": self._config(asked)["constraint_list"]})
-
-    def motions(self, asked: Asked) -> str:
-        config = self._config(asked)
-        return yaml.safe_dump({"trials": [{name: config[name] for name in MOTION_FIELDS if name in config}]})
-
-    def regeneration(self, asked: Asked) -> str:
-        fields = ("constraint_list", *MOTION_FIELDS)
-        found = [shared_strategy(name) for name in BETTER[_step(asked)]]
-        return yaml.safe_dump({"configs": [{name: each[name] for name in fields if name in each} for each in found]})
-
-    def _config(self, asked: Asked) -> dict[str, Any]:
-        return shared_strategy(FIRST[_step(asked)])
-
-
-def _step(asked: Asked) -> str:
-    return next(name for name in FIRST if f"step `{name}`" in asked.prompt)
 
 
 def test_a_long_task_goes_from_the_first_question_to_the_library(
