@@ -1,7 +1,7 @@
 """How many candidates does it take to a config that works, blindly and with what went wrong told to who draws?
 
     python benchmarks/paper_loop.py --out loop.jsonl --draws 2             # both ways, up to 300 candidates a task
-    python benchmarks/paper_loop.py --out loop.jsonl --draws 8 --most 30   # further draws of 30
+    python benchmarks/paper_loop.py --out loop.jsonl --first 3 --draws 8 --most 30     # further draws of 30
     python benchmarks/paper_loop.py --out loop.jsonl --table               # the table, on standard output
 
 The paper has a model write 3 configs, and a person say whether one does. Here candidates are drawn at random from all
@@ -12,19 +12,20 @@ both ways, and the first candidate is the same.
 
 A candidate is tried when it went through the solver, on 2 scenes. Where any part of a motion was found it gets up to 5
 episodes, and is dropped at the second that does not hold. Who is left works if it holds in 16 of 20 episodes on fresh
-seeds and on objects that no trial saw; then the draw ends. What works is run 20 times more, on other seeds and objects;
-nothing depends on that. CPU time is of this process. One line a task, way and draw; what the file has is not run again.
+seeds and on objects that no trial saw; then the draw ends. With `--again` what works is run 20 times more, on other
+seeds and objects; nothing depends on that. CPU time is of this process. One line a task, way and draw; what the file has is not run again.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,24 +66,19 @@ LOOKED_AT = 3
 
 
 @dataclass
-class Spent:
-    """What a draw took so far."""
+class Cost:
+    """What was run: candidates planned and tried, their episodes, and CPU seconds."""
 
     planned: int = 0
-    planned_scenes: int = 0
     tried: int = 0
     episodes: int = 0
-    cpu: dict[str, float] = field(default_factory=lambda: {"plan": 0.0, "physics": 0.0, "fresh": 0.0})
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        rounded = {f"cpu_{name}": round(value, 2) for name, value in self.cpu.items()}
-        counts = {"planned": self.planned, "planned_scenes": self.planned_scenes, "tried": self.tried}
-        return {**counts, "episodes": self.episodes, **rounded}
+    plan: float = 0.0
+    physics: float = 0.0
+    fresh: float = 0.0
 
 
 class Judge:
-    """Tries the candidates of one task; one draw.
+    """Tries the candidates of one task, for one draw; nothing twice, though both ways come to the same candidate.
 
     Args:
         task: of one step and one joint.
@@ -91,7 +87,10 @@ class Judge:
 
     def __init__(self, task: TaskSpec, seed: int) -> None:
         library = open_library("builtin")
-        self.task, self.seed, self.spent = redesigned(task), seed, Spent()
+        self.task, self.seed, self.cost = redesigned(task), seed, Cost()
+        self._planned: dict[Manipulation, CandidateResult] = {}
+        self._tried: dict[str, CandidateResult] = {}
+        self._held: dict[tuple[str, str], int] = {}
         goal = joint_goal(task)
         assert goal is not None, task.name
         name, self.opening = goal[0], OPENING[goal[1]]
@@ -109,33 +108,35 @@ class Judge:
 
     def screen(self, drawn: Sequence[Manipulation]) -> list[CandidateResult]:
         """Plan them, the best first."""
-        begin = time.process_time()
-        candidates = [self._candidate(each) for each in drawn]
+        begin, new = time.process_time(), [each for each in drawn if each not in self._planned]
+        candidates = [self._candidate(each) for each in new]
         stages = [
             worker.screen_scene(self.seen, seed, [each.steps for each in candidates])
             for seed in seeding.scene_seeds(self.seed, self.task.name, "screen", SCENES)
         ]
-        found = []
-        for candidate, outcomes in zip(candidates, zip(*stages, strict=True), strict=True):
+        for one, candidate, outcomes in zip(new, candidates, zip(*stages, strict=True), strict=True):
             score = sum(each[0] for each in outcomes) / SCENES
             told = diagnoses((cause, numbers) for _, cause, numbers in outcomes if cause is not None)
             causes = merge_causes([cause for _, cause, _ in outcomes])
-            found.append(CandidateResult(candidate, (StageResult("plan", SCENES, score, causes, 0.0, told),)))
-        self.spent.planned += len(found)
-        self.spent.planned_scenes += sum(each.plan_score > 0 for each in found)
-        self.spent.cpu["plan"] += time.process_time() - begin
-        return sorted(found, key=lambda each: -each.plan_score)
+            stage = StageResult("plan", SCENES, score, causes, 0.0, told)
+            self._planned[one] = CandidateResult(candidate, (stage,))
+        self.cost.planned += len(new)
+        self.cost.plan += time.process_time() - begin
+        return sorted((self._planned[each] for each in drawn), key=lambda each: -each.plan_score)
 
     def trial(self, result: CandidateResult) -> CandidateResult:
         """Up to 5 episodes, until two have not held."""
+        key = str(result.candidate.steps)
+        if key in self._tried:
+            return self._tried[key]
         begin, episodes = time.process_time(), []
         for seed in seeding.scene_seeds(self.seed, self.task.name, "design", TRIAL):
             episodes.append(worker.trial(self.seen, result.candidate.steps, seed))
             if sum(not each.held for each in episodes) == DROPPED_AT:
                 break
-        self.spent.tried += 1
-        self.spent.episodes += len(episodes)
-        self.spent.cpu["physics"] += time.process_time() - begin
+        self.cost.tried += 1
+        self.cost.episodes += len(episodes)
+        self.cost.physics += time.process_time() - begin
         held = sum(each.held for each in episodes) / len(episodes)
         failed = [each for each in episodes if each.cause is not None]
         stage = StageResult(
@@ -145,18 +146,21 @@ class Judge:
             merge_causes([str(each.cause) for each in failed]),
             diagnoses=diagnoses((str(each.cause), each.diagnosis) for each in failed),
         )
-        return replace(result, stages=(*result.stages, stage))
+        self._tried[key] = replace(result, stages=(*result.stages, stage))
+        return self._tried[key]
 
-    def held(self, candidate: Candidate, setting: Setting, purpose: str, least: int) -> tuple[int, int]:
-        """How many fresh episodes hold, and of how many; ends where ``least`` can no longer be had."""
-        begin, held, run = time.process_time(), 0, 0
-        for seed in seeding.scene_seeds(self.seed, self.task.name, purpose, FRESH):
-            run += 1
-            held += worker.trial(setting, candidate.steps, seed).held
-            if held + FRESH - run < least:
-                break
-        self.spent.cpu["fresh"] += time.process_time() - begin
-        return held, run
+    def held(self, candidate: Candidate, setting: Setting, purpose: str, least: int) -> int:
+        """How many of 20 fresh episodes hold; ends where ``least`` can no longer be had."""
+        key = (purpose, str(candidate.steps))
+        if key not in self._held:
+            begin, held = time.process_time(), 0
+            for run, seed in enumerate(seeding.scene_seeds(self.seed, self.task.name, purpose, FRESH), 1):
+                held += worker.trial(setting, candidate.steps, seed).held
+                if held + FRESH - run < least:
+                    break
+            self.cost.fresh += time.process_time() - begin
+            self._held[key] = held
+        return self._held[key]
 
     def _setting(self, instances: str | tuple[str, ...]) -> Setting:
         return Setting(self.task, instances, CIRCUMSTANCES)
@@ -186,28 +190,31 @@ def rounds(judge: Judge, way: str, most: int, results: list[CandidateResult]) ->
             yield drawn
 
 
-def loop(name: str, way: str, draw: int, most: int) -> dict[str, Any]:
+def loop(judge: Judge, way: str, draw: int, most: int, again: bool) -> dict[str, Any]:
     """One draw for one task: after how many candidates one was found that works."""
-    judge = Judge(load_task(name), draw)
     results: list[CandidateResult] = []
-    told = {"task": name, "way": way, "draw": draw, "most": most, "alignments": len(judge.every), "found": None}
-    passed = 0
+    judge.cost = Cost()
+    told: dict[str, Any] = {"task": judge.task.name, "way": way, "draw": draw, "most": most, "found": None}
+    told |= {"alignments": len(judge.every), "planned": 0, "moving": 0, "passed": 0}
     for drawn in rounds(judge, way, most, results):
         screened = judge.screen(drawn)
+        told["planned"] += len(screened)
+        told["moving"] += sum(each.plan_score > 0 for each in screened)
         for index, result in enumerate(screened):
             if not result.plan_score:
                 continue
             screened[index] = judge.trial(result)
             if screened[index].held <= TRIAL - DROPPED_AT:
                 continue
-            passed += 1
-            held, _ = judge.held(result.candidate, judge.fresh, "fresh", WORKS)
+            told["passed"] += 1
+            held = judge.held(result.candidate, judge.fresh, "fresh", WORKS)
             if held >= WORKS:
-                again, _ = judge.held(result.candidate, judge.other, "other", 0)
-                told |= {"found": judge.spent.planned, "label": result.candidate.label, "fresh": held, "again": again}
-                return {**told, "passed": passed, **judge.spent.to_dict()}
+                if again:
+                    told["again"] = judge.held(result.candidate, judge.other, "other", 0)
+                told |= {"found": told["planned"], "label": result.candidate.label, "fresh": held}
+                return {**told, "cost": asdict(judge.cost)}
         results += screened
-    return {**told, "passed": passed, **judge.spent.to_dict()}
+    return {**told, "cost": asdict(judge.cost)}
 
 
 def table(lines: Sequence[dict[str, Any]]) -> str:
@@ -229,20 +236,21 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
 
 
 def _efforts(lines: Sequence[dict[str, Any]]) -> Iterator[str]:
+    cost = Cost(**{name: sum(line["cost"][name] for line in lines) for name in asdict(Cost())})
+    yield (
+        f"{cost.planned} candidates went through the solver on {SCENES} scenes each, {60 * cost.planned / cost.plan:.0f} "
+        f"a minute of CPU; {cost.tried} through physics with {cost.episodes / cost.tried:.1f} episodes each, "
+        f"{60 * cost.tried / cost.physics:.0f} a minute of CPU."
+    )
     for way in WAYS:
         of = [line for line in lines if line["way"] == way]
-        if not of:
-            continue
-        plan, physics = (sum(line[f"cpu_{name}"] for line in of) for name in ("plan", "physics"))
-        planned, tried = sum(line["planned"] for line in of), sum(line["tried"] for line in of)
-        moved, episodes = sum(line["planned_scenes"] for line in of), sum(line["episodes"] for line in of)
         found = [line for line in of if line["found"] is not None]
-        again = np.mean([line["again"] / FRESH for line in found]) if found else float("nan")
+        passed, again = sum(line["passed"] for line in of), [line["again"] / FRESH for line in found if "again" in line]
         yield (
-            f"{way}: {planned} candidates through the solver on {SCENES} scenes each, {60 * planned / plan:.0f} a "
-            f"minute of CPU; {moved / planned:.0%} of them move; {tried} through physics, {60 * tried / physics:.0f} a "
-            f"minute of CPU ({episodes / tried:.1f} episodes each); {sum(line['passed'] for line in of)} passed their "
-            f"trial, {len(found)} of these work; what works held in {again:.1%} of {FRESH} more episodes each."
+            f"- {way}: {sum(line['moving'] for line in of) / sum(line['planned'] for line in of):.0%} of the candidates "
+            f"moved; of {passed} that passed their trial {len(found)} work, found after "
+            f"{np.median([line['found'] for line in found]):.0f} candidates (median), {np.mean([line['found'] for line in found]):.1f} (mean)"
+            + (f"; {len(again)} of them held in {np.mean(again):.0%} of {FRESH} more episodes" if again else "")
         )
 
 
@@ -266,22 +274,24 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=1, help="number of the first draw")
     parser.add_argument("--most", type=int, default=ROUNDS[-1], choices=ROUNDS, help="candidates of a draw")
     parser.add_argument("--tasks", nargs="*", default=[each for each in task_names("paper") if _is_single(each)])
+    parser.add_argument("--again", action="store_true", help="run what works 20 times more, on other objects")
     parser.add_argument("--table", action="store_true", help="run nothing")
     options = parser.parse_args(arguments)
     lines = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     numbers = range(options.first, options.first + options.draws)
-    jobs = [(name, way, draw) for draw in numbers for name in options.tasks for way in WAYS]
     done = {(line["task"], line["way"], line["draw"]) for line in lines}
     if not options.table:
         for module in worker.PRELOAD:
             importlib.import_module(module)
         worker.prepare(CIRCUMSTANCES)
-    for job in () if options.table else (job for job in jobs if job not in done):
-        line = loop(*job, options.most)
-        lines.append(line)
-        with options.out.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(line) + "\n")
-        print(json.dumps(line), file=sys.stderr, flush=True)
+    for draw, name in () if options.table else itertools.product(numbers, options.tasks):
+        if missing := [way for way in WAYS if (name, way, draw) not in done]:
+            judge = Judge(load_task(name), draw)
+            for way in missing:
+                lines.append(loop(judge, way, draw, options.most, options.again))
+                with options.out.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(lines[-1]) + "\n")
+                print(json.dumps(lines[-1]), file=sys.stderr, flush=True)
     print(table(lines))
     return 0
 

@@ -157,33 +157,37 @@ class GoodModel:
         return yaml.safe_dump({"configs": [{**kept, "let_go": 0.05}]})
 
 
-#: What a learner says of each step of ``LONG``: at first, and when it is told what went wrong.
-FIRST = {"open": "open_drawer_from_the_front", "place": "place_deep_in_drawer", "close": "close_drawer_from_the_front"}
+#: What a learner says of each step of ``LONG``: at first, and one more each time that it is told what went wrong.
+FIRST = {"open": "open_drawer_from_inside", "place": "place_in_drawer", "close": "close_drawer_from_the_front"}
 BETTER = {
-    "open": ("open_drawer_from_inside", "open_drawer_over_the_front"),
-    "place": ("place_in_drawer", "drop_into_drawer_from_above"),
+    "open": ("open_drawer_over_the_front", "open_drawer_from_deep_inside"),
+    "place": ("drop_into_drawer_from_above", "place_in_drawer_from_the_front", "place_deep_in_drawer"),
     "close": ("close_drawer_from_the_side",),
 }
 
 
 class Learner(GoodModel):
-    """Writes one way a step at first, the shared ones of the library, and others where it is told of failures."""
+    """Writes one way a step at first, of those that the library shares, and others where it is told of failures."""
+
+    def __init__(self, *proposals: dict[str, Any]) -> None:
+        super().__init__(*proposals)
+        self._told: dict[str, int] = {}
 
     def constraints(self, asked: Asked) -> str:
-        return yaml.safe_dump({"constraint_list": self._config(asked)["constraint_list"]})
+        return yaml.safe_dump({"constraint_list": shared_strategy(FIRST[_step(asked)])["constraint_list"]})
 
     def motions(self, asked: Asked) -> str:
-        config = self._config(asked)
+        config = shared_strategy(FIRST[_step(asked)])
         return yaml.safe_dump({"trials": [{name: config[name] for name in MOTION_FIELDS if name in config}]})
 
     def regeneration(self, asked: Asked) -> str:
+        step = _step(asked)
+        told = self._told[step] = self._told.get(step, 0) + 1
+        found = shared_strategy(BETTER[step][min(told, len(BETTER[step])) - 1])
         fields = ("constraint_list", *MOTION_FIELDS)
-        found = [shared_strategy(name) for name in BETTER[_step(asked)]]
-        return yaml.safe_dump({"configs": [{name: each[name] for name in fields if name in each} for each in found]})
-
-    def _config(self, asked: Asked) -> dict[str, Any]:
-        return shared_strategy(FIRST[_step(asked)])
+        return yaml.safe_dump({"configs": [{name: found[name] for name in fields if name in found}]})
 
 
 def _step(asked: Asked) -> str:
+    """Name of the step that a solver prompt is about."""
     return next(name for name in FIRST if f"step `{name}`" in asked.prompt)

@@ -140,12 +140,14 @@ class LLMDesigner:
         """Ask for better configs of the step that is to blame, with what went wrong in words."""
         if round >= self.asking.max_rounds or not results:
             return []
-        step = self._to_blame(task, results[0])
+        parent = _furthest(task, results)
+        step = self._to_blame(task, parent)
         if step is None:
             return []
         self.talk.seed = seed
         name = step.strategies[0]
-        tried = tried_of(step, [each for each in results if name in each.candidate.steps[step.name]])
+        told = [parent, *(each for each in results if each is not parent)]
+        tried = tried_of(step, [each for each in told if name in each.candidate.steps[step.name]])
         ask = solving.regeneration(self.prompts, self._job(task, step, brief), tried, self.asking.trials, round)
         try:
             found, _ = self.talk.ask(ask)
@@ -155,8 +157,8 @@ class LLMDesigner:
         seen = [result.candidate.steps for result in results]
         children = []
         for number, config in enumerate(found):
-            former = [] if task.is_single_step else list(results[0].candidate.steps[step.name].values())
-            steps = {**results[0].candidate.steps, step.name: _in_turn(name, [config, *former])}
+            former = [] if task.is_single_step else list(parent.candidate.steps[step.name].values())
+            steps = {**parent.candidate.steps, step.name: _in_turn(name, [config, *former])}
             if steps not in seen:
                 children.append(self._candidate(f"round {round + 1}, config {number + 1}", steps, {step.name: config}))
         return children
@@ -234,6 +236,18 @@ class LLMDesigner:
         ]
         ways = {name: dict(each) for name, each in steps.items()}
         return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name})
+
+
+def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
+    """Of those that hold as often as the first, the one whose failures come latest in the task."""
+    order = [step.name for step in task.steps]
+
+    def reached(result: CandidateResult) -> int:
+        blamed = result.diagnoses[0].step if result.diagnoses else None
+        return order.index(blamed) if blamed in order else -1
+
+    same = [each for each in results if each.episodes and each.physics_score == results[0].physics_score]
+    return max(same, key=reached, default=results[0])
 
 
 def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
