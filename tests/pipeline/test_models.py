@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +32,8 @@ from gensim2.pipeline.setting import Circumstances, Setting
 
 SMALL = Budget(screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.1, enough_episodes=2)
 
+
+PAGE = Path(__file__).parents[2] / "docs" / "pipeline.md"
 
 CLASSES = ("box_rotate", "drawer", "golf_ball")
 
@@ -189,6 +193,35 @@ def test_a_model_that_cannot_write_configs_gets_its_tasks_rejected(server: Model
     assert {each["name"] for each in result.rejected} == {"FlingBoxOpen", "ShoveDrawerShut"}
     assert all("the answer holds no JSON or YAML" in each["reason"] for each in result.rejected)
     assert "FlingBoxOpen" in (tmp_path / "run" / "report.html").read_text()
+
+
+class AnyModel(GoodModel):
+    """Proposes a long task where one is asked for."""
+
+    def proposal(self, asked: Asked) -> str:
+        return json.dumps(LONG) if "one rigid object" in asked.prompt else super().proposal(asked)
+
+
+def test_the_commands_and_the_program_of_the_page_run(
+    server: ModelServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server.script = AnyModel(BOX, DRAWER)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OPENAI_BASE_URL", server.url)
+    monkeypatch.setenv("GENSIM2_ASSETS", "builtin")
+    text = PAGE.read_text()
+    commands = [shlex.split(line, comments=True) for line in re.findall(r"^gensim2 (run-pipeline .*)", text, re.M)]
+    assert len(commands) >= 6
+    for number, words in enumerate(commands):
+        given = [server.url if word.startswith("http://localhost") else word for word in words]
+        out = f"run{number}"
+        code = command([*given, "--out", out, "--no-video", "--episodes", "1", "--verify", "2", "--from-empty"])
+        assert code == 0, words
+        assert json.loads((tmp_path / out / "run.json").read_text())["result"]["tasks"], words
+    (program,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    # Films are of no use where there is no world.
+    exec(program.replace("num_tasks=2", "num_tasks=2, video=False"), {})
+    assert list((tmp_path / "runs").glob("*/tasks/StowGolfBall/verification.json"))
 
 
 @pytest.mark.parametrize(
