@@ -1,7 +1,7 @@
 """Put what a run of the offline designer kept on the package's shelf, and write ``docs/designed.md`` from the shelf.
 
-    gensim2 run-pipeline --designer offline --from-empty --single 80 --long 70 --verify 50 --episodes 0 --no-video \
-        --assets builtin --seed 7 --out runs/designed
+    gensim2 run-pipeline --from-empty --single 60 --long 60 --verify 50 --episodes 0 --no-video --assets builtin \
+        --seed 7 --library none --out runs/designed
     python benchmarks/designed.py runs/designed
 
 Without a folder only the table is written anew.
@@ -9,14 +9,16 @@ Without a folder only the table is written anew.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from gensim2.designers.composition import verbs
+from gensim2.designers.drafting import verbs
 from gensim2.objects import open_library
-from gensim2.pipeline.shelving import shelve
+from gensim2.pipeline.shelving import MADE_JSON, shelve
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
@@ -40,9 +42,30 @@ def main(arguments: list[str]) -> int:
         done = shelve(Path(arguments[0]), SHELF)
         print(f"{len(done.tasks)} tasks on the shelf; left out: {', '.join(done.left_out) or 'none'}")
     tasks = [load_task_file(folder) for folder in sorted(SHELF.glob("*/")) if (folder / "task.yaml").is_file()]
-    PAGE.write_text("\n".join([HEAD, *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")
+    made = json.loads((SHELF / MADE_JSON).read_text(encoding="utf-8"))
+    PAGE.write_text("\n".join([HEAD, *_made(made), *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")
     print(PAGE)
     return 0
+
+
+def _made(made: dict[str, Any]) -> list[str]:
+    asked = made["arguments"]
+    command = (
+        f"gensim2 run-pipeline --from-empty --single {asked['single']} --long {asked['long']} "
+        f"--verify {asked['verify']} --episodes 0 --no-video --assets {asked['assets']} "
+        f"--seed {asked['seed']} --library none --out runs/designed"
+    )
+    cpu, wall = made["cpu_s"], made["wall_s"]
+    return [
+        "```",
+        command,
+        "python benchmarks/designed.py runs/designed",
+        "```",
+        "",
+        f"{made['tried']} proposals were designed and verified, in {cpu / 60:.0f} minutes of CPU "
+        f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes by the clock on a shared machine of two cores.",
+        "",
+    ]
 
 
 def _summary(tasks: list[TaskSpec]) -> list[str]:

@@ -20,12 +20,13 @@ from gensim2.designers import (
     Settings,
     StageResult,
 )
-from gensim2.designers.composition import chains, verbs
+from gensim2.designers.drafting import chains, verbs
 from gensim2.designers.joint_search import manipulation_from
 from gensim2.designers.proposals import joint_goal, redesigned, spec
 from gensim2.objects import open_library
 from gensim2.objects.words import Goal
 from gensim2.planning.strategies import GraspStrategy, parse_strategy
+from gensim2.tasks import load_task, task_names
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, DistanceArticulatedRigid, DistanceGripperRigid
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
@@ -72,7 +73,8 @@ def generated() -> dict[str, Affordance]:
 def everything() -> tuple[list[TaskSpec], Brief]:
     """All that is proposed on generated objects where everything that is proposed holds."""
     known: list[Known] = []
-    told, designer = Brief(SETTINGS, generated(), known), OfflineDesigner()
+    familiar = [load_task(name) for name in task_names("paper")]
+    told, designer = Brief(SETTINGS, generated(), known, familiar), OfflineDesigner()
     tasks = []
     for task in designer.propose(told, seed=0):
         tasks.append(task)

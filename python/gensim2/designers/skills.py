@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import Strategies
+from gensim2.designers.proposals import Direction
 from gensim2.tasks.library import shared_strategy
 
 Way = Literal["open", "close"]
@@ -63,6 +64,17 @@ _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0),
 
 #: Metres above the floor of a cabinet at which things are let go, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
+
+#: Where a push goes, x and y in the world, and the motions that bring the hand there.
+_PUSHES: dict[Direction, tuple[tuple[float, float], tuple[str, ...]]] = {
+    "away": ((1.0, 0.0), ("move-forward",)),
+    "closer": ((-1.0, 0.0), ("move-backward",)),
+    "left": ((0.0, 1.0), ("move-left", "move-left")),
+    "right": ((0.0, -1.0), ("move-right", "move-right")),
+}
+
+#: Metres between what is pushed and the middle of the fingers as they come down, and heights of their tips.
+_CLEAR, _ABOVE_TABLE = 0.025, (0.015, 0.025)
 
 #: Metres between what is put down and what it is put on, lowest first.
 _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
@@ -130,6 +142,31 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
         )
         for gap in _ABOVE_SUPPORT
     }
+
+
+def pushes(thing: Affordance, direction: Direction) -> Strategies:
+    """Ways to push a rigid object over the table: closed fingers come down behind it, and go on straight."""
+    (x, y), motions = _PUSHES[direction]
+    behind = max(thing.size[:2]) / 2 + _CLEAR
+    found: Strategies = {}
+    for height in _ABOVE_TABLE:
+        offset = (-x * behind, -y * behind, height - thing.size[2] / 2)
+        way = _put(
+            "tool_head",
+            "rigidbody_object_center",
+            (round(offset[0], 4), round(offset[1], 4), round(offset[2], 4)),
+            0.004,
+            (0.0, 0.0, -1.0),
+            0.6,
+            [["translate_z", -0.08]],
+            0.08,
+        )
+        found[f"push_{direction}_{1000 * height:.0f}"] = {
+            **way,
+            "gripper": "closed",
+            "post_actuation_motions": list(motions),
+        }
+    return found
 
 
 def _stands(thing: Affordance) -> bool:
