@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,8 +14,10 @@ import pytest
 pytest.importorskip("openai")
 
 import fake_world
+import numpy as np
 from llm_answers import BOX, DRAWER, LONG, GoodModel
 from llm_server import KEY, SERVER_ERROR, Asked, ModelServer
+from PIL import Image
 
 from gensim2.cli.main import run as command
 from gensim2.designers.base import Strategies, with_strategies
@@ -158,6 +161,30 @@ def test_long_tasks_put_together_go_all_the_way(server: ModelServer, tmp_path: P
     assert server.stages()[:1] == ["composition"]
 
 
+def test_a_model_is_shown_object_scene_and_arm_and_its_run_is_replayed_where_nothing_can_be_drawn(
+    server: ModelServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not _can_render():
+        pytest.skip("no Vulkan driver here")
+    asking = Asking(trials=1, visual=True)
+    first = run(server, tmp_path / "run", asking, num_tasks=1, record=tmp_path / "tape")
+    asked = {each.stage: [_opened(data) for data in each.pictures] for each in server.asked}
+    assert not asked["proposal"]
+    box, scene = asked["constraints"]
+    again, start, arm = asked["motions"]
+    assert box.tobytes() == again.tobytes()
+    assert scene.tobytes() == start.tobytes()
+    assert box.size[0] > 2.5 * box.size[1], "at three stages of its joint"
+    assert scene.size == arm.size == (640, 480)
+    assert all(len(picture.getcolors(1 << 24) or ()) > 1000 for picture in (box, scene, arm)), "something is seen"
+    changed = np.abs(np.asarray(arm, dtype=float) - np.asarray(scene, dtype=float)).max(axis=2) > 40
+    assert 0.01 < changed.mean() < 0.5, "the arm has moved and nothing else"
+    monkeypatch.setattr("gensim2.pipeline.views._drawn", lambda *_: pytest.fail("a replay draws nothing"))
+    replayed = run(server, tmp_path / "again", num_tasks=1, replay=tmp_path / "tape")
+    assert [task.name for task in replayed.tasks] == [task.name for task in first.tasks]
+    assert page(tmp_path / "again") == page(tmp_path / "run")
+
+
 def test_a_model_that_cannot_write_configs_gets_its_tasks_rejected(server: ModelServer, tmp_path: Path) -> None:
     model = GoodModel(BOX, DRAWER)
     server.script = lambda asked: "no." if asked.stage == "motions" else model(asked)
@@ -186,6 +213,16 @@ def test_options_that_do_not_fit_are_refused(
     assert command(["run-pipeline", "--assets", "builtin", "--out", "run", *words]) == 2
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def _can_render() -> bool:
+    from gensim2.sim import rendering
+
+    return rendering.can_render()
+
+
+def _opened(data: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(data)).convert("RGB")
 
 
 def _without(value: Any, names: tuple[str, ...]) -> Any:

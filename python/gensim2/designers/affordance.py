@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
 
+from gensim2.designers.pictures import Picture
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, Kind
 from gensim2.objects.words import noun
@@ -39,7 +40,7 @@ class Affordance:
         joint_axis: ``"vertical"`` or ``"level"`` as it stands: a hinge's axis, or the way of what slides.
         default_openness: mean openness at the start of an episode.
         grip_width: metres between the fingertips that hold a rigid object at its narrowest, as it rests.
-        picture: makes a PNG of one, as bytes; None where nothing can be drawn.
+        picture: of one, its keypoints named; None: there is none.
     """
 
     asset_class: str
@@ -55,7 +56,7 @@ class Affordance:
     joint_axis: Literal["vertical", "level"] | None = None
     default_openness: float | None = None
     grip_width: float | None = None
-    picture: Callable[[], bytes] | None = field(default=None, compare=False)
+    picture: Picture | None = field(default=None, compare=False)
 
     @property
     def measured(self) -> str:
@@ -76,7 +77,7 @@ class Affordance:
     def of(
         objects: Sequence[Instance | RigidObject],
         description: str = "",
-        picture: Callable[[], bytes] | None = None,
+        picture: Picture | None = None,
     ) -> Affordance:
         """Return what ``objects`` of one class have in common."""
         first = objects[0]

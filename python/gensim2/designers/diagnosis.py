@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 #: Sentences that a stage keeps of all its failures: the most frequent first.
@@ -32,12 +32,14 @@ class Diagnosis:
         cause: the fixed phrase for it (docs/episodes.md), or the planner's status.
         words: one sentence with the numbers of one such trial.
         count: trials that failed like this.
+        numbers: what ``words`` tells of, as :func:`diagnoses` was given it.
     """
 
     step: str | None
     cause: str
     words: str
     count: int
+    numbers: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -55,14 +57,14 @@ def diagnoses(failures: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[Diagno
             ``step`` and the ``strategy`` beside it.
     """
     counts: Counter[tuple[str | None, str, str]] = Counter()
-    example: dict[tuple[str | None, str, str], str] = {}
+    example: dict[tuple[str | None, str, str], Mapping[str, Any]] = {}
     for cause, numbers in failures:
         key = (numbers.get("step"), cause, str(numbers.get("strategy", "")))
         counts[key] += 1
-        example.setdefault(key, in_words(cause, numbers))
+        example.setdefault(key, numbers)
     return tuple(
-        Diagnosis(step, cause, example[step, cause, way], count)
-        for (step, cause, way), count in counts.most_common(KEPT)
+        Diagnosis(key[0], key[1], in_words(key[1], example[key]), count, example[key])
+        for key, count in counts.most_common(KEPT)
     )
 
 

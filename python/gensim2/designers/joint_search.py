@@ -88,7 +88,7 @@ def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int,
         count: how many at most.
         seed, what: of the draw.
     """
-    found = list(_grid(thing, opening, goal))
+    found = list(alignments(thing, opening, goal))
     if len(found) <= count:
         return found
     chosen = seeding.rng(seed, what).choice(len(found), count, replace=False)
@@ -122,7 +122,8 @@ def round_to(value: float, step: float = 0.005) -> float:
     return round(round(value / step) * step, 6)
 
 
-def _grid(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipulation]:
+def alignments(thing: Affordance, opening: bool, goal: float) -> Iterator[Manipulation]:
+    """Yield every alignment, on a grid of directions, offsets and motions; arguments as of :func:`sample`."""
     longest = max(thing.lever_arms.values(), default=0.0)
     for keypoint in thing.lever_arms:
         if longest and thing.lever_arms[keypoint] < 0.3 * longest:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gensim2 import seeding
-from gensim2.designers import composition, joint_search, pieces, proposals, skills
+from gensim2.designers import composition, joint_search, pieces, proposals, skills, steering
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import Brief, Candidate, CandidateResult, Declined, Strategies
 from gensim2.designers.manipulation import Manipulation
@@ -80,7 +80,7 @@ class OfflineDesigner:
     def refine(
         self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
     ) -> list[Candidate]:
-        """Put the best together, vary those that were drawn; where nothing held, draw more."""
+        """Put the best together, vary those that were drawn, and draw more of what is likely by how all fared."""
         if round >= REFINE_ROUNDS:
             return []
         seen = {str(result.candidate.steps) for result in results}
@@ -96,7 +96,8 @@ class OfflineDesigner:
             for _ in range(REFINE_CHILDREN):
                 found.append(_candidate(task, joint_search.vary(manipulation, halfway, generator)))
         if round == 0:
-            found += _drawn(task, brief.classes[goal[0]], goal[1], SECOND_DRAW, seed + 1)
+            every = list(joint_search.alignments(brief.classes[goal[0]], OPENING[goal[1]], _end(goal[1])))
+            found += [_candidate(task, each) for each in steering.draw(every, results, SECOND_DRAW, generator)]
         return list({str(each.steps): each for each in found if str(each.steps) not in seen}.values())
 
     @staticmethod
@@ -132,7 +133,7 @@ def _drawn(task: TaskSpec, thing: Affordance, goal: Goal, count: int, seed: int)
 
 
 def _end(goal: Goal) -> float:
-    """Openness at which motions are to end."""
+    """Openness at which motions end."""
     ends = {"articulated_open": joint_search.OPENED, "articulated_closed": joint_search.CLOSED_UP}
     return ends.get(goal, joint_search.HALFWAY)
 

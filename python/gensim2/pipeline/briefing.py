@@ -13,6 +13,7 @@ from gensim2.pipeline.inputs import has_instances
 from gensim2.pipeline.runfolder import RunFolder
 from gensim2.pipeline.setting import Circumstances
 from gensim2.pipeline.unseen import seen_by_search
+from gensim2.pipeline.views import view_of
 from gensim2.progress import Progress
 from gensim2.robots import robot
 
@@ -99,4 +100,5 @@ class Classes(Mapping[str, Affordance]):
             raise InputError(f"no instance of {name} can be used", field="assets") from failed
         for each in found:
             self._folder.add_object(each)
-        return Affordance.of(found, self._library.describe(name))
+        picture = view_of(self._library.location, name, found[0].id)
+        return Affordance.of(found, self._library.describe(name), picture)

@@ -146,8 +146,8 @@ class Search:
                     break
             if round_index and self._hopeless(standing):
                 break
-            # Where nothing could be planned, what stood in the way is what there is to learn from.
-            learned = standing or list(everything.values())
+            # What stood in the way of those that fell out says where not to look.
+            learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
             children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
             if not children:
                 break

@@ -9,20 +9,21 @@ from __future__ import annotations
 import io
 import json
 import multiprocessing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
+from functools import cache
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gensim2.designers.base import Strategies
-from gensim2.designers.llm.questions import Picture
+from gensim2.designers.pictures import Picture
 from gensim2.errors import GenSim2Error
 from gensim2.objects import open_library
 from gensim2.pipeline.setting import Circumstances
-from gensim2.pipeline.unseen import seen_by_search
 from gensim2.planning.strategies import KeypointStrategy
 from gensim2.robots import robot
 from gensim2.tasks.spec import TaskSpec
@@ -42,6 +43,14 @@ AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
 #: What the video camera looks from, at and through (gensim2.sim.rendering.video_camera).
 EYE, TARGET, FIELD_OF_VIEW = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23), np.deg2rad(50)
 
+#: Questions are asked from several threads; one of them starts the process that draws.
+_STARTING = Lock()
+
+
+def view_of(location: str, asset_class: str, instance: str) -> Picture:
+    """An object at three stages of its joint, or from three sides; its keypoints named."""
+    return Picture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
+
 
 class SceneViews:
     """Fills :class:`~gensim2.designers.llm.Views`.
@@ -52,30 +61,32 @@ class SceneViews:
 
     def __init__(self, circumstances: Circumstances) -> None:
         self.circumstances = circumstances
-        self._process: ProcessPoolExecutor | None = None
 
-    def thing(self, asset_class: str) -> Picture:
-        """An object of a class at three stages of its joint, or from three sides; its keypoints named."""
-        location = self.circumstances.assets
-        instance = seen_by_search(open_library(location), asset_class)[0]
-        return Picture(f"{asset_class}/{instance}", lambda: self._drawn(draw_thing, location, asset_class, instance))
+    def start(self, task: TaskSpec, step: str) -> Picture:
+        """A scene at its start, marked for ``step``."""
+        return self.actuation(task, {}, step)
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
         """The scene with the arm at the actuation pose of ``step``; at its start where the solver finds none."""
         told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **asdict(self.circumstances)}
         given = (self.circumstances, task, {name: dict(each) for name, each in steps.items()}, step)
-        return Picture(json.dumps(told, sort_keys=True), lambda: self._drawn(draw_actuation, *given))
+        return Picture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
 
-    def _drawn(self, draw: Any, *given: Any) -> bytes:
-        if self._process is None:
-            spawn = multiprocessing.get_context("spawn")
-            self._process = ProcessPoolExecutor(max_workers=1, mp_context=spawn)
-        try:
-            found: bytes = self._process.submit(draw, *given).result()
-        except BrokenProcessPool as error:
-            self._process = None
-            raise GenSim2Error("the process that draws pictures ended (leave --visual out)") from error
-        return found
+
+@cache
+def _painter() -> ProcessPoolExecutor:
+    """The process that draws; started when the first picture is looked at."""
+    return ProcessPoolExecutor(max_workers=1, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
+    with _STARTING:
+        painter = _painter()
+    try:
+        return painter.submit(draw, *given).result()
+    except BrokenProcessPool as error:
+        _painter.cache_clear()
+        raise GenSim2Error("the process that draws pictures ended (leave --visual out)") from error
 
 
 def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
@@ -85,7 +96,7 @@ def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
     return _png(strip(Studio(OBJECT_SIZE), open_library(location).load(asset_class, instance)))
 
 
-def draw_actuation(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
+def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
     """PNG of a scene; in a process of its own."""
     from PIL import Image, ImageDraw
 
@@ -101,7 +112,7 @@ def draw_actuation(circumstances: Circumstances, task: TaskSpec, steps: Mapping[
     try:
         env.reset(seed=SEED)
         scene = env.scene_state()
-        q, T_hand = _actuation(circumstances, task, steps, name, scene)
+        q, T_hand = _actuation(circumstances, task, steps, name, scene) if name in steps else (None, None)
         if q is not None:
             env.agent.robot.set_qpos(q)
         picture = Image.fromarray(np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8))

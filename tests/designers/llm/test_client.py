@@ -28,7 +28,8 @@ from llm_server import (
 from gensim2.designers.llm import Model, ModelOptions
 from gensim2.designers.llm.client import MOST_BYTES, Client
 from gensim2.designers.llm.ledger import BudgetSpent
-from gensim2.designers.llm.questions import Message, Picture, Question
+from gensim2.designers.llm.questions import Message, Question
+from gensim2.designers.pictures import Picture
 from gensim2.errors import InputError, ModelError
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20

@@ -16,7 +16,7 @@ from llm_server import Asked, ModelServer
 from gensim2.designers.base import Brief, Candidate, CandidateResult, Declined, StageResult
 from gensim2.designers.diagnosis import Diagnosis
 from gensim2.designers.llm import Asking, LLMDesigner, Model, ModelOptions, Prompts
-from gensim2.designers.llm.questions import Picture
+from gensim2.designers.pictures import Picture
 from gensim2.planning.strategies import parse_strategy
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import TaskSpec
@@ -284,22 +284,28 @@ def test_of_a_long_task_the_step_to_blame_is_written_anew(server: ModelServer, b
 class Camera:
     """Draws nothing, and says what of."""
 
-    def thing(self, asset_class: str) -> None:
-        """None: the brief has a picture."""
+    def start(self, task: TaskSpec, step: str) -> Picture:
+        return Picture(f"{task.name}/{step}/start", lambda: PNG + b"scene")
 
     def actuation(self, task: TaskSpec, steps: Any, step: str) -> Picture:
         return Picture(f"{task.name}/{step}", lambda: PNG + b"arm")
 
 
 def test_pictures_of_the_object_and_of_the_actuation_pose_go_along(server: ModelServer, brief: Brief) -> None:
-    box = replace(brief.classes["box_rotate"], picture=lambda: PNG)
+    box = replace(brief.classes["box_rotate"], picture=Picture("box_rotate/1", lambda: PNG))
     seen = replace(brief, classes={**brief.classes, "box_rotate": box})
     found = designer(server, views=Camera(), visual=True)
     (task,) = proposed(found, seen)
     found.candidates(task, seen, seed=0)
-    assert [asked.pictures for asked in server.asked] == [(), (), (PNG,), (PNG, PNG + b"arm")]
+    assert [asked.pictures for asked in server.asked] == [
+        (),
+        (),
+        (PNG, PNG + b"scene"),
+        (PNG, PNG + b"scene", PNG + b"arm"),
+    ]
     assert "1. `box_rotate`, seen from the side of the robot" in server.asked[2].prompt
-    assert "2. the arm at the actuation pose" in server.asked[3].prompt
+    assert "2. the scene at the start" in server.asked[2].prompt
+    assert "3. the arm at the actuation pose" in server.asked[3].prompt
 
 
 def test_words_in_an_objects_files_stay_data(server: ModelServer, brief: Brief) -> None:

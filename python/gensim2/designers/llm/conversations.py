@@ -10,8 +10,9 @@ from typing import Any, Generic, TypeVar
 from gensim2.designers.llm.extraction import Data, mappings
 from gensim2.designers.llm.log import MODEL_FOLDER, ConversationRecord, Log, TurnRecord
 from gensim2.designers.llm.model import Model
-from gensim2.designers.llm.questions import Message, Picture, Question
+from gensim2.designers.llm.questions import Message, Question
 from gensim2.designers.llm.templating import Prompts
+from gensim2.designers.pictures import Picture
 from gensim2.errors import GenSim2Error, InputError
 
 #: Characters of a wrong answer that are shown to the model again.

@@ -43,7 +43,7 @@ class LLMDesigner:
         prompts: in which words.
         asking: what for.
         robot_name: against whose keypoints configs are checked.
-        views: draws actuation poses; None: they are not shown.
+        views: draws scenes; None: they are not shown.
     """
 
     def __init__(

@@ -4,23 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-
-@dataclass(frozen=True)
-class Picture:
-    """A PNG that goes along with a question.
-
-    Attributes:
-        of: what it shows, exactly: two pictures of the same are the same, whatever draws them. A recorded run is
-            replayed where nothing can be drawn.
-        make: draws it; called when a model is really asked.
-    """
-
-    of: str
-    make: Callable[[], bytes]
+from gensim2.designers.pictures import Picture
 
 
 @dataclass(frozen=True)

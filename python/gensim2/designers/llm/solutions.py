@@ -8,9 +8,9 @@ from typing import Any, Literal, Protocol
 
 from gensim2.designers.base import Brief, CandidateResult, Strategies
 from gensim2.designers.llm.conversations import Conversations
-from gensim2.designers.llm.questions import Picture
 from gensim2.designers.llm.stages import solving
 from gensim2.designers.llm.stages.solving import Config, Job, Sight
+from gensim2.designers.pictures import Picture
 from gensim2.tasks.spec import Step, TaskSpec
 
 Mode = Literal["explore", "topdown", "bottomup"]
@@ -18,16 +18,18 @@ Mode = Literal["explore", "topdown", "bottomup"]
 #: Configs of a step that are shown, with how they fared, when better ones are asked for.
 SHOWN_TRIED = 3
 
+FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
+
 
 class Views(Protocol):
-    """Draws what a model is shown."""
+    """Draws scenes that a model is shown, with the frames of robot and object and the object's keypoints."""
 
-    def thing(self, asset_class: str) -> Picture | None:
-        """An object of a class with its keypoints named; None: there is none."""
+    def start(self, task: TaskSpec, step: str) -> Picture:
+        """A scene as it stands at first, marked for ``step``."""
         ...
 
-    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture | None:
-        """The scene with the arm at the actuation pose that the strategies of ``step`` lead to; None: there is none."""
+    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
+        """The same scene with the arm at the actuation pose that the strategies of ``step`` lead to."""
         ...
 
 
@@ -61,7 +63,7 @@ class Solutions:
     Args:
         talk: with the model.
         asking: what for.
-        views: draws actuation poses; None: they are not shown.
+        views: draws scenes; None: they are not shown.
     """
 
     def __init__(self, talk: Conversations, asking: Asking, views: Views | None) -> None:
@@ -78,21 +80,19 @@ class Solutions:
         return trials
 
     def _sight(self, job: Job) -> Sight:
-        """Pictures of the step's objects, where pictures are wanted and can be had."""
+        """Pictures of the step's objects and of a scene, where pictures are wanted and can be had."""
         if not self.asking.visual:
             return Sight()
         captions, pictures = [], []
         for thing in (job.things[job.step.object], job.held):
-            picture = None
             if thing is not None and thing.picture is not None:
-                picture = Picture(f"class {thing.asset_class}", thing.picture)
-            elif thing is not None and self.views is not None:
-                picture = self.views.thing(thing.asset_class)
-            if thing is not None and picture is not None:
                 captions.append(
                     f"`{thing.asset_class}`, seen from the side of the robot, its keypoints marked and named"
                 )
-                pictures.append(picture)
+                pictures.append(thing.picture)
+        if self.views is not None:
+            captions.append(f"the scene at the start; {FRAMES}")
+            pictures.append(self.views.start(job.task, job.step.name))
         return Sight(tuple(captions), tuple(pictures))
 
     def _with_actuation(
@@ -109,11 +109,7 @@ class Solutions:
             "gripper": fingers,
         }
         picture = self.views.actuation(job.task, {**fixed, job.step.name: {name: config}}, job.step.name)
-        if picture is None:
-            return sight
-        caption = (
-            "the arm at the actuation pose that the constraints below lead to; red, green, blue: x, y, z of the base"
-        )
+        caption = f"the arm at the actuation pose that the constraints below lead to, if any; {FRAMES}, and of the hand"
         return Sight((*sight.captions, caption), (*sight.pictures, picture))
 
 

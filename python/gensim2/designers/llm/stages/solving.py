@@ -12,8 +12,8 @@ from gensim2.designers.llm import configs
 from gensim2.designers.llm.configs import CONSTRAINTS, FINGERS, MOTIONS
 from gensim2.designers.llm.conversations import Ask, Wrong
 from gensim2.designers.llm.extraction import ITEMS, Data
-from gensim2.designers.llm.questions import Picture
 from gensim2.designers.llm.templating import Prompts
+from gensim2.designers.pictures import Picture
 from gensim2.planning.strategies import PLANNER_FIELDS
 from gensim2.robots import RobotProfile
 from gensim2.tasks.spec import HAND, Step, TaskSpec

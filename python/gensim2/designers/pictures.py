@@ -1,0 +1,20 @@
+"""Pictures that go along with what a designer is told; drawn when somebody looks at them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG.
+
+    Attributes:
+        of: what it shows, exactly: two pictures of the same are the same, whatever draws them. A recorded run is
+            replayed where nothing can be drawn.
+        make: draws it, at its first look after seconds. Raises GenSim2Error where nothing can be drawn.
+    """
+
+    of: str
+    make: Callable[[], bytes]
