@@ -25,7 +25,6 @@ FAMILIES = [
     containers.FAMILIES["put"],
     containers.FAMILIES["take out and close"],
     containers.FAMILIES["stow"],
-    serving.FAMILIES["hand over"],
     containers.FAMILIES["fill and close"],
     serving.FAMILIES["lay"],
     containers.FAMILIES["move over"],

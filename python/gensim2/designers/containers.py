@@ -101,7 +101,7 @@ def taken_out(brief: Brief, opens: bool, shuts: bool) -> Iterator[Draft]:
         (True, False): ("Get{thing}OutOf{box}", "open the {box}, take the {thing} out and put it {into} the {support}"),
     }[opens, shuts]
     queues = []
-    for container in _containers(brief):
+    for container in _roomy(brief):
         needed = [goal for goal, need in (("articulated_open", opens), ("articulated_closed", shuts)) if need]
         if all(is_known(brief, container.asset_class, goal) for goal in needed):
             queues.append([(container, thing) for thing in _things(brief, container.asset_class)[:ALIKE]])
@@ -131,6 +131,8 @@ def moved_over(brief: Brief, shuts: bool) -> Iterator[Draft]:
     narrow = [each for each in _containers(brief) if max(each.size[:2]) < NARROW]
     queues = []
     for source, target in itertools.permutations(narrow, 2):
+        if source not in _roomy(brief):
+            continue
         if shuts and not is_known(brief, source.asset_class, "articulated_closed"):
             continue
         kept = set(belongs(source.asset_class))
@@ -201,6 +203,11 @@ def _inside(thing: Affordance, box: str) -> ObjectSpec:
 
 def _containers(brief: Brief) -> Iterator[Affordance]:
     yield from (thing for thing in brief.classes.values() if thing.is_container)
+
+
+def _roomy(brief: Brief) -> list[Affordance]:
+    """Those in which a thing may lie at the start without touching a wall: what slides, and what opens at the top."""
+    return [each for each in _containers(brief) if each.joint_type == "prismatic" or each.joint_axis == "level"]
 
 
 def _things(brief: Brief, asset_class: str) -> list[Affordance]:

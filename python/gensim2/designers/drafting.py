@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from gensim2.designers.base import DESIGNED
-from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid, RigidMoved
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid
 from gensim2.tasks.spec import HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
 
 Item = TypeVar("Item")
@@ -62,11 +62,6 @@ class Draft:
     def put(self, verb: str, role: str, where: str, criterion: Criterion) -> None:
         """A step that puts down what is held."""
         self._step(f"{verb}_{role}", where, role, (criterion,))
-        self.goal.append(criterion)
-
-    def push(self, role: str, criterion: RigidMoved) -> None:
-        """A step that pushes something over the table."""
-        self._step(f"push_{role}", role, HAND, (criterion,))
         self.goal.append(criterion)
 
     def task(self) -> TaskSpec:

@@ -37,12 +37,12 @@ RIGID, RIGID_USEFUL = 3, 0.8
 
 Direction = Literal["away", "closer", "left", "right"]
 
-#: Ways to push something over the table: name, sentence, and where it begins, x and y in the world.
-PUSHES: dict[Direction, tuple[str, str, tuple[float, float]]] = {
-    "away": ("Push{}Away", "push the {} away", (-0.15, 0.0)),
-    "closer": ("Pull{}Closer", "pull the {} closer", (0.0, 0.0)),
-    "left": ("Slide{}ToTheLeft", "slide the {} over to the left", (-0.12, -0.12)),
-    "right": ("Slide{}ToTheRight", "slide the {} over to the right", (-0.12, 0.12)),
+#: Ways to move something over the table: name, sentence, and where it begins, x and y in the world.
+MOVES: dict[Direction, tuple[str, str, tuple[float, float]]] = {
+    "away": ("Move{}Away", "move the {} further away", (-0.15, 0.0)),
+    "closer": ("Move{}Closer", "move the {} closer", (0.0, 0.0)),
+    "left": ("Move{}ToTheLeft", "move the {} over to the left", (-0.1, -0.1)),
+    "right": ("Move{}ToTheRight", "move the {} over to the right", (-0.1, 0.1)),
 }
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
@@ -132,17 +132,17 @@ def lift(thing: Affordance, origin: str = "offline") -> TaskSpec:
     )
 
 
-def push(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
-    """Return the task of pushing a rigid object over the table."""
+def move(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
+    """Return the task of moving a rigid object over the table."""
     role = role_of(thing.noun)
-    name, sentence, at = PUSHES[direction]
+    name, sentence, at = MOVES[direction]
     about = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
     done = (RigidMoved(rigid=role, direction=direction),)
     return TaskSpec(
         name=name.format(camel_case(thing.noun)),
         description=sentence.format(thing.noun),
         objects={role: ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=about)},
-        steps=(Step(name="push", object=role, strategies=(DESIGNED,), done=done),),
+        steps=(Step(name="move", object=role, strategies=(DESIGNED,), done=done),),
         provenance=Provenance(origin=origin),
     )
 
@@ -182,7 +182,9 @@ def propose(
                 opening = "articulated_closed" if goal == "articulated_open" else "articulated_open"
             else:
                 later.append((usefulness, task))
-    later += [(RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_pushes(classes)) if task.name not in names]
+    later += [
+        (RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_moves(classes, stroke)) if task.name not in names
+    ]
     later.sort(key=lambda choice: -choice[0])
     yield from sorted([*first, *(task for _, task in later)], key=lambda task: joint_goal(task) not in wanted)
 
@@ -217,15 +219,9 @@ def _lifts(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
     return [lift(thing) for thing in things[:RIGID]]
 
 
-def _pushes(classes: Mapping[str, Affordance]) -> list[TaskSpec]:
-    """A few a direction, each of other things; what is taller than wide would topple."""
-    things = [classes[name] for name in handled("pushed") if name in classes]
-    low = [thing for thing in things if thing.size[2] < min(thing.size[:2])]
-    return [
-        push(low[(number + turn) % len(low)], direction)
-        for turn, direction in enumerate(PUSHES)
-        for number in range(min(RIGID, len(low)))
-    ]
+def _moves(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
+    things = [classes[name] for name in handled("moved") if name in classes and holdable(classes[name], stroke)]
+    return [move(thing, direction) for direction in MOVES for thing in things[:RIGID]]
 
 
 def _usefulness(thing: Affordance, goal: Goal) -> float:

@@ -1,4 +1,4 @@
-"""Long tasks about plates and bowls: something is put there, two things are, what is there is pushed over."""
+"""Long tasks about plates and bowls: something is put there, two things are, on both one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gensim2.designers.base import Brief
 from gensim2.designers.drafting import ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, Draft, in_turn
 from gensim2.designers.proposals import camel_case, holdable, role_of
 from gensim2.objects.words import belongs
-from gensim2.tasks.criteria import RigidMoved, RigidOnRigid
+from gensim2.tasks.criteria import RigidOnRigid
 from gensim2.tasks.spec import ObjectSpec, Place
 
 #: Where a bowl or a plate stands, alone and with another.
@@ -60,25 +60,10 @@ def laid(brief: Brief) -> Iterator[Draft]:
         yield draft
 
 
-def handed(brief: Brief) -> Iterator[Draft]:
-    """Something is put on a plate or into a bowl, which is then pushed over to somebody."""
-    queues = [[(support, thing) for thing in fits(brief, support)[-ALIKE:]] for support in _supports(brief)]
-    for support, thing in itertools.islice(in_turn(queues), ALIKE):
-        draft = Draft(
-            f"Serve{camel_case(thing.noun)}{into_it(support).capitalize()}{camel_case(support.noun)}",
-            f"put the {thing.noun} {into_it(support)} the {support.noun} and push the {support.noun} over to the guest",
-        )
-        below = place_support(draft, support, SUPPORT_AT)
-        carry(draft, support, thing, BESIDE)
-        draft.push(below, RigidMoved(rigid=below, direction="away"))
-        yield draft
-
-
 FAMILIES = {
     "serve": partial(served, count=1),
     "serve two": partial(served, count=2),
     "lay": laid,
-    "hand over": handed,
 }
 
 

@@ -65,16 +65,14 @@ _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0),
 #: Metres above the floor of a cabinet at which things are let go, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
 
-#: Where a push goes, x and y in the world, and the motions that bring the hand there.
-_PUSHES: dict[Direction, tuple[tuple[float, float], tuple[str, ...]]] = {
-    "away": ((1.0, 0.0), ("move-forward",)),
-    "closer": ((-1.0, 0.0), ("move-backward",)),
-    "left": ((0.0, 1.0), ("move-left", "move-left")),
-    "right": ((0.0, -1.0), ("move-right", "move-right")),
+#: The config language's motion in a direction, and metres below its top at which something is held.
+_MOVES: dict[Direction, str] = {
+    "away": "move-forward",
+    "closer": "move-backward",
+    "left": "move-left",
+    "right": "move-right",
 }
-
-#: Metres between what is pushed and the middle of the fingers as they come down, and heights of their tips.
-_CLEAR, _ABOVE_TABLE = 0.025, (0.015, 0.025)
+_DEPTHS = (0.02, 0.03)
 
 #: Metres between what is put down and what it is put on, lowest first.
 _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
@@ -144,28 +142,23 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
     }
 
 
-def pushes(thing: Affordance, direction: Direction) -> Strategies:
-    """Ways to push a rigid object over the table: closed fingers come down behind it, and go on straight."""
-    (x, y), motions = _PUSHES[direction]
-    behind = max(thing.size[:2]) / 2 + _CLEAR
+def moves(thing: Affordance, direction: Direction) -> Strategies:
+    """Ways to move something round over the table: it is held from above, lifted, carried a little way and let go."""
     found: Strategies = {}
-    for height in _ABOVE_TABLE:
-        offset = (-x * behind, -y * behind, height - thing.size[2] / 2)
+    for depth in _DEPTHS:
+        height = max(0.0, thing.size[2] / 2 - depth)
         way = _put(
             "tool_head",
             "rigidbody_object_center",
-            (round(offset[0], 4), round(offset[1], 4), round(offset[2], 4)),
-            0.004,
+            (0.0, 0.0, round(height, 4)),
+            0.003,
             (0.0, 0.0, -1.0),
-            0.6,
-            [["translate_z", -0.08]],
+            0.3,
+            [["translate_z", -0.1]],
             0.08,
         )
-        found[f"push_{direction}_{1000 * height:.0f}"] = {
-            **way,
-            "gripper": "closed",
-            "post_actuation_motions": list(motions),
-        }
+        motions = ["move-up", _MOVES[direction], "move-down"]
+        found[f"move_{direction}_{1000 * depth:.0f}"] = {**way, "gripper": "grasp", "post_actuation_motions": motions}
     return found
 
 
