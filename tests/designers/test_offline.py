@@ -188,16 +188,14 @@ def test_no_more_than_three_tasks_differ_only_in_the_rigid_object() -> None:
 
     def shape(task: TaskSpec) -> str:
         names = {
-            name: thing.asset_class
-            if kinds[thing.asset_class].kind == "articulated" or thing.asset_class in ("bowl", "plate")
-            else "rigid"
+            name: thing.asset_class if kinds[thing.asset_class].kind == "articulated" else "rigid"
             for name, thing in task.objects.items()
         }
         steps = [
             (names[step.object], names.get(step.tool), verb) for step, verb in zip(task.steps, verbs(task), strict=True)
         ]
         begins = [(names[name], names.get(thing.place.on)) for name, thing in task.objects.items()]
-        return f"{begins} {steps} {[(c.type, [names[o] for o in c.objects]) for c in task.success]}"
+        return f"{begins} {steps} {[(c.type, getattr(c, 'direction', ''), [names[o] for o in c.objects]) for c in task.success]}"
 
     counts = Counter(shape(task) for task in everything()[0] if _joints(task) < len(task.objects))
     assert max(counts.values()) <= 3

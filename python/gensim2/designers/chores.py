@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from gensim2.designers.base import Brief
 from gensim2.designers.containers import NARROW
-from gensim2.designers.drafting import BESIDE, PAIRED, Draft, in_turn
+from gensim2.designers.drafting import BESIDE, PAIRED, Draft, Family, in_turn
 from gensim2.designers.pieces import ENDS, Piece, is_known, pieces
 from gensim2.designers.proposals import camel_case, holdable, role_of
 from gensim2.designers.serving import carry, into_it, place_support
@@ -70,7 +70,7 @@ def errands(brief: Brief) -> Iterator[Draft]:
         yield draft
 
 
-FAMILIES = {"pairs": pairs, "to and fro": again, "errands": errands}
+FAMILIES: dict[str, Family] = {"pairs": pairs, "to and fro": again, "errands": errands}
 
 
 def wanted_ends() -> set[tuple[str, str]]:

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 from gensim2.designers import chores, containers, serving
 from gensim2.designers.base import Brief
-from gensim2.designers.drafting import chains
+from gensim2.designers.drafting import Family, chains
 from gensim2.designers.pieces import ENDS
 from gensim2.objects.words import belongs
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec
 
 #: Kinds of long tasks, each a function of what is known; they take turns in this order.
-FAMILIES = [
+FAMILIES: list[Family] = [
     chores.FAMILIES["pairs"],
     serving.FAMILIES["serve"],
     containers.FAMILIES["drop"],

@@ -8,7 +8,7 @@ from functools import partial
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import Brief
-from gensim2.designers.drafting import ABOUT, ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, PAIRED, Draft, in_turn
+from gensim2.designers.drafting import ABOUT, ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, PAIRED, Draft, Family, in_turn
 from gensim2.designers.pieces import is_known
 from gensim2.designers.proposals import OPEN_AT, SHUT_AT, camel_case, holdable, role_of
 from gensim2.designers.serving import SUPPORTS, on_it
@@ -161,7 +161,7 @@ def moved_over(brief: Brief, shuts: bool) -> Iterator[Draft]:
         yield draft
 
 
-FAMILIES = {
+FAMILIES: dict[str, Family] = {
     "stow": partial(tidied, how="stow"),
     "put": partial(tidied, how="put"),
     "shut": partial(tidied, how="shut"),

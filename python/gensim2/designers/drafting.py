@@ -7,11 +7,11 @@ open, and leaves the hand empty; a joint is not brought to where it stands (:fun
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from gensim2.designers.base import DESIGNED
+from gensim2.designers.base import DESIGNED, Brief
 from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid
 from gensim2.tasks.spec import HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
 
@@ -78,6 +78,10 @@ class Draft:
 
     def _step(self, name: str, role: str, tool: str, done: tuple[Criterion, ...]) -> None:
         self.steps.append(Step(name=name[:60], object=role, tool=tool, strategies=(DESIGNED,), done=done))
+
+
+Family = Callable[[Brief], Iterator[Draft]]
+"""Drafts of one kind, as far as they can be made of what is known."""
 
 
 def chains(task: TaskSpec) -> list[str]:

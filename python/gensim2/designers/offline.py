@@ -107,7 +107,7 @@ class OfflineDesigner:
         thing = things[step.object]
         if step.tool == HAND and thing.kind == "rigid":
             moved = next((criterion for criterion in step.done if isinstance(criterion, RigidMoved)), None)
-            return skills.grasps() if moved is None else skills.moves(thing, moved.direction)
+            return skills.grasps() if moved is None else skills.hand_overs(thing, moved.direction)
         if step.tool != HAND and things[step.tool].kind == "rigid":
             held = things[step.tool]
             if thing.kind == "rigid":

@@ -35,14 +35,13 @@ LIFT = 0.06
 #: Tasks that differ in nothing but the rigid object, and how likely anybody is to ask for one.
 RIGID, RIGID_USEFUL = 3, 0.8
 
-Direction = Literal["away", "closer", "left", "right"]
+Direction = Literal["left", "right", "away"]
 
-#: Ways to move something over the table: name, sentence, and where it begins, x and y in the world.
-MOVES: dict[Direction, tuple[str, str, tuple[float, float]]] = {
-    "away": ("Move{}Away", "move the {} further away", (-0.15, 0.0)),
-    "closer": ("Move{}Closer", "move the {} closer", (0.0, 0.0)),
-    "left": ("Move{}ToTheLeft", "move the {} over to the left", (-0.1, -0.1)),
-    "right": ("Move{}ToTheRight", "move the {} over to the right", (-0.1, 0.1)),
+#: Ways to hand something over: name, sentence, and where it begins, x and y in the world.
+HANDING: dict[Direction, tuple[str, str, tuple[float, float]]] = {
+    "left": ("Hand{}ToTheLeft", "hand the {} to the person on the left", (-0.1, 0.0)),
+    "right": ("Hand{}ToTheRight", "hand the {} to the person on the right", (-0.1, 0.0)),
+    "away": ("Hand{}Across", "hand the {} to the person across the table", (-0.15, 0.0)),
 }
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
@@ -132,17 +131,17 @@ def lift(thing: Affordance, origin: str = "offline") -> TaskSpec:
     )
 
 
-def move(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
-    """Return the task of moving a rigid object over the table."""
+def hand_over(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
+    """Return the task of holding a rigid object out to somebody."""
     role = role_of(thing.noun)
-    name, sentence, at = MOVES[direction]
+    name, sentence, at = HANDING[direction]
     about = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
-    done = (RigidMoved(rigid=role, direction=direction),)
+    done = (RigidMoved(rigid=role, direction=direction), RigidLifted(rigid=role, height=LIFT / 2))
     return TaskSpec(
         name=name.format(camel_case(thing.noun)),
         description=sentence.format(thing.noun),
         objects={role: ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=about)},
-        steps=(Step(name="move", object=role, strategies=(DESIGNED,), done=done),),
+        steps=(Step(name="hand_over", object=role, strategies=(DESIGNED,), done=done),),
         provenance=Provenance(origin=origin),
     )
 
@@ -163,7 +162,7 @@ def propose(
     known = list(known)
     names = {task.name for task in known}
     taken = {joint_goal(task) for task in known}
-    taken |= {goal for task in familiar if (goal := joint_goal(task)) is not None and goal not in wanted}
+    taken |= {reached for task in familiar if (reached := joint_goal(task)) is not None and reached not in wanted}
     first: list[TaskSpec] = []
     later: list[tuple[float, TaskSpec]] = []
     opening: Goal = "articulated_open"
@@ -183,7 +182,7 @@ def propose(
             else:
                 later.append((usefulness, task))
     later += [
-        (RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_moves(classes, stroke)) if task.name not in names
+        (RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_handed(classes, stroke)) if task.name not in names
     ]
     later.sort(key=lambda choice: -choice[0])
     yield from sorted([*first, *(task for _, task in later)], key=lambda task: joint_goal(task) not in wanted)
@@ -219,9 +218,9 @@ def _lifts(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
     return [lift(thing) for thing in things[:RIGID]]
 
 
-def _moves(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
-    things = [classes[name] for name in handled("moved") if name in classes and holdable(classes[name], stroke)]
-    return [move(thing, direction) for direction in MOVES for thing in things[:RIGID]]
+def _handed(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
+    things = [classes[name] for name in handled("handed over") if name in classes and holdable(classes[name], stroke)]
+    return [hand_over(thing, direction) for direction in HANDING for thing in things[:RIGID]]
 
 
 def _usefulness(thing: Affordance, goal: Goal) -> float:

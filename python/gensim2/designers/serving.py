@@ -8,7 +8,7 @@ from functools import partial
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import Brief
-from gensim2.designers.drafting import ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, Draft, in_turn
+from gensim2.designers.drafting import ALIKE, BESIDE, CLOSE_ABOUT, OTHER_SIDE, Draft, Family, in_turn
 from gensim2.designers.proposals import camel_case, holdable, role_of
 from gensim2.objects.words import belongs
 from gensim2.tasks.criteria import RigidOnRigid
@@ -60,7 +60,7 @@ def laid(brief: Brief) -> Iterator[Draft]:
         yield draft
 
 
-FAMILIES = {
+FAMILIES: dict[str, Family] = {
     "serve": partial(served, count=1),
     "serve two": partial(served, count=2),
     "lay": laid,

@@ -131,7 +131,7 @@ def to_and_fro() -> tuple[ToAndFro, ...]:
 
 
 def handled(how: str) -> tuple[str, ...]:
-    """Classes of rigid objects that people ask to be ``"lifted"`` or ``"moved"``, the likeliest first."""
+    """Classes of rigid objects that people ask to be ``"lifted"`` or ``"handed over"``, the likeliest first."""
     return tuple(_table()["handled"].get(how, ()))
 
 
