@@ -21,16 +21,18 @@ FAMILIES: list[Family] = [
     containers.FAMILIES["shut"],
     chores.FAMILIES["errands"],
     containers.FAMILIES["take out"],
+    chores.FAMILIES["pairs"],
     serving.FAMILIES["serve two"],
     containers.FAMILIES["put"],
     containers.FAMILIES["take out and close"],
     containers.FAMILIES["stow"],
-    containers.FAMILIES["fill and close"],
+    chores.FAMILIES["pairs"],
     serving.FAMILIES["lay"],
     containers.FAMILIES["move over"],
-    containers.FAMILIES["fill"],
     containers.FAMILIES["open and take out"],
     containers.FAMILIES["move over and close"],
+    containers.FAMILIES["fill and close"],
+    containers.FAMILIES["fill"],
 ]
 
 
