@@ -1,7 +1,7 @@
 """Put what a run of the offline designer kept on the package's shelf, and write ``docs/designed.md`` from the shelf.
 
-    gensim2 run-pipeline --designer offline --from-empty --single 80 --long 70 --verify 50 --episodes 0 --no-video \
-        --assets builtin --seed 7 --out runs/designed
+    gensim2 run-pipeline --from-empty --single 60 --long 60 --verify 50 --episodes 0 --no-video --assets builtin \
+        --seed 7 --library none --out runs/designed
     python benchmarks/designed.py runs/designed
 
 Without a folder only the table is written anew.
@@ -9,14 +9,16 @@ Without a folder only the table is written anew.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from gensim2.designers.composition import verbs
+from gensim2.designers.drafting import verbs
 from gensim2.objects import open_library
-from gensim2.pipeline.shelving import shelve
+from gensim2.pipeline.shelving import MADE_JSON, shelve
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
@@ -40,34 +42,88 @@ def main(arguments: list[str]) -> int:
         done = shelve(Path(arguments[0]), SHELF)
         print(f"{len(done.tasks)} tasks on the shelf; left out: {', '.join(done.left_out) or 'none'}")
     tasks = [load_task_file(folder) for folder in sorted(SHELF.glob("*/")) if (folder / "task.yaml").is_file()]
-    PAGE.write_text("\n".join([HEAD, *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")
+    made = json.loads((SHELF / MADE_JSON).read_text(encoding="utf-8"))
+    PAGE.write_text("\n".join([HEAD, *_made(made), *_summary(tasks), *_tables(tasks)]) + "\n", encoding="utf-8")
     print(PAGE)
     return 0
 
 
+def _made(made: dict[str, Any]) -> list[str]:
+    asked = made["arguments"]
+    command = (
+        f"gensim2 run-pipeline --from-empty --single {asked['single']} --long {asked['long']} "
+        f"--verify {asked['verify']} --episodes 0 --no-video --assets {asked['assets']} "
+        f"--seed {asked['seed']} --library none --out runs/designed"
+    )
+    cpu, wall = made["cpu_s"], made["wall_s"]
+    return [
+        "```",
+        command,
+        "python benchmarks/designed.py runs/designed",
+        "```",
+        "",
+        f"{made['tried']} proposals were designed and verified, in {cpu / 60:.0f} minutes of CPU "
+        f"({cpu / made['tried']:.0f} s each), {wall / 60:.0f} minutes by the clock on a shared machine of two cores.",
+        "",
+    ]
+
+
 def _summary(tasks: list[TaskSpec]) -> list[str]:
-    long = [task for task in tasks if not task.is_single_step]
     library = open_library("builtin")
-    classes = Counter(c for task in tasks for c in {thing.asset_class for thing in task.objects.values()})
-    joints = [sum(library.kind(t.asset_class) == "articulated" for t in task.objects.values()) for task in long]
+    long = [task for task in tasks if not task.is_single_step]
+    kinds = {task.name: Counter(library.kind(each.asset_class) for each in task.objects.values()) for task in tasks}
+    classes = {name for task in tasks for name in _classes(task)}
     chains = Counter(" - ".join(verbs(task)) for task in long)
-    kinds = {kind: [c for c in classes if library.kind(c) == kind] for kind in ("articulated", "rigid")}
     rows = [
         ("tasks of one step", len(tasks) - len(long)),
         ("tasks of several steps", len(long)),
-        ("of these with two articulated objects", sum(count > 1 for count in joints)),
-        ("classes of articulated objects", len(kinds["articulated"])),
-        ("classes of rigid objects", len(kinds["rigid"])),
+        ("of these with two articulated objects", sum(kinds[task.name]["articulated"] > 1 for task in long)),
+        ("classes of articulated objects", sum(library.kind(name) == "articulated" for name in classes)),
+        ("classes of rigid objects", sum(library.kind(name) == "rigid" for name in classes)),
         ("chains of verbs", len(chains)),
     ]
+    rigid = sum(kinds[task.name]["articulated"] == 0 for task in tasks)
     return [
         *_table(("", "count"), rows),
         "",
-        "Classes, with the number of tasks: " + ", ".join(f"{c} {n}" for c, n in classes.most_common()) + ".",
+        f"{rigid} tasks are about rigid objects alone. Of each such class there is one object: these were verified on poses "
+        "that the search had not seen, all others on objects that it had not seen, another one each episode.",
+        "",
+        "## Types and classes",
+        "",
+        *_table(("objects", "one step", "several steps"), _types(tasks, kinds)),
+        "",
+        *_table(("class", "one step", "several steps"), _by_class(tasks)),
         "",
         "Chains: " + ", ".join(f"{chain} ({n})" for chain, n in chains.most_common()) + ".",
         "",
     ]
+
+
+def _types(tasks: list[TaskSpec], kinds: dict[str, Counter[str]]) -> list[tuple[object, ...]]:
+    def told(count: Counter[str]) -> str:
+        return " and ".join(f"{count[kind]} {kind}" for kind in ("articulated", "rigid") if count[kind])
+
+    single = Counter(told(kinds[task.name]) for task in tasks if task.is_single_step)
+    long = Counter(told(kinds[task.name]) for task in tasks if not task.is_single_step)
+    return [(kind, single[kind] or "", long[kind] or "") for kind in sorted(single | long)]
+
+
+def _by_class(tasks: list[TaskSpec]) -> list[tuple[object, ...]]:
+    single, long = (
+        Counter(
+            name
+            for task in tasks
+            if task.is_single_step == one
+            for name in {t.asset_class for t in task.objects.values()}
+        )
+        for one in (True, False)
+    )
+    return [(name, single[name] or "", long[name] or "") for name in sorted(single | long)]
+
+
+def _classes(task: TaskSpec) -> set[str]:
+    return {each.asset_class for each in task.objects.values()}
 
 
 def _tables(tasks: list[TaskSpec]) -> list[str]:

@@ -20,12 +20,13 @@ from gensim2.designers import (
     Settings,
     StageResult,
 )
-from gensim2.designers.composition import chains, verbs
+from gensim2.designers.drafting import chains, verbs
 from gensim2.designers.joint_search import manipulation_from
 from gensim2.designers.proposals import joint_goal, redesigned, spec
 from gensim2.objects import open_library
 from gensim2.objects.words import Goal
 from gensim2.planning.strategies import GraspStrategy, parse_strategy
+from gensim2.tasks import load_task, task_names
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, DistanceArticulatedRigid, DistanceGripperRigid
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
@@ -72,7 +73,8 @@ def generated() -> dict[str, Affordance]:
 def everything() -> tuple[list[TaskSpec], Brief]:
     """All that is proposed on generated objects where everything that is proposed holds."""
     known: list[Known] = []
-    told, designer = Brief(SETTINGS, generated(), known), OfflineDesigner()
+    familiar = [load_task(name) for name in task_names("paper")]
+    told, designer = Brief(SETTINGS, generated(), known, familiar), OfflineDesigner()
     tasks = []
     for task in designer.propose(told, seed=0):
         tasks.append(task)
@@ -186,16 +188,14 @@ def test_no_more_than_three_tasks_differ_only_in_the_rigid_object() -> None:
 
     def shape(task: TaskSpec) -> str:
         names = {
-            name: thing.asset_class
-            if kinds[thing.asset_class].kind == "articulated" or thing.asset_class in ("bowl", "plate")
-            else "rigid"
+            name: thing.asset_class if kinds[thing.asset_class].kind == "articulated" else "rigid"
             for name, thing in task.objects.items()
         }
         steps = [
             (names[step.object], names.get(step.tool), verb) for step, verb in zip(task.steps, verbs(task), strict=True)
         ]
         begins = [(names[name], names.get(thing.place.on)) for name, thing in task.objects.items()]
-        return f"{begins} {steps} {[(c.type, [names[o] for o in c.objects]) for c in task.success]}"
+        return f"{begins} {steps} {[(c.type, getattr(c, 'direction', ''), [names[o] for o in c.objects]) for c in task.success]}"
 
     counts = Counter(shape(task) for task in everything()[0] if _joints(task) < len(task.objects))
     assert max(counts.values()) <= 3

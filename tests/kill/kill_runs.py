@@ -215,7 +215,7 @@ def contents(folder: Path) -> dict[str, Any]:
         del found["run.json"]
         return found
     record = json.loads(found["run.json"])
-    for field in ("command_line", "started", "finished", "resumed"):
+    for field in ("command_line", "started", "finished", "resumed", "effort"):
         del record[field]
     for told in (record["result"], *record["result"].get("tasks", ())):
         told.pop("cpu_s", None)

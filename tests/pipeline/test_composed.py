@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gensim2.designers.composition import chains
+from gensim2.designers.drafting import chains
 from gensim2.pipeline.run import run_pipeline
 from gensim2.pipeline.search import Budget
 from gensim2.pipeline.shelving import shelve

@@ -82,6 +82,7 @@ class Brief:
     settings: Settings
     classes: Mapping[str, Affordance]
     known: Sequence[Known] = ()
+    familiar: Sequence[TaskSpec] = ()
 
     def of(self, task: TaskSpec) -> dict[str, Affordance]:
         """What is known of each object of a task, by its name in the task."""

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from gensim2 import seeding
 from gensim2.designers.affordance import Affordance
@@ -44,6 +44,38 @@ def _directions() -> list[Direction]:
 
 
 DIRECTIONS = tuple(_directions())
+
+
+#: What served often where something slides: direction, gripper, roll, behind, inset, motion, tolerance.
+LIKELY: tuple[tuple[str, Literal["closed", "grasp"], Axis | None, float, float, Motion, float], ...] = (
+    ("straight down", "grasp", "z", 0.0, 0.0, "follow_joint_to", 0.15),
+    ("straight down", "closed", None, 0.0, 0.0, "trace_joint_to", 0.05),
+    ("+x", "closed", None, 0.025, 0.015, "follow_joint_to", 0.5),
+    ("forward", "closed", None, 0.025, 0.0, "trace_joint_to", 0.5),
+)
+
+
+def likely(thing: Affordance, opening: bool, goal: float) -> list[Manipulation]:
+    """Alignments that are worth a try before any draw, at the keypoint furthest from the axis."""
+    if thing.joint_type != "prismatic":
+        return []
+    named = {direction.name: direction for direction in DIRECTIONS}
+    return [
+        Manipulation(
+            keypoint=max(thing.lever_arms, key=lambda name: thing.lever_arms[name]),
+            gripper=gripper,
+            approach=named[name],
+            roll=roll,
+            behind=behind,
+            inset=inset,
+            retreat=0.1,
+            motion=motion,
+            goal_openness=goal,
+            tolerance=tolerance,
+            opening=opening,
+        )
+        for name, gripper, roll, behind, inset, motion, tolerance in LIKELY
+    ]
 
 
 def sample(thing: Affordance, opening: bool, goal: float, count: int, seed: int, what: str) -> list[Manipulation]:

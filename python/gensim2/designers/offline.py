@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from gensim2 import seeding
-from gensim2.designers import composition, joint_search, proposals, skills, steering
+from gensim2.designers import composition, joint_search, pieces, proposals, skills, steering
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import Brief, Candidate, CandidateResult, Declined, Strategies
 from gensim2.designers.manipulation import Manipulation
 from gensim2.objects.words import Goal
-from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, RigidMoved
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 #: Alignments drawn for a joint beside the rules, at first, and once more where those beside them hold too seldom.
-FIRST_DRAW, SECOND_DRAW = 12, 90
+FIRST_DRAW, SECOND_DRAW = 8, 60
 
 #: How many of the best are varied in a round of refinement, and how often each.
 REFINE_PARENTS = 3
@@ -54,7 +54,8 @@ class OfflineDesigner:
     def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
         """Yield tasks of one step, and soon in turn with them such as can be made of what is known by then."""
         known = [each.task for each in brief.known]
-        single = proposals.propose(brief.classes, known, brief.settings.stroke)
+        wanted = composition.wanted_ends(brief)
+        single = proposals.propose(brief.classes, known, brief.settings.stroke, brief.familiar, wanted)
         yield from itertools.islice(single, FIRST_SINGLE)
         long = composition.propose(brief)
         while True:
@@ -70,7 +71,9 @@ class OfflineDesigner:
             rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
             teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
             alone = [_rules(step, {name: data}) for name, data in rules.items()]
-            return [*teams, *alone, *_drawn(task, thing, goal[1], FIRST_DRAW, seed)]
+            likely = joint_search.likely(thing, OPENING[goal[1]], _end(goal[1]))
+            drawn = _drawn(task, thing, goal[1], FIRST_DRAW, seed)
+            return [*teams, *alone, *(_candidate(task, each) for each in likely), *drawn]
         ways = {step.name: self._ways(task, step, brief) for step in task.steps}
         return _orders(ways)
 
@@ -103,7 +106,8 @@ class OfflineDesigner:
         things = brief.of(task)
         thing = things[step.object]
         if step.tool == HAND and thing.kind == "rigid":
-            return skills.grasps()
+            moved = next((criterion for criterion in step.done if isinstance(criterion, RigidMoved)), None)
+            return skills.grasps() if moved is None else skills.hand_overs(thing, moved.direction)
         if step.tool != HAND and things[step.tool].kind == "rigid":
             held = things[step.tool]
             if thing.kind == "rigid":
@@ -112,7 +116,7 @@ class OfflineDesigner:
                 return skills.places_in(thing, held)
         for criterion in step.done:
             if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
-                return composition.piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
+                return pieces.piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
                     thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
                 )
         raise Declined(f"the offline designer knows no way to do the step {step.name!r}")

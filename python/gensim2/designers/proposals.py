@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, get_args
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any, Literal, get_args
 
 from gensim2.designers.affordance import Affordance
 from gensim2.designers.base import DESIGNED
-from gensim2.objects.words import Goal, Phrase, belongs, halfway, words
+from gensim2.objects.words import Goal, Phrase, halfway, handled, words
 from gensim2.tasks.criteria import (
     CLOSED,
     OPEN,
@@ -16,8 +16,9 @@ from gensim2.tasks.criteria import (
     ArticulatedOpen,
     Criterion,
     RigidLifted,
+    RigidMoved,
 )
-from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Provenance, Randomization, Step, TaskSpec
+from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
 
 #: Usefulness of a phrase below which a task is proposed only when nothing better is left.
 ASKED_FOR = 0.5
@@ -31,8 +32,17 @@ SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
 #: Metres by which something is lifted: half of what a grasp lifts by.
 LIFT = 0.06
 
-#: How likely anybody is to ask for a thing to be picked up, and tasks that differ in nothing else.
-LIFTS, LIFTS_USEFUL = 3, 0.8
+#: Tasks that differ in nothing but the rigid object, and how likely anybody is to ask for one.
+RIGID, RIGID_USEFUL = 3, 0.8
+
+Direction = Literal["left", "right", "away"]
+
+#: Ways to hand something over: name, sentence, and where it begins, x and y in the world.
+HANDING: dict[Direction, tuple[str, str, tuple[float, float]]] = {
+    "left": ("Hand{}ToTheLeft", "hand the {} to the person on the left", (-0.1, 0.0)),
+    "right": ("Hand{}ToTheRight", "hand the {} to the person on the right", (-0.1, 0.0)),
+    "away": ("Hand{}Across", "hand the {} to the person across the table", (-0.15, 0.0)),
+}
 
 GOALS: tuple[Goal, ...] = get_args(Goal)
 
@@ -121,34 +131,61 @@ def lift(thing: Affordance, origin: str = "offline") -> TaskSpec:
     )
 
 
-def propose(classes: Mapping[str, Affordance], known: Iterable[TaskSpec], stroke: float) -> Iterator[TaskSpec]:
+def hand_over(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
+    """Return the task of holding a rigid object out to somebody."""
+    role = role_of(thing.noun)
+    name, sentence, at = HANDING[direction]
+    about = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
+    done = (RigidMoved(rigid=role, direction=direction), RigidLifted(rigid=role, height=LIFT / 2))
+    return TaskSpec(
+        name=name.format(camel_case(thing.noun)),
+        description=sentence.format(thing.noun),
+        objects={role: ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=about)},
+        steps=(Step(name="hand_over", object=role, strategies=(DESIGNED,), done=done),),
+        provenance=Provenance(origin=origin),
+    )
+
+
+def propose(
+    classes: Mapping[str, Affordance],
+    known: Iterable[TaskSpec],
+    stroke: float,
+    familiar: Iterable[TaskSpec] = (),
+    wanted: Collection[tuple[str, str]] = (),
+) -> Iterator[TaskSpec]:
     """Yield tasks of one step that ``known`` lacks, no two of one name.
 
     First one a class, its most useful one, opening and closing in turn where both are as useful; then the others, the
-    most useful ones first. What hardly anybody would ask for (below ``ASKED_FOR``) comes last.
+    most useful ones first. What hardly anybody would ask for (below ``ASKED_FOR``) comes last. What longer tasks are
+    made of (``wanted``: classes and goals) comes before all that; only as such is proposed what is ``familiar``.
     """
     known = list(known)
-    taken = {joint_goal(task) for task in known}
     names = {task.name for task in known}
+    taken = {joint_goal(task) for task in known}
+    taken |= {reached for task in familiar if (reached := joint_goal(task)) is not None and reached not in wanted}
+    first: list[TaskSpec] = []
     later: list[tuple[float, TaskSpec]] = []
-    wanted: Goal = "articulated_open"
+    opening: Goal = "articulated_open"
     for thing in classes.values():
         if thing.kind == "rigid" or not thing.lever_arms:
             continue
         fresh = [(_usefulness(thing, goal), goal) for goal in goals(thing) if (thing.asset_class, goal) not in taken]
-        fresh.sort(key=lambda choice: (-choice[0], choice[1] != wanted))
+        fresh.sort(key=lambda choice: (-choice[0], choice[1] != opening))
         for rank, (usefulness, goal) in enumerate(fresh):
             task = spec(thing, goal)
             if task.name in names:
                 continue
             names.add(task.name)
             if rank == 0 and usefulness >= ASKED_FOR:
-                yield task
-                wanted = "articulated_closed" if goal == "articulated_open" else "articulated_open"
+                first.append(task)
+                opening = "articulated_closed" if goal == "articulated_open" else "articulated_open"
             else:
                 later.append((usefulness, task))
-    later += [(LIFTS_USEFUL, task) for task in _lifts(classes, stroke) if task.name not in names]
-    yield from (task for _, task in sorted(later, key=lambda choice: -choice[0]))
+    later += [
+        (RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_handed(classes, stroke)) if task.name not in names
+    ]
+    later.sort(key=lambda choice: -choice[0])
+    yield from sorted([*first, *(task for _, task in later)], key=lambda task: joint_goal(task) not in wanted)
 
 
 def redesigned(task: TaskSpec) -> TaskSpec:
@@ -177,10 +214,13 @@ def camel_case(phrase: str) -> str:
 
 
 def _lifts(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
-    """A few, of what people keep about them."""
-    kept = dict.fromkeys(name for each in classes for name in belongs(each)[:1])
-    things = [classes[name] for name in kept if name in classes and holdable(classes[name], stroke)]
-    return [lift(thing) for thing in things[:LIFTS]]
+    things = [classes[name] for name in handled("lifted") if name in classes and holdable(classes[name], stroke)]
+    return [lift(thing) for thing in things[:RIGID]]
+
+
+def _handed(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
+    things = [classes[name] for name in handled("handed over") if name in classes and holdable(classes[name], stroke)]
+    return [hand_over(thing, direction) for direction in HANDING for thing in things[:RIGID]]
 
 
 def _usefulness(thing: Affordance, goal: Goal) -> float:

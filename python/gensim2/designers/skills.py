@@ -64,6 +64,14 @@ _INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0),
 #: Metres above the floor of a cabinet at which things are let go, lowest first.
 _ABOVE_FLOOR = (0.022, 0.045, 0.06)
 
+#: The config language's motions by which something is held out, and metres below its top at which it is held.
+_HANDING: dict[str, tuple[str, ...]] = {
+    "left": ("move-left", "move-left"),
+    "right": ("move-right", "move-right"),
+    "away": ("move-forward",),
+}
+_DEPTHS = (0.02, 0.03)
+
 #: Metres between what is put down and what it is put on, lowest first.
 _ABOVE_SUPPORT = (0.008, 0.02, 0.035)
 
@@ -100,16 +108,12 @@ def places_in(container: Affordance, thing: Affordance) -> Strategies:
     found: Strategies = {}
     for height in _ABOVE_FLOOR:
         for number, (direction, tolerance) in enumerate(_INTO):
-            found[f"reach_in_{1000 * height:.0f}_{number}"] = _put(
-                low,
-                "floor",
-                (-0.015, 0.0, round(height + lift, 4)),
-                0.02,
-                direction,
-                tolerance,
-                [["translate_z", -0.12]],
-                0.12,
-            )
+            offset = (-0.015, 0.0, round(height + lift, 4))
+            found[f"reach_in_{1000 * height:.0f}_{number}"] = {
+                **_pose(low, "floor", offset, 0.02, direction, tolerance, [["translate_z", -0.12]]),
+                "gripper": "release",
+                "let_go": 0.12,
+            }
     return found
 
 
@@ -118,18 +122,24 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
     hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
     base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
     return {
-        f"put_{'in' if hollow else 'on'}_{1000 * gap:.0f}": _put(
-            "rigidbody_object_center",
-            "rigidbody_object_center",
-            (0.0, 0.0, round(base + gap, 4)),
-            0.015,
-            (0.0, 0.0, -1.0),
-            0.7,
-            ["move-up"],
-            0.1,
-        )
+        f"put_{'in' if hollow else 'on'}_{1000 * gap:.0f}": {
+            **_from_above("rigidbody_object_center", (0.0, 0.0, round(base + gap, 4)), 0.015, 0.7, ["move-up"]),
+            "gripper": "release",
+            "let_go": 0.1,
+        }
         for gap in _ABOVE_SUPPORT
     }
+
+
+def hand_overs(thing: Affordance, direction: str) -> Strategies:
+    """Ways to hold something round out to somebody: it is held from above, lifted, and carried a little way."""
+    found: Strategies = {}
+    for depth in _DEPTHS:
+        height = max(0.0, thing.size[2] / 2 - depth)
+        way = _from_above("tool_head", (0.0, 0.0, round(height, 4)), 0.003, 0.3, [["translate_z", -0.1]])
+        motions = ["move-up", *_HANDING[direction]]
+        found[f"hand_{direction}_{1000 * depth:.0f}"] = {**way, "gripper": "grasp", "post_actuation_motions": motions}
+    return found
 
 
 def _stands(thing: Affordance) -> bool:
@@ -137,7 +147,14 @@ def _stands(thing: Affordance) -> bool:
     return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
 
 
-def _put(
+def _from_above(
+    keypoint: str, offset: tuple[float, float, float], tolerance: float, lean: float, before: list[Any]
+) -> dict[str, Any]:
+    """A keypoint comes to the middle of a rigid object, fingers down."""
+    return _pose(keypoint, "rigidbody_object_center", offset, tolerance, (0.0, 0.0, -1.0), lean, before)
+
+
+def _pose(
     keypoint: str,
     target: str,
     offset: tuple[float, float, float],
@@ -145,7 +162,6 @@ def _put(
     direction: tuple[float, float, float],
     lean: float,
     before: list[Any],
-    let_go: float,
 ) -> dict[str, Any]:
     return {
         "constraint_list": [
@@ -168,6 +184,4 @@ def _put(
             },
         ],
         "pre_actuation_motions": before,
-        "gripper": "release",
-        "let_go": let_go,
     }

@@ -50,6 +50,38 @@ class Phrase:
     usefulness: float
 
 
+@dataclass(frozen=True)
+class Purpose:
+    """What several things are done for.
+
+    Attributes:
+        say: what a person would say, ``{}`` where it is said what is done: ``"{} to tidy the desk"``.
+        goals: classes and the ends to which their joints are brought for it.
+        errands: such a class and end, and what is put on or into what besides: both classes, the thing last.
+    """
+
+    say: str
+    goals: tuple[tuple[str, End], ...]
+    errands: tuple[tuple[tuple[str, End], tuple[str, str]], ...]
+
+
+@dataclass(frozen=True)
+class ToAndFro:
+    """What is brought to one end and back.
+
+    Attributes:
+        asset_class: of the object.
+        name, sentence: as in :class:`Phrase`.
+        there, back: verbs of the two steps.
+    """
+
+    asset_class: str
+    name: str
+    sentence: str
+    there: str
+    back: str
+
+
 def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
     """How to ask for a class's joint to be brought to one end.
 
@@ -76,10 +108,31 @@ def halfway(asset_class: str, goal: Goal) -> Phrase | None:
     return Phrase(name, sentence, entry["noun"], float(usefulness))
 
 
-def room(asset_class: str) -> str | None:
-    """Where an articulated object is found, with what else it is used; None where no table knows it."""
-    found = _table()["articulated"].get(asset_class, {}).get("room")
-    return None if found is None else str(found)
+def purposes() -> tuple[Purpose, ...]:
+    """What people do several things for."""
+    ends: dict[str, End] = {"open": "articulated_open", "closed": "articulated_closed"}
+    found = []
+    for entry in _table()["purposes"]:
+        goals = (goal.split() for goal in entry.get("goals", ()))
+        errands = (errand.split() for errand in entry.get("errands", ()))
+        found.append(
+            Purpose(
+                entry["say"],
+                tuple((name, ends[end]) for name, end in goals),
+                tuple(((name, ends[end]), (below, thing)) for name, end, below, thing in errands),
+            )
+        )
+    return tuple(found)
+
+
+def to_and_fro() -> tuple[ToAndFro, ...]:
+    """What people bring to one end and back."""
+    return tuple(ToAndFro(**entry) for entry in _table()["to_and_fro"])
+
+
+def handled(how: str) -> tuple[str, ...]:
+    """Classes of rigid objects that people ask to be ``"lifted"`` or ``"handed over"``, the likeliest first."""
+    return tuple(_table()["handled"].get(how, ()))
 
 
 def belongs(asset_class: str) -> tuple[str, ...]:
@@ -107,5 +160,5 @@ def _camel_case(phrase: str) -> str:
 
 
 @cache
-def _table() -> dict[str, dict[str, Any]]:
+def _table() -> dict[str, Any]:
     return tomllib.loads((resources.files("gensim2.objects") / "words.toml").read_text(encoding="utf-8"))

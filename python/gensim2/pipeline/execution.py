@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -21,13 +22,17 @@ from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.pipeline.search import Budget, Search
 from gensim2.pipeline.tally import Tally
 from gensim2.pipeline.unseen import kept_apart
-from gensim2.pipeline.verification import verify
+from gensim2.pipeline.verification import VERIFY_EPISODES, verify
 from gensim2.progress import Progress
 from gensim2.tasks.library import strategies_of
+from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
 
 #: Proposals put to the search for each task that was asked for, before the run gives up on reaching that number.
 PROPOSALS_PER_TASK = 3
+
+#: Seconds of CPU after which the report is written anew: it takes the longer the more tasks there are.
+REPORT_EVERY = 60.0
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,20 @@ def classes_of(task: TaskSpec) -> str:
 
 
 class Execution:
-    """One call of ``run_pipeline``: the state that its steps share."""
+    """One call of ``run_pipeline``: the state that its steps share.
+
+    Args:
+        library: of the objects.
+        designer: proposes and designs.
+        folder: of the run.
+        evaluator: tries what is designed.
+        seed: of everything that is drawn.
+        extent: what is done with each task.
+        known: tasks that the designer knows.
+        familiar: tasks that are no news: what repeats one is a piece of longer ones at best and is not counted.
+        budget: of the search; None: the usual one of each task.
+        progress: listener.
+    """
 
     def __init__(
         self,
@@ -83,22 +101,23 @@ class Execution:
         seed: int,
         extent: Extent,
         known: Sequence[Known],
+        familiar: Sequence[TaskSpec],
         budget: Budget | None,
         progress: Progress,
     ) -> None:
         self.library, self.designer, self.folder, self.evaluator = library, designer, folder, evaluator
         self.seed, self.extent, self.budget, self.progress = seed, extent, budget, progress
         self.notes: list[str] = []
-        self._known = list(known)
+        self._known, self._familiar = list(known), tuple(familiar)
         self._classes = Classes(library, extent.instances, seed, folder, progress)
-        self._brief = Brief(settings_of(evaluator.circumstances), self._classes, self._known)
+        self._brief = Brief(settings_of(evaluator.circumstances), self._classes, self._known, self._familiar)
         self._outcomes: list[TaskOutcome] = []
         self._kept: list[TaskSpec] = []
 
     def run(self, wanted: Wanted, target: TaskSpec | None, stored: Sequence[TaskInput]) -> PipelineResult:
         """Design until what is wanted is kept, or the one that is the target; then take the stored ones."""
         rejected: list[dict[str, str]] = []
-        tried = 0
+        tried, reported = 0, 0.0
         self.designer.open(self.folder.path)
         proposals = iter([target] if target is not None else self.designer.propose(self._brief, self.seed))
         while len(self._kept) < wanted.total and tried < PROPOSALS_PER_TASK * wanted.total:
@@ -108,9 +127,15 @@ class Execution:
             if not wanted.wants(task, self._kept):
                 continue
             tried += 1
-            if (reason := self._designed(task)) is not None:
+            begin, cpu_s = time.perf_counter(), self.evaluator.cpu_s
+            reason = self._designed(task)
+            self.folder.note_effort(task.name, self.evaluator.cpu_s - cpu_s, time.perf_counter() - begin)
+            if reason is not None:
                 rejected.append({"name": task.name, "class": classes_of(task), "reason": reason})
-            write_report(self.folder.path)
+            if self.evaluator.cpu_s - reported > REPORT_EVERY:
+                write_report(self.folder.path)
+                reported = self.evaluator.cpu_s
+        write_report(self.folder.path)
         if len(self._kept) < wanted.total:
             self.notes.append(f"{wanted.total} tasks were asked for; {tried} were tried and {len(self._kept)} held")
         for given in stored:
@@ -145,9 +170,18 @@ class Execution:
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
         if outcome.kept:
-            self._kept.append(task)
+            if not self._is_familiar(task):
+                self._kept.append(task)
             self._known.append(Known(task, strategies, outcome.verification.held, outcome.verification.episodes))
         return None
+
+    def _is_familiar(self, task: TaskSpec) -> bool:
+        return first_alike(task, self._familiar) is not None
+
+    def _to_verify(self, task: TaskSpec) -> int:
+        """Episodes of its verification: of a piece that is not counted no more than usual."""
+        verify = min(self.extent.verify, VERIFY_EPISODES) if self._is_familiar(task) else self.extent.verify
+        return max(verify, self.extent.demos)
 
     def _rejected(self, task: TaskSpec, folder: TaskFolder, reason: str) -> str:
         folder.write_task(task)
@@ -186,7 +220,7 @@ class Execution:
             self.evaluator,
             self.library,
             apart,
-            episodes=max(self.extent.verify, self.extent.demos),
+            episodes=self._to_verify(task),
             seed=self.seed,
             progress=self.progress,
         )

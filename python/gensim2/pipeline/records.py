@@ -29,6 +29,13 @@ class Record(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
+class Effort(Record):
+    """What it took to design and verify a task, in the call in which that was finished: CPU of all processes, time."""
+
+    cpu_s: Annotated[float, Field(ge=0)]
+    wall_s: Annotated[float, Field(ge=0)]
+
+
 class RunRecord(Record):
     """``run.json``."""
 
@@ -44,6 +51,7 @@ class RunRecord(Record):
     licenses: dict[str, str]
     result: dict[str, Any] | None
     resumed: Annotated[int, Field(ge=0)]
+    effort: dict[str, Effort] = {}
 
 
 class VerificationRecord(Record):

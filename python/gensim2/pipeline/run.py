@@ -32,7 +32,7 @@ from gensim2.pipeline.verification import VERIFY_EPISODES
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.library import load_strategies, load_task
+from gensim2.tasks.library import PAPER, load_strategies, load_task, task_names
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
@@ -72,7 +72,8 @@ def run_pipeline(
             ``long`` take its place where one of them is given.
         single, long: how many tasks of one step, and of several.
         verify: fresh episodes that decide of each task whether it is kept.
-        from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again.
+        from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
+            repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
         episodes: demonstrations to keep of each task; 0: none.
         seed: of everything that is drawn.
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
@@ -127,6 +128,7 @@ def run_pipeline(
         for name in dict.fromkeys(stored_tasks)
     ]
     known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in known_before(out)]
+    familiar = [load_task(name) for name in task_names(PAPER)] if from_empty else []
     circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     with (
         RunFolder(
@@ -166,7 +168,7 @@ def run_pipeline(
         ) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, video)
-        execution = Execution(library, by, folder, evaluator, seed, extent, known, budget, progress)
+        execution = Execution(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
         result = execution.run(wanted if target is None else Wanted(1), target, stored)
         folder.finish(result.to_dict())
     return result

@@ -30,6 +30,7 @@ from gensim2.pipeline.records import (
     RUN_SCHEMA_VERSION,
     Design,
     DesignRecord,
+    Effort,
     RunRecord,
     Verification,
     VerificationRecord,
@@ -173,6 +174,11 @@ class RunFolder:
                         field=f"seed {episode.seed}",
                         remedy="restore the object, or delete the file and resume",
                     )
+
+    def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
+        """Note what it took to design and verify a task, unless that is known from an earlier call."""
+        self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
+        self.save()
 
     def finish(self, result: dict[str, Any]) -> None:
         """Note the outcome and the time."""

@@ -1,9 +1,10 @@
 """Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
 
 Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
-the better half gets more episodes, and so on, so that effort goes where it can pay. Leaders that are within the noise
-of each other get more episodes until one is ahead, or they are called equal. Unless one of the best holds nearly
-always, the designer varies them and the best are compared again.
+the better half gets more episodes, and so on, so that effort goes where it can pay. As long as the best holds nearly
+always it alone goes on, and ends the search when it has done so for long enough. Otherwise leaders that are within the
+noise of each other get more episodes until one is ahead, or they are called equal, the designer varies the best, and
+they are compared again; until a task is hopeless, or the budget is spent.
 
 Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
 strict verdict decides among them.
@@ -58,30 +59,35 @@ class Budget:
         comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
         most_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
         enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
-            ``enough_episodes`` episodes ends the search.
+            ``enough_episodes`` episodes ends the search. For the strict verdict's sake there is one refinement at most.
         enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
+        hopeless: where after a refinement no candidate holds at a greater rate than this, there is no other.
+        most: episodes of physics after which candidates are neither compared nor refined any further.
     """
 
     screen_scenes: int = 3
-    rounds: tuple[tuple[int, int], ...] = ((12, 2), (4, 4))
-    refined: tuple[int, int] = (12, 3)
-    comparison: tuple[int, int] = (3, 8)
-    most_episodes: int = 40
+    rounds: tuple[tuple[int, int], ...] = ((10, 1), (5, 2))
+    refined: tuple[int, int] = (10, 2)
+    comparison: tuple[int, int] = (3, 6)
+    most_episodes: int = 24
     enough: float = 0.9
     enough_strict: float = 0.75
     enough_episodes: int = 14
+    hopeless: float = 0.3
+    most: int = 150
 
 
 #: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
 LONG_BUDGET = Budget(
     screen_scenes=2,
-    rounds=((4, 2), (2, 4)),
-    refined=(3, 4),
-    comparison=(2, 6),
-    most_episodes=24,
+    rounds=((3, 1), (2, 2)),
+    refined=(3, 2),
+    comparison=(2, 4),
+    most_episodes=16,
     enough=0.8,
     enough_strict=0.0,
-    enough_episodes=6,
+    enough_episodes=7,
+    most=40,
 )
 
 
@@ -136,8 +142,10 @@ class Search:
             if standing:
                 standing = self._compare(standing, round_index)
                 remember(standing)
-                if self._enough(standing[0]):
+                if self._enough(standing[0], strictly=round_index == 0):
                     break
+            if round_index and self._hopeless(standing):
+                break
             # What stood in the way of those that fell out says where not to look.
             learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
             children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
@@ -205,29 +213,48 @@ class Search:
         return self._sorted(updated)
 
     def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
-        """Give further episodes to the first few within the noise of the best, until one is ahead or all are equal."""
+        """Give further episodes to the best as long as it promises to be enough, else to the first few within the noise
+        of it, until one is ahead or all are equal."""
         count, episodes = self.budget.comparison
         known = {self._key(result): result for result in standing}
         while True:
             ranked = self._sorted(list(known.values()))
-            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)][:count]
+            lacking = self.budget.enough_episodes - ranked[0].episodes
+            if lacking > 0 and self._promises(ranked[0]):
+                (result,) = self._physics(ranked[:1], min(episodes, lacking), f"the best, round {round_index + 1}")
+                known[self._key(result)] = result
+                continue
+            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)]
             proven = [result for result in leaders if result.episodes >= self.budget.enough_episodes]
-            if proven and self._enough(proven[0]):
+            if proven and self._enough(proven[0], strictly=False):
                 return [proven[0], *(result for result in ranked if result is not proven[0])]
-            short = [result for result in leaders if result.episodes < self.budget.most_episodes]
-            if not short or (len(leaders) == 1 and proven):
+            short = [result for result in leaders if result.episodes < self.budget.most_episodes][:count]
+            if not short or (len(leaders) == 1 and proven) or self._spent:
                 return ranked
-            short.sort(key=lambda result: result.episodes)
-            for result in self._physics(short[:count], episodes, f"comparison {round_index + 1}"):
+            for result in self._physics(short, episodes, f"comparison {round_index + 1}"):
                 known[self._key(result)] = result
 
-    def _enough(self, result: CandidateResult) -> bool:
+    def _enough(self, result: CandidateResult, strictly: bool) -> bool:
         budget, trials = self.budget, result.episodes
         return (
             trials >= budget.enough_episodes
             and result.held >= budget.enough * trials
-            and result.strict >= budget.enough_strict * trials
+            and (not strictly or result.strict >= budget.enough_strict * trials)
         )
+
+    def _promises(self, result: CandidateResult) -> bool:
+        """Whether it can still be enough after ``enough_episodes``."""
+        budget = self.budget
+        return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
+
+    def _hopeless(self, standing: Sequence[CandidateResult]) -> bool:
+        """Whether a further refinement is not worth its episodes."""
+        best = max((result.held / result.episodes for result in standing if result.episodes), default=0.0)
+        return best <= self.budget.hopeless or self._spent
+
+    @property
+    def _spent(self) -> bool:
+        return sum(self._episodes_run.values()) >= self.budget.most
 
     @staticmethod
     def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.designers.proposals import joint_goal
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
+from gensim2.files import write_atomic, write_json
 from gensim2.pipeline.reading import read_record
 from gensim2.pipeline.records import RunRecord
 from gensim2.pipeline.remembering import verified
@@ -27,8 +26,12 @@ from gensim2.tasks.library import (
     shared_strategy,
     task_names,
 )
+from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import TaskSpec
 from gensim2.yaml_files import dump_yaml
+
+MADE_JSON = "made.json"
+"""Beside the tasks: arguments of the run, proposals that were tried, CPU and wall seconds."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,10 @@ def shelve(run: Path, shelf: Path) -> Shelved:
     path = run / RUN_JSON
     if not path.is_file():
         raise InputError("holds no run", file=run, remedy="give the folder of a run-pipeline")
-    seed = read_record(path, RunRecord, "restore the file").arguments["seed"]
+    record = read_record(path, RunRecord, "restore the file")
+    seed = record.arguments["seed"]
     suite = [load_task(name) for name in task_names(PAPER)]
-    taken, done = {task.name for task in suite}, {joint_goal(task) for task in suite} - {None}
+    taken = {task.name for task in suite}
     kept: dict[str, tuple[TaskSpec, Mapping[str, Any]]] = {}
     left_out: dict[str, str] = {}
     for folder in sorted((run / "tasks").glob("*/")):
@@ -71,14 +75,31 @@ def shelve(run: Path, shelf: Path) -> Shelved:
         task = load_task_file(folder)
         if not found.kept or task.provenance is None or origin_of(task) == PAPER:
             continue
-        if task.name in taken or joint_goal(task) in done:
-            left_out[task.name] = "the suite has it"
+        if task.name in taken:
+            left_out[task.name] = "the suite has one of this name"
+            continue
+        if (alike := first_alike(task, suite)) is not None:
+            left_out[task.name] = f"it {alike[1]} as {alike[0].name}"
             continue
         provenance = task.provenance.model_copy(update={"verification": verified(found, seed)})
         task = task.model_copy(update={"provenance": provenance})
         kept[task.name] = task, load_strategies_beside(folder, task)
     _write(shelf, kept)
+    write_json(shelf / MADE_JSON, _made(record))
     return Shelved(tuple(kept), left_out)
+
+
+def _made(record: RunRecord) -> dict[str, Any]:
+    """How the run went: what was asked for, what it took."""
+    asked = {name: record.arguments[name] for name in ("single", "long", "verify", "from_empty", "seed", "assets")}
+    return {
+        "schema_version": 1,
+        "arguments": asked,
+        "versions": record.versions,
+        "tried": len(record.effort),
+        "cpu_s": round(sum(effort.cpu_s for effort in record.effort.values())),
+        "wall_s": round(sum(effort.wall_s for effort in record.effort.values())),
+    }
 
 
 def _write(shelf: Path, kept: Mapping[str, tuple[TaskSpec, Mapping[str, Any]]]) -> None:
