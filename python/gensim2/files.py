@@ -86,13 +86,12 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 def _reason(error: OSError | WriteError) -> str:
     """What the system said, without the name of a file that is gone by now."""
-    if isinstance(error, WriteError):
-        return error.message.removeprefix("cannot write: ")
-    if isinstance(error, shutil.Error):  # of a folder that was copied: (from, to, why) of each file, all of it text
-        text = str(error.args[0][0][2])
-        number = re.match(r"\[Errno (\d+)\]", text)
-        return os.strerror(int(number[1])) if number else text
-    return error.strerror or str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    text = error.message.removeprefix("cannot write: ") if isinstance(error, WriteError) else str(error)
+    # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
+    number = re.search(r"errno (?:= )?(\d+)", text, re.IGNORECASE)
+    return os.strerror(int(number[1])) if number else text
 
 
 def check_writable(path: Path) -> None:
