@@ -36,7 +36,7 @@ def draw_film(path: Path, still: Path, frames: int = 12) -> None:
     for number, frame in enumerate(drawn):
         frame[200:280, 20 + 40 * number : 100 + 40 * number] = (30, 120, 90)
     path.parent.mkdir(parents=True, exist_ok=True)
-    video._write_video(path, drawn, 10)
+    video.write_video(path, drawn, 10)
     Image.fromarray(drawn[frames // 2]).save(still)
 
 

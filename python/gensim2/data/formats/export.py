@@ -61,7 +61,7 @@ def export(
         MissingExtraError: the format's library is not installed.
     """
     dataset = DataSet.open(path)
-    chosen = some(selection or Selection(), dataset)
+    chosen = some(selection or Selection(), dataset, progress)
     if out.exists() and any(out.iterdir()):
         raise InputError("is not empty", file=out, remedy="choose another folder with --out")
     count = sum(len(rows) for _, rows in chosen)
