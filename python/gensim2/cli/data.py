@@ -33,7 +33,7 @@ def data() -> None:
     "--min-clearance",
     type=click.FloatRange(max=0.2),
     metavar="METRES",
-    help="Metres that the robot keeps at least from the table, itself and objects that no step acts on.",
+    help="Metres that the robot keeps at least from the table, itself and objects that no step acts on; at most 0.2.",
 )
 @click.option("--observations/--no-observations", default=True, show_default=True, help="What `gensim2 render` made.")
 @options.json_file
