@@ -30,7 +30,8 @@ _TEXTS = """smallest => {
     const box = range.getBoundingClientRect();
     if (!box.width || !box.height) continue;
     const text = node.textContent.trim().slice(0, 40);
-    const scale = element.ownerSVGElement ? element.getScreenCTM().a : 1;
+    const drawn = element.ownerSVGElement ? element.getScreenCTM() : null;
+    const scale = drawn ? Math.hypot(drawn.a, drawn.b) : 1;  // turned text, too
     const size = parseFloat(getComputedStyle(element).fontSize) * scale;
     if (size < smallest - 0.01) wrong.push(`text of ${size.toFixed(1)} px: ${text}`);
     let around = element;

@@ -8,7 +8,7 @@ import pytest
 from browser import WIDTHS, faults
 from playwright.sync_api import Browser
 
-PAGES = ("report_page", "objects_page", "tasks_page")
+PAGES = ("report_page", "objects_page", "tasks_page", "collection_page", "quality_page")
 
 GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><h1 id="top">Page</h1>
 <p>Something to read, <a href="#top">up</a>, <a href="there.txt">there</a>.</p>{}</body></html>"""

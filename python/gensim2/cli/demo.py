@@ -23,7 +23,7 @@ from gensim2.cli.output import line, report
 @options.video
 @options.json_file
 @click.pass_context
-def demo(ctx: click.Context, task: str, episodes: int, json_file: str | None, **given: Any) -> None:
+def demo(ctx: click.Context, /, task: str, episodes: int, json_file: str | None, **given: Any) -> None:
     """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and strategies/.
 
     What counts is what holds at the end; --json tells of every verdict how many of the episodes that were run fulfil

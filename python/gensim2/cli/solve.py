@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file
 @click.pass_context
-def solve(ctx: click.Context, task: str, browser: bool, json_file: str | None, **given: Any) -> None:
+def solve(ctx: click.Context, /, task: str, browser: bool, json_file: str | None, **given: Any) -> None:
     """Plan the motions of TASK in the scene of one seed as an episode would, without executing them.
 
     Each step is planned on the scene that the steps before it should leave. Where the whole motion cannot be had, its

@@ -67,7 +67,7 @@ class TaskQuality:
         found["places"] = {
             axis: _spread([place[i] for place in self.places]) for i, axis in enumerate(("x", "y", "yaw"))
         }
-        return {**found, **{name: dict(found[name]) for name in ("causes", "instances", "nearest")}}
+        return {**found, **{name: dict(getattr(self, name)) for name in ("causes", "instances", "nearest")}}
 
 
 def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[TaskQuality]:

@@ -97,11 +97,11 @@ def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) ->
 def picture(observation: Observation, step: int) -> Frame | None:
     """(H, W, 3) of one instant: what a camera took, or the point cloud as a camera sees it; None without either.
 
-    The front camera comes first; it faces the robot.
+    The right camera comes first: it sees the side of the object that the robot works on.
     """
     arrays = observation.arrays
     names = sorted(
-        {name.split("/")[1] for name in arrays if name.startswith("cameras/")}, key=lambda name: (name != "front", name)
+        {name.split("/")[1] for name in arrays if name.startswith("cameras/")}, key=lambda name: (name != "right", name)
     )
     for camera in names:
         if (taken := arrays.get(f"cameras/{camera}/rgb")) is not None:
