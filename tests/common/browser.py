@@ -35,8 +35,10 @@ _TEXTS = """smallest => {
     const size = parseFloat(getComputedStyle(element).fontSize) * scale;
     if (size < smallest - 0.01) wrong.push(`text of ${size.toFixed(1)} px: ${text}`);
     let around = element;
-    while (around && !/auto|scroll/.test(getComputedStyle(around).overflowX)) around = around.parentElement;
-    if (!around && box.right > innerWidth + 1) wrong.push(`runs over the right edge: ${text}`);
+    while (around && getComputedStyle(around).overflowX === "visible") around = around.parentElement;
+    const cut = around && !/auto|scroll/.test(getComputedStyle(around).overflowX);
+    const edge = cut ? Math.min(around.getBoundingClientRect().right, innerWidth) : innerWidth;
+    if ((cut || !around) && box.right > edge + 1) wrong.push(`runs over the right edge: ${text}`);
   }
   if (document.documentElement.scrollWidth > innerWidth)
     wrong.push(`is ${document.documentElement.scrollWidth} px wide where there are ${innerWidth}`);
