@@ -18,7 +18,8 @@ from kill_runs import contents
 from gensim2.data.collection import CollectionResult
 from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
 from gensim2.data.formats.importing import import_
-from gensim2.data.formats.lerobot import Feature, LeRobotWriter, read_lerobot
+from gensim2.data.formats.lerobot import Feature, LeRobotWriter
+from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.observation_file import write_observation
 from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection

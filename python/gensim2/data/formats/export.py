@@ -62,7 +62,7 @@ def export(
         MissingExtraError: the format's library is not installed.
     """
     dataset = DataSet.open(path)
-    chosen = some(selection or Selection(), dataset)
+    chosen = some(selection or Selection(), dataset, progress)
     count = sum(len(rows) for _, rows in chosen)
     progress.start(f"export to {to}", count)
     with new_folder(out) as folder:
