@@ -2,9 +2,12 @@
 
     gensim2 collect OpenBox OpenSafe --episodes 20 --assets builtin --out runs/episodes
     python benchmarks/stores.py runs/episodes
+    gensim2 render runs/episodes
+    python benchmarks/stores.py runs/episodes --exports
 
 Reads the episodes of any folder that ``collect`` or ``demo`` left, and writes each anew in every layout; everything
-is read back and compared. Needs the extra ``bench`` (zarr).
+is read back and compared. With ``--exports`` it writes the data set in every format of ``gensim2 data export`` instead,
+without its observations and with them, and says what lies on the disk. Needs the extras ``bench`` (zarr) and ``data``.
 """
 
 from __future__ import annotations
@@ -25,6 +28,8 @@ import zarr
 from zarr.codecs import BloscCodec
 from zarr.storage import LocalStore, ZipStore
 
+from gensim2.data.formats.export import FORMATS, NATIVE, export
+
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
@@ -42,7 +47,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="of recorded episodes")
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--exports", action="store_true", help="sizes of what goes to other tools")
     options = parser.parse_args()
+    if options.exports:
+        exports(options.folder)
+        return
     episodes = [_h5_read(path) for path in sorted(options.folder.rglob("episodes/*.h5"))]
     raw = sum(array.nbytes for episode in episodes for array in episode.values()) / len(episodes)
     print(f"{len(episodes)} episodes of {raw / 1e3:.1f} kB of numbers")
@@ -50,6 +59,32 @@ def main() -> None:
     for layout in LAYOUTS:
         size, files, write, read = _measured(layout, episodes, options.repeats)
         print(f"| {layout.name} | {size / 1e3:.1f} | {files:g} | {write * 1e3:.2f} | {read * 1e3:.2f} |")
+
+
+def exports(folder: Path) -> None:
+    """Print bytes and files of a data set, and of what is exported of it."""
+    own = {"episodes": _lying(folder, "*/episodes/*.h5"), "observations": _lying(folder, "*/observations/*.h5")}
+    count = own["episodes"][0]
+    print(f"{count} episodes\n| what | kB an episode | files |\n|---|---|---|")
+    for name, (files, size) in own.items():
+        print(f"| {name} | {size / count / 1e3:.1f} | {files} |")
+    for to in FORMATS:
+        for observations in (False, True) if own["observations"][0] and to != "maniskill" else (False,):
+            with tempfile.TemporaryDirectory() as temporary:
+                out = Path(temporary) / to
+                begin = time.process_time()
+                export(folder, out, to, observations=observations)
+                seconds = time.process_time() - begin
+                (files, size), (_, states) = _lying(out, "**/*"), _lying(out, f"{NATIVE}/**/*")
+            beside = f", {states / count / 1e3:.1f} of them the episodes beside" if states else ""
+            name = f"{to}{' with observations' if observations else ''}"
+            print(f"| {name} | {size / count / 1e3:.1f}{beside} | {files} | {1e3 * seconds / count:.1f} ms of CPU each")
+
+
+def _lying(folder: Path, pattern: str) -> tuple[int, int]:
+    """Number and bytes of files."""
+    sizes = [path.stat().st_size for path in folder.glob(pattern) if path.is_file()]
+    return len(sizes), sum(sizes)
 
 
 def _measured(layout: Layout, episodes: list[Arrays], repeats: int) -> tuple[float, float, float, float]:

@@ -1,6 +1,6 @@
-"""One picture of the tasks of one or more runs: each task before, during and after its first demonstration.
+"""One picture of tasks in films, of a gallery or of runs: each task before, during and after its first demonstration.
 
-.venv/bin/python scripts/contact_sheet.py runs/demo --out docs/images/tasks.png
+.venv/bin/python scripts/contact_sheet.py gallery --task OpenSafe --task TurnOnFaucet --out docs/images/tasks.png
 
 Or one of a library: the first object of each class, half open.
 
@@ -17,6 +17,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 TILE = (240, 180)
+SHOWN = (20, 40, 600, 475)
+"""Pixels of a film: left, top, right, bottom."""
 CAPTION = 24
 GAP = 8
 BACKGROUND, INK = "white", "#1c2430"
@@ -25,7 +27,8 @@ BACKGROUND, INK = "white", "#1c2430"
 def main() -> None:
     """Read the arguments and write the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="*", help="run folders")
+    parser.add_argument("runs", type=Path, nargs="*", help="folders of a gallery or of runs")
+    parser.add_argument("--task", dest="tasks", action="append", metavar="NAME", help="only this one, in this order")
     parser.add_argument("--objects", metavar="DIR|builtin", help="a library of objects in the place of runs")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--columns", type=int, default=2)
@@ -33,12 +36,11 @@ def main() -> None:
     if options.objects:
         objects(options.objects, options.columns, options.out)
         return
-    videos = sorted(
-        (video for run in options.runs for video in run.glob("tasks/*/*.mp4")),
-        key=lambda path: path.parent.name,
-    )
-    if not videos:
-        parser.error("no task of these runs has a video")
+    found = {video.parent.name: video for run in options.runs for video in run.glob("tasks/*/*.mp4")}
+    names = options.tasks or sorted(found)
+    if not names or not set(names) <= found.keys():
+        parser.error(f"no video of {', '.join(set(names) - found.keys()) or 'any task'} in these folders")
+    videos = [found[name] for name in names]
     options.out.parent.mkdir(parents=True, exist_ok=True)
     sheet([(video.parent.name, moments(video)) for video in videos], options.columns).save(options.out)
     print(f"{len(videos)} tasks in {options.out}")
@@ -58,9 +60,9 @@ def objects(where: str, columns: int, out: Path) -> None:
 
 
 def moments(video: Path) -> list[Image.Image]:
-    """The first frame, the one halfway, and the last."""
+    """The first frame, the one halfway, and the last, cut to where things happen."""
     frames = np.asarray(imageio.imread(video, plugin="FFMPEG"))
-    return [Image.fromarray(frames[i]).resize(TILE) for i in (0, len(frames) // 2, len(frames) - 1)]
+    return [Image.fromarray(frames[i]).crop(SHOWN).resize(TILE) for i in (0, len(frames) // 2, len(frames) - 1)]
 
 
 def sheet(tasks: list[tuple[str, list[Image.Image]]], columns: int) -> Image.Image:

@@ -11,18 +11,29 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from gensim2.errors import GenSim2Error
+import numpy as np
+
+from gensim2.errors import GenSim2Error, MissingExtraError
 
 # In a process of its own: a driver that crashes takes its process with it, and SAPIEN keeps what it set up.
 _VULKAN_PROBE = """
 import sapien
 print(sapien.render.RenderSystem().device.name)
 """
+
+
+EXTRAS = {
+    "Data sets": ("data", ("matplotlib", "pyarrow", "zarr"), "all but reports, exports and imports works without"),
+    "Ray": ("ray", ("ray",), "processes of this machine work without"),
+    "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but --show works without"),
+}
+"""By name: the extra, what it brings, and what works without it; what is looked at more closely is not among them."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +94,11 @@ def doctor(
         _extension,
         _simulation,
         vulkan,
+        ray_casting,
         _video,
         sandbox,
         lambda: language_model(model, base_url, config),
+        *(partial(extra, name, *each) for name, each in EXTRAS.items()),
         lambda: _assets(assets),
         _cache,
         _cores,
@@ -111,6 +124,49 @@ def vulkan() -> Check:
         return Check(name, "ok", "software (Mesa)" if device == "cpu" else device)
     lines = probe.stderr.strip().splitlines()
     return Check(name, "limited", lines[-1] if lines else f"ended with status {probe.returncode}", remedy)
+
+
+def ray_casting() -> Check:
+    """Whether Embree finds a triangle and points can be sampled: point clouds need both."""
+    name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
+    try:
+        from gensim2.observations.sampling import farthest_points
+        from gensim2.sim.raycast.shapes import Surface
+
+        corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], dtype=np.float32)
+        triangle = Surface(corners, np.array([[0, 1, 2]], dtype=np.int32), np.zeros((1, 3), np.uint8))
+        met = triangle.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], dtype=np.float32))
+        few = farthest_points(corners, 2)
+    except (ImportError, MissingExtraError) as error:
+        return Check(name, "limited", str(error), remedy)
+    if met.tolist() != [0] or len(few) != 2:
+        return Check(name, "limited", f"a ray met {met.tolist()}, {len(few)} of 2 points were taken", remedy)
+    return Check(name, "ok", _versions(("embreex", "fpsample")))
+
+
+def extra(name: str, which: str, packages: Sequence[str], without: str) -> Check:
+    """Whether the packages of an extra are there and load.
+
+    Args:
+        name: of the check.
+        which: the extra.
+        packages: that it brings, under the names by which they are imported.
+        without: what works without.
+    """
+    remedy = f"pip install 'gensim2[{which}]'; {without}"
+    absent = [each for each in packages if importlib.util.find_spec(each) is None]
+    if absent:
+        return Check(name, "limited", f"not installed: {', '.join(absent)}", remedy)
+    for each in packages:
+        try:
+            importlib.import_module(each)
+        except (ImportError, OSError) as error:  # a library of the system's that is not there
+            return Check(name, "limited", f"{each} does not load: {error}", remedy)
+    return Check(name, "ok", _versions(packages))
+
+
+def _versions(packages: Sequence[str]) -> str:
+    return ", ".join(f"{each} {importlib.metadata.version(each)}" for each in packages)
 
 
 def sandbox() -> Check:
@@ -178,12 +234,11 @@ def _extension() -> Check:
 
 
 def _simulation() -> Check:
-    packages = {"mani_skill": "mani_skill", "sapien": "sapien", "torch": "torch"}
-    absent = [package for module, package in packages.items() if importlib.util.find_spec(module) is None]
+    packages = ("mani_skill", "sapien", "torch")
+    absent = [package for package in packages if importlib.util.find_spec(package) is None]
     if absent:
         return Check("Simulation", "missing", f"not installed: {', '.join(absent)}", "pip install 'gensim2[sim]'")
-    found = [f"{package} {importlib.metadata.version(package)}" for package in packages.values()]
-    return Check("Simulation", "ok", ", ".join(found))
+    return Check("Simulation", "ok", _versions(packages))
 
 
 def _video() -> Check:

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,6 +57,41 @@ def replacing(path: Path) -> Iterator[Path]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         remedy = "make room, and go on with --resume" if full else "choose another folder with --out"
         raise WriteError(f"cannot write: {error.strerror or error}", file=path, remedy=remedy) from error
+
+
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Give a folder beside ``path`` to fill; when the block ends it takes the name, where nothing or an empty folder
+    stands. Where the block fails nothing is left. For what can be made again: after a power cut files may be missing.
+
+    Raises:
+        InputError: there is something in ``path`` already.
+        WriteError: the folder cannot be written to, or is full.
+    """
+    path = Path(os.path.realpath(path))
+    if path.is_file() or (path.exists() and any(path.iterdir())):
+        raise InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
+    filled = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp")
+    try:
+        try:
+            filled.mkdir(parents=True)
+            yield filled
+            filled.replace(path)
+        finally:
+            shutil.rmtree(filled, ignore_errors=True)
+    except (OSError, WriteError) as error:
+        remedy = "make room, or choose another folder with --out"
+        raise WriteError(f"cannot write: {_reason(error)}", file=path, remedy=remedy) from error
+
+
+def _reason(error: OSError | WriteError) -> str:
+    """What the system said, without the name of a file that is gone by now."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    text = error.message.removeprefix("cannot write: ") if isinstance(error, WriteError) else str(error)
+    # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
+    number = re.search(r"errno (?:= )?(\d+)", text, re.IGNORECASE)
+    return os.strerror(int(number[1])) if number else text
 
 
 def check_writable(path: Path) -> None:

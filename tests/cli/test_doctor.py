@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
-from gensim2.doctor import doctor, language_model, vulkan
+from gensim2.doctor import doctor, extra, language_model, ray_casting, vulkan
 
 
 def test_all_that_is_promised_is_looked_at() -> None:
@@ -17,9 +18,13 @@ def test_all_that_is_promised_is_looked_at() -> None:
         "Solver",
         "Simulation",
         "Vulkan driver",
+        "Ray casting",
         "ffmpeg",
         "Sandbox",
         "Language model",
+        "Data sets",
+        "Ray",
+        "Plans in the browser",
         "Assets",
         "Cache",
         "Cores",
@@ -33,6 +38,25 @@ def test_no_driver_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     check = vulkan()
     assert check.status == "limited"
     assert "Mesa" in check.remedy
+
+
+def test_a_package_that_is_not_there_and_one_that_does_not_load_are_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_peer.py").write_text("raise ImportError('libpeer.so: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    absent = extra("Ray", "ray", ("json", "no_such_peer"), "all else works")
+    assert (absent.status, absent.value) == ("limited", "not installed: no_such_peer")
+    assert absent.remedy == "pip install 'gensim2[ray]'; all else works"
+    broken = extra("Ray", "ray", ("broken_peer",), "")
+    assert (broken.status, "libpeer.so" in broken.value) == ("limited", True)
+    assert extra("Numbers", "sim", ("numpy", "scipy"), "").status == "ok"
+
+
+def test_a_ray_is_cast(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert ray_casting().status == "ok"
+    monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
+    assert (ray_casting().status, "gensim2[sim]" in ray_casting().remedy) == ("limited", True)
 
 
 def test_missing_assets_are_named(tmp_path: Path) -> None:

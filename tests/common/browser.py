@@ -30,12 +30,15 @@ _TEXTS = """smallest => {
     const box = range.getBoundingClientRect();
     if (!box.width || !box.height) continue;
     const text = node.textContent.trim().slice(0, 40);
-    const scale = element.ownerSVGElement ? element.getScreenCTM().a : 1;
+    const drawn = element.ownerSVGElement ? element.getScreenCTM() : null;
+    const scale = drawn ? Math.hypot(drawn.a, drawn.b) : 1;  // turned text, too
     const size = parseFloat(getComputedStyle(element).fontSize) * scale;
     if (size < smallest - 0.01) wrong.push(`text of ${size.toFixed(1)} px: ${text}`);
     let around = element;
-    while (around && !/auto|scroll/.test(getComputedStyle(around).overflowX)) around = around.parentElement;
-    if (!around && box.right > innerWidth + 1) wrong.push(`runs over the right edge: ${text}`);
+    while (around && getComputedStyle(around).overflowX === "visible") around = around.parentElement;
+    const cut = around && !/auto|scroll/.test(getComputedStyle(around).overflowX);
+    const edge = cut ? Math.min(around.getBoundingClientRect().right, innerWidth) : innerWidth;
+    if ((cut || !around) && box.right > edge + 1) wrong.push(`runs over the right edge: ${text}`);
   }
   if (document.documentElement.scrollWidth > innerWidth)
     wrong.push(`is ${document.documentElement.scrollWidth} px wide where there are ${innerWidth}`);

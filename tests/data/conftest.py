@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import resource
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,22 @@ def _install(patch: pytest.MonkeyPatch) -> None:
 def made_up_world(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test of data sets waits for physics."""
     _install(monkeypatch)
+
+
+@contextlib.contextmanager
+def _small_disk(size: int = 4096) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def small_disk() -> Callable[..., contextlib.AbstractContextManager[None]]:
+    """A context in which no file of this process gets longer than so many bytes: as on a full disk, writing fails."""
+    return _small_disk
 
 
 @pytest.fixture

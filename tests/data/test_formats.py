@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -11,19 +13,24 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import zarr
+from kill_runs import contents
 
 from gensim2.data.collection import CollectionResult
 from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
 from gensim2.data.formats.importing import import_
-from gensim2.data.formats.lerobot import Feature, LeRobotWriter, read_lerobot
+from gensim2.data.formats.lerobot import Feature, LeRobotWriter
+from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.observation_file import write_observation
 from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
-from gensim2.errors import InputError
+from gensim2.episodes import episode_file
+from gensim2.errors import InputError, WriteError
 from gensim2.observations.cloud import to_steps
+from gensim2.sealed_file import HEADER_SIZE
 
 Gather = Callable[..., CollectionResult]
+SmallDisk = Callable[..., AbstractContextManager[None]]
 
 
 @pytest.fixture
@@ -133,10 +140,54 @@ def test_a_folder_with_something_in_it_is_left_alone(dataset: DataSet, tmp_path:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").touch()
     for to in FORMATS:
-        with pytest.raises(InputError, match="is not empty"):
+        with pytest.raises(InputError, match="is not an empty folder"):
             export(dataset.path, tmp_path / "out", to)
-    with pytest.raises(InputError, match="is not empty"):
+    with pytest.raises(InputError, match="is not an empty folder"):
         import_(dataset.path, tmp_path / "out", "zarr")
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_where_there_is_no_room_nothing_is_left_and_nothing_lost(
+    dataset: DataSet, to: Format, tmp_path: Path, small_disk: SmallDisk
+) -> None:
+    before = contents(dataset.path)
+    with pytest.raises(WriteError, match=r"out: cannot write: File too large \(make room"), small_disk():
+        export(dataset.path, tmp_path / "out", to)
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="cannot write: Not a directory"):
+        export(dataset.path, tmp_path / "file/out", to)
+    assert contents(dataset.path) == before
+    export(dataset.path, tmp_path / "out", to)
+    with pytest.raises(WriteError, match=r"back: cannot write: File too large"), small_disk():
+        import_(tmp_path / "out", tmp_path / "back", to)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "out", "set"]
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_damaged_episode_is_named_and_not_exported(dataset: DataSet, to: Format, tmp_path: Path) -> None:
+    path = dataset.path / held(dataset)[-1]
+    good = path.read_bytes()
+    path.write_bytes(good[: len(good) // 2])
+    with pytest.raises(InputError, match=rf"{path.name}: is not a finished episode"):
+        export(dataset.path, tmp_path / "out", to)
+    replace(episode_file._SEAL, version=2).write(path, good[HEADER_SIZE:])
+    with pytest.raises(InputError, match=rf"{path.name}: schema_version: is version 2, this gensim2 reads 1"):
+        export(dataset.path, tmp_path / "out", to)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("to", "pattern"), [("maniskill", "*/trajectory.h5"), ("lerobot", "data/*/*.parquet"), ("zarr", "data/action/0.0")]
+)
+def test_an_export_that_was_cut_is_one_clear_error(dataset: DataSet, to: Format, pattern: str, tmp_path: Path) -> None:
+    export(dataset.path, tmp_path / "out", to)
+    (path, *_) = sorted((tmp_path / "out").glob(pattern))
+    good = path.read_bytes()
+    for size in (0, 7, len(good) // 2):
+        path.write_bytes(good[:size])
+        with pytest.raises(InputError, match=r"cannot be read|can be read|was changed"):
+            import_(tmp_path / "out", tmp_path / "back", to)
+    assert not (tmp_path / "back").exists()
 
 
 def test_lerobot_files_rotate_and_statistics_are_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

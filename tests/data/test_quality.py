@@ -6,18 +6,25 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 
+import imageio.v2 as imageio
 import numpy as np
 import pytest
 
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
+from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
+from gensim2.data.rendering import observation_path
 from gensim2.data.report import report
+from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
 from gensim2.episodes.episode_file import write_episode
+from gensim2.observations.cloud import to_steps
 from gensim2.pipeline.attempts import log_line
 from gensim2.robots import robot
+from gensim2.sim import rendering
+from gensim2.sim.cameras import observation_cameras
 
 Gather = Callable[..., CollectionResult]
 
@@ -62,11 +69,44 @@ def test_the_report_says_what_the_rows_say(gather: Gather) -> None:
         assert (task["lengths"]["min"], task["lengths"]["max"]) == (min(lengths), max(lengths))
         assert sum(task["instances"].values()) == len(lengths)
         assert sum(task["causes"].values()) == len(rows) - len(lengths)
+        kept = sum(
+            len(each) for _, each in Selection((task["name"],), clearance=task["clearances"]["median"]).of(dataset)
+        )
+        assert 0 < kept < len(lengths)
     page = (dataset.path / "quality.html").read_text()
     assert all(task["sentence"] in page for task in numbers["tasks"])
     assert page.count("<svg") >= len(numbers["tasks"])
     report(dataset.path, video=False)
     assert (dataset.path / "quality.html").read_text() == page
+
+
+def test_demonstrations_are_shown_as_they_were_observed_where_nothing_can_be_drawn(
+    gather: Gather, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = DataSet.open(gather("CloseBox").folder)
+    store, held = dataset.task("CloseBox"), [row for row in dataset.task("CloseBox").rows() if row.held]
+    (camera,) = (each for each in observation_cameras(robot("panda")) if each.name == "right")
+    point = np.array([0.5, 0.1, 0.2])
+    (column, line, depth), frames = camera.projection @ np.append(point, 1.0), 6
+    arrays = {
+        "cameras/right/intrinsic": camera.intrinsic,
+        "cameras/right/T_base_camera": camera.T_base_camera,
+        "pointcloud/xyz": to_steps(np.tile(point, (frames, 2, 1))),
+        "pointcloud/rgb": np.tile(np.uint8([10, 20, 200]), (frames, 2, 1)),
+    }
+    for row in held[:-1]:
+        write_observation(
+            observation_path(store, row.index), {"steps": frames - 1, "episode_digest": row.episode_digest}, arrays
+        )
+    monkeypatch.setattr(rendering, "can_render", lambda: False)
+    report(dataset.path)
+    shot = imageio.imread(dataset.path / "quality" / f"CloseBox-{held[0].index:06d}.png")
+    assert shot.shape == (2 * camera.height, camera.width, 3)  # the first moment above the last
+    place = int(line / depth), int(column / depth)
+    assert shot[place].tolist() == shot[place[0] + camera.height, place[1]].tolist() == [10, 20, 200]
+    assert (shot[: camera.height] == [10, 20, 200]).all(axis=-1).sum() == 25
+    assert len(list((dataset.path / "quality").glob("CloseBox-*.png"))) == len(held) - 1
+    assert len(imageio.mimread(dataset.path / "quality" / "CloseBox.mp4")) == frames
 
 
 def test_a_card_names_tasks_counts_and_terms(gather: Gather) -> None:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gensim2.data import TaskStore
+from gensim2.data import TaskStore, observation_file
 from gensim2.data.observation_file import DamagedObservationError, read_observation
 from gensim2.data.observing import Plan
 from gensim2.data.rendering import observation_path, render
 from gensim2.episodes.recording import Recorder
-from gensim2.errors import InputError
+from gensim2.errors import InputError, WriteError
 from gensim2.observations import CloudSettings
+from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.lane import Lane
 
 SMALL = Plan(("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256))
@@ -96,6 +99,26 @@ def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None
     path = store.folder / "observations" / next(iter(first))
     with pytest.raises(InputError, match="another episode"):
         read_observation(path, "0" * 64)
+
+
+def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(
+    store: TaskStore, small_disk: Callable[..., AbstractContextManager[None]]
+) -> None:
+    with pytest.raises(WriteError, match=r"\.h5: cannot write: File too large"), small_disk():
+        rendered(store)
+    first = rendered(store, resume=True)
+    name, content = next(iter(first.items()))
+    path = store.folder / "observations" / name
+    seal = replace(observation_file._SEAL, version=2)
+    digest = seal.write(path, content[HEADER_SIZE:])
+    with pytest.raises(InputError, match=rf"{name}: schema_version: is version 2, this gensim2 reads 1"):
+        rendered(store, resume=True)
+    assert path.read_bytes().startswith(f"gensim2-observation 2 {digest}".encode()), "is left to whoever can read it"
+    path.unlink()
+    episode = store.path(int(path.stem))
+    episode.write_bytes(episode.read_bytes()[:-100])
+    with pytest.raises(InputError, match=rf"episodes/{name}: is not a finished episode"):
+        rendered(store, resume=True)
 
 
 @pytest.mark.parametrize(

@@ -15,16 +15,23 @@ from PIL import Image
 from playwright.sync_api import Browser
 from run_folders import fake_world
 
+from gensim2.data import DataSet, collect
+from gensim2.data import report as quality_report
+from gensim2.data.observation_file import write_observation
+from gensim2.data.rendering import observation_path
 from gensim2.episodes import video
 from gensim2.episodes.video import Film
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
+from gensim2.observations.cloud import to_steps
 from gensim2.pipeline import shelf, tasks_gallery, worker
 from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
 from gensim2.pipeline.report import write_report
 from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.robots import robot
 from gensim2.sim import rendering
+from gensim2.sim.cameras import observation_cameras
 from gensim2.tasks.library import load_strategies, load_task
 
 LONG = "PlaceGolfBallIntoDrawer"
@@ -36,7 +43,7 @@ def draw_film(path: Path, still: Path, frames: int = 12) -> None:
     for number, frame in enumerate(drawn):
         frame[200:280, 20 + 40 * number : 100 + 40 * number] = (30, 120, 90)
     path.parent.mkdir(parents=True, exist_ok=True)
-    video._write_video(path, drawn, 10)
+    video.write_video(path, drawn, 10)
     Image.fromarray(drawn[frames // 2]).save(still)
 
 
@@ -87,6 +94,51 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(shelf, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     return tasks_gallery(["OpenDrawer", LONG], out=tmp_path / "tasks", assets="builtin", workers=0).index
+
+
+@pytest.fixture
+def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A data set of two tasks in a made-up world."""
+    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+        monkeypatch.setattr(worker, name, getattr(worker, name))
+    fake_world.install()
+    monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
+    out = tmp_path / "set"
+    return collect(("OpenDrawer", "CloseBox"), episodes=12, out=out, workers=0, assets="builtin").folder
+
+
+@pytest.fixture
+def collection_page(collected: Path) -> Path:
+    """How a collection went."""
+    return collected / "report.html"
+
+
+@pytest.fixture
+def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a data set covers: of one task there are pictures, of the other point clouds; both have films."""
+
+    def filmed(replay: Any, path: Path, *, still: Path) -> Film:
+        draw_film(path, still)
+        return Film(12, True)
+
+    dataset = DataSet.open(collected)
+    cloud = {
+        "pointcloud/xyz": to_steps(np.full((6, 40, 3), 0.5) + np.linspace(0.0, 0.1, 40)[:, None]),
+        "pointcloud/rgb": np.full((6, 40, 3), 90, np.uint8),
+    }
+    (camera, *_) = observation_cameras(robot())
+    seen = {"cameras/left/rgb": np.tile(np.uint8([[[90, 120, 160]], [[200, 210, 220]]]), (6, 64, 128, 1))}
+    for name, arrays in (("OpenDrawer", cloud), ("CloseBox", seen)):
+        store = dataset.task(name)
+        numbers = {"intrinsic": camera.intrinsic, "T_base_camera": camera.T_base_camera}
+        arrays = arrays | {f"cameras/left/{what}": each for what, each in numbers.items()}
+        for row in (row for row in store.rows() if row.held):
+            about = {"steps": 5, "episode_digest": row.episode_digest}
+            write_observation(observation_path(store, row.index), about, arrays)
+    monkeypatch.setattr(quality_report, "film", filmed)
+    monkeypatch.setattr(rendering, "can_render", lambda: True)
+    quality_report.report(collected)
+    return collected / quality_report.HTML
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from browser import WIDTHS, faults
 from playwright.sync_api import Browser
 
-PAGES = ("report_page", "objects_page", "tasks_page")
+PAGES = ("report_page", "objects_page", "tasks_page", "collection_page", "quality_page")
 
 GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><h1 id="top">Page</h1>
 <p>Something to read, <a href="#top">up</a>, <a href="there.txt">there</a>.</p>{}</body></html>"""
@@ -37,6 +37,7 @@ def test_a_page_has_no_faults(kind: str, width: int, browser: Browser, request: 
         ("<svg viewBox='0 0 4000 100' width='300'><text y='50' font-size='40'>tiny</text></svg>", "px: tiny"),
         ("<p style='width: 1500px'>wide</p>", "px wide where there are 400"),
         ("<div style='overflow: hidden'><p style='margin-left: 390px'>cutoff</p></div>", "over the right edge: cutoff"),
+        ("<div style='overflow: hidden; width: 80px'><b style='margin-left: 60px'>cut</b></div>", "right edge: cut"),
         ("<details><p style='font-size: 9px'>hidden</p></details>", "unfolded: text of 9.0 px: hidden"),
     ],
 )

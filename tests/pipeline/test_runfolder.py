@@ -19,9 +19,10 @@ from gensim2.episodes.trajectory import TrajectoryStore
 from gensim2.errors import InputError
 from gensim2.pipeline import runfolder
 from gensim2.pipeline.attempts import AttemptLog
+from gensim2.pipeline.designs import Design
 from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import Design, RunRecord, Verification
+from gensim2.pipeline.records import RunRecord, Verification
 from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.yaml_files import dump_yaml

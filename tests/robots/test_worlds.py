@@ -15,7 +15,7 @@ import gensim2.sim
 from gensim2.errors import InputError
 from gensim2.robots import robot, robot_names
 from gensim2.sim.arm import Arm
-from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.sim.lane import Lane
 from gensim2.sim.physics import OURS
 from gensim2.sim.table import HALF_SIZE
@@ -24,7 +24,7 @@ from gensim2.sim.table import HALF_SIZE
 @pytest.mark.parametrize("name", robot_names())
 def test_the_lane_is_the_environment(name: str) -> None:
     profile, draw = robot(name), np.random.default_rng(5)
-    env = make_env("OpenDrawer", assets="builtin", robot=name)
+    env = GenSim2Env("OpenDrawer", assets="builtin", robot=name)
     lane = Lane("OpenDrawer", assets="builtin", robot=name)
     for seed in range(3):
         obs, _ = env.reset(seed=seed)
@@ -64,7 +64,7 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(InputError) as refused:
         GenSim2Env(task="OpenDrawer", robot="panda", robot_uids="fetch")
     assert refused.value.field == "robot_uids"
-    for make in (make_env, Lane):
+    for make in (GenSim2Env, Lane):
         with pytest.raises(InputError, match="no robot 'r2d2'"):
             make("OpenDrawer", robot="r2d2")
 

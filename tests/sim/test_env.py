@@ -18,7 +18,7 @@ from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import open_library
 from gensim2.robots import robot
 from gensim2.seeding import rng
-from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.sim.randomize import Draw, draw_object
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
@@ -66,7 +66,7 @@ def test_every_library_task_makes_steps_and_describes_its_scene(name: str) -> No
 def test_the_scene_is_in_the_base_frame_and_agrees_with_itself(
     crates: Callable[..., Any], crate_task: TaskSpec
 ) -> None:
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     env.reset(seed=0, options={"openness": 0.5, "offset": [0.05, -0.02, 0.3]})
     scene = env.scene_state()
     thing = scene.objects["crate"]
@@ -94,7 +94,7 @@ def test_following_the_joint_moves_keypoints_as_the_scene_says(
     crates: Callable[..., Any], crate_task: TaskSpec
 ) -> None:
     """Turning a keypoint about the scene's axis by the change of value gives the keypoint of the opened scene."""
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     scenes = []
     for openness in (0.3, 0.6):
         env.reset(seed=4, options={"openness": openness})
@@ -107,7 +107,7 @@ def test_following_the_joint_moves_keypoints_as_the_scene_says(
 
 
 def test_the_same_seed_gives_the_same_states_bit_for_bit(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
-    env = make_env(crate_task, assets=crates(2))
+    env = GenSim2Env(crate_task, assets=crates(2))
     runs = []
     for seed in (5, 6, 5):
         env.reset(seed=seed)
@@ -123,8 +123,8 @@ def test_the_same_seed_gives_the_same_states_bit_for_bit(crates: Callable[..., A
 _FINGERPRINT = """
 import hashlib, sys
 import numpy as np
-from gensim2.sim.env import make_env
-env = make_env("PushDrawerClose", assets="builtin")
+from gensim2.sim.env import GenSim2Env
+env = GenSim2Env("PushDrawerClose", assets="builtin")
 if sys.argv[1] == "after others":
     env.reset(seed=11)
     env.step(np.array([0, 0.4, 0, -2, 0, 2.4, 0.7, 1], dtype=np.float32))
@@ -177,7 +177,7 @@ def test_what_there_is_to_choose_from_does_not_change_the_rest_of_the_scene() ->
 
 
 def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
-    env = make_env(crate_task, assets=crates(2))
+    env = GenSim2Env(crate_task, assets=crates(2))
     half = np.sqrt(0.5)
     env.reset(seed=0, options={"instance": "1", "openness": 0.9, "pose": [-0.1, 0.05, 0.02, half, 0.0, 0.0, half]})
     assert env.setup.objects["crate"].model.id == "1"
@@ -202,7 +202,7 @@ def test_reset_options_replace_what_would_be_drawn(crates: Callable[..., Any], c
 def test_bad_reset_options_are_named(
     crates: Callable[..., Any], crate_task: TaskSpec, options: dict[str, Any], expected: str
 ) -> None:
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     with pytest.raises(InputError) as caught:
         env.reset(seed=0, options=options)
     assert expected in str(caught.value)
@@ -218,7 +218,7 @@ def _called(name: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("seed", [-1, 2**32])
 def test_seeds_out_of_range_are_named(crates: Callable[..., Any], crate_task: TaskSpec, seed: int) -> None:
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     with pytest.raises(InputError, match="seed: must lie in 0"):
         env.reset(seed=seed)
     env.reset(seed=2**32 - 1)
@@ -254,7 +254,7 @@ def test_splits_and_lists_limit_what_is_drawn(crates: Callable[..., Any], crate_
         ("all", {"0", "1", "2"}),
         (["0", "2"], {"0", "2"}),
     ]:
-        env = make_env(crate_task, assets=library, instances=instances)
+        env = GenSim2Env(crate_task, assets=library, instances=instances)
         drawn = set()
         for seed in range(12):
             env.reset(seed=seed)
@@ -270,18 +270,18 @@ def test_instances_are_chosen_as_the_library_does() -> None:
         ("777777", ("777777",)),
         ("all", library.instances("drawer")),
     ]:
-        assert make_env("OpenDrawer", assets=library, instances=words).instance_ids == {"drawer": expected}
+        assert GenSim2Env("OpenDrawer", assets=library, instances=words).instance_ids == {"drawer": expected}
     small = load_task("OpenDrawer").model_dump(mode="json")
     small["objects"]["drawer"]["class"] = "toilet"
     with pytest.raises(InputError, match="toilet has 2 instances, all for training"):
-        make_env(small, assets=library, instances="test")
-    env = make_env("OpenDrawer", assets=library, instances="777777")
+        GenSim2Env(small, assets=library, instances="test")
+    env = GenSim2Env("OpenDrawer", assets=library, instances="777777")
     env.reset(seed=0)
     assert env.setup.objects["drawer"].model.id == "777777"
 
 
 def test_openness_and_success_follow_the_joint(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     for openness, success in [(0.3, False), (0.201, False), (0.199, True), (0.0, True)]:
         _, info = env.reset(seed=0, options={"openness": openness})
         assert float(info["openness"]["crate"][0]) == pytest.approx(openness, abs=1e-5)
@@ -359,8 +359,8 @@ def _can_render() -> bool:
 
 @pytest.mark.skipif(not _can_render(), reason="no Vulkan driver works on this machine")
 def test_point_clouds_show_the_object_and_rendering_changes_no_state() -> None:
-    plain = make_env("OpenDrawer", assets="builtin", obs_mode="none")
-    seeing = make_env("OpenDrawer", assets="builtin", obs_mode="pointcloud", render_mode="rgb_array")
+    plain = GenSim2Env("OpenDrawer", assets="builtin", obs_mode="none")
+    seeing = GenSim2Env("OpenDrawer", assets="builtin", obs_mode="pointcloud", render_mode="rgb_array")
     plain.reset(seed=2)
     obs, _ = seeing.reset(seed=2)
     cloud = obs["pointcloud"]
@@ -396,7 +396,7 @@ def test_rendering_that_was_switched_off_says_so() -> None:
 def test_seeds_do_not_touch_global_random_state(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
     import torch
 
-    env = make_env(crate_task, assets=crates())
+    env = GenSim2Env(crate_task, assets=crates())
     np.random.seed(1)  # noqa: NPY002 - the global state is what is tested
     torch.manual_seed(1)
     before = hashlib.sha256(np.random.get_state()[1].tobytes()).hexdigest(), torch.get_rng_state()  # noqa: NPY002

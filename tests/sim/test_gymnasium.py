@@ -15,7 +15,7 @@ from mani_skill.utils.wrappers import CPUGymWrapper
 
 import gensim2.sim  # noqa: F401 - registers the tasks
 from gensim2.errors import ClosedEnvError, InputError
-from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.spec import TaskSpec
 
 ZERO = np.zeros(8, dtype=np.float32)
@@ -23,7 +23,7 @@ ZERO = np.zeros(8, dtype=np.float32)
 
 @pytest.fixture
 def env(crates: Callable[..., Any], crate_task: TaskSpec) -> GenSim2Env:
-    return make_env(crate_task, assets=crates())
+    return GenSim2Env(crate_task, assets=crates())
 
 
 @pytest.mark.parametrize("obs_mode", ["state", "state_dict"])

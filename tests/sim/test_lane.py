@@ -10,7 +10,7 @@ import pytest
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.robots import robot
-from gensim2.sim.env import make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.sim.lane import Lane
 from gensim2.tasks.library import task_names
 from gensim2.tasks.parse import parse_task
@@ -67,7 +67,7 @@ def _actions(lane: Lane, rng: np.random.Generator) -> np.ndarray:
 
 def _check_equal_episodes(task: str | TaskSpec, seeds: range) -> int:
     """Episodes in both; returns in how many an object was moved."""
-    env, lane = make_env(task, assets="builtin"), Lane(task, assets="builtin")
+    env, lane = GenSim2Env(task, assets="builtin"), Lane(task, assets="builtin")
     rng = np.random.default_rng(len(lane.task.name))
     moved = 0
     for seed in seeds:
@@ -110,7 +110,7 @@ def test_several_objects_are_where_the_environment_has_them(task: TaskSpec) -> N
 
 def test_reset_options_are_those_of_the_environment(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
     library = crates(2, damping=0.05)
-    env, lane = make_env(crate_task, assets=library), Lane(crate_task, assets=library)
+    env, lane = GenSim2Env(crate_task, assets=library), Lane(crate_task, assets=library)
     for options in (
         {"openness": 0.3, "offset": [0.02, -0.03, 0.2]},
         {"instance": library.instances("crate")[1]},

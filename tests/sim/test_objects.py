@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from gensim2.errors import InputError
-from gensim2.sim.env import GenSim2Env, make_env
+from gensim2.sim.env import GenSim2Env
 
 LID_MASS, LID_ARM, GRAVITY = 0.3, 0.1, 9.81  # of the crate's lid
 
@@ -31,7 +31,7 @@ def _lid(env: GenSim2Env, seconds: float, torque: float = 0.0) -> list[float]:
 
 
 def test_friction_holds_a_lid_that_gravity_pulls_for_five_seconds(crates: Callable[..., Any], crate_task: Any) -> None:
-    env = make_env(crate_task, assets=crates(friction=0.35))
+    env = GenSim2Env(crate_task, assets=crates(friction=0.35))
     env.reset(seed=0, options={"openness": 0.2})
     before = env.measure().openness["crate"]
     _lid(env, 5.0)
@@ -39,7 +39,7 @@ def test_friction_holds_a_lid_that_gravity_pulls_for_five_seconds(crates: Callab
 
 
 def test_a_lid_without_enough_friction_falls_shut(crates: Callable[..., Any], crate_task: Any) -> None:
-    env = make_env(crate_task, assets=crates(friction=0.15))
+    env = GenSim2Env(crate_task, assets=crates(friction=0.15))
     env.reset(seed=0, options={"openness": 0.3})
     _lid(env, 5.0)
     assert env.measure().openness["crate"] < 0.01
@@ -49,7 +49,7 @@ def test_a_lid_without_enough_friction_falls_shut(crates: Callable[..., Any], cr
 def test_the_joint_yields_at_load_plus_friction_and_not_before(
     crates: Callable[..., Any], crate_task: Any, joint_type: str, friction: float
 ) -> None:
-    env = make_env(crate_task, assets=crates(friction=friction, joint_type=joint_type))
+    env = GenSim2Env(crate_task, assets=crates(friction=friction, joint_type=joint_type))
     openness = 0.3
     angle = openness * 1.5
     weight = LID_MASS * GRAVITY
@@ -63,7 +63,7 @@ def test_the_joint_yields_at_load_plus_friction_and_not_before(
 
 def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any], crate_task: Any) -> None:
     friction, damping, push = 1.0, 8.0, 6.0
-    env = make_env(crate_task, assets=crates(friction=friction, damping=damping, joint_type="prismatic"))
+    env = GenSim2Env(crate_task, assets=crates(friction=friction, damping=damping, joint_type="prismatic"))
     env.reset(seed=0, options={"openness": 0.1})
     values = _lid(env, 0.25, torque=push + LID_MASS * GRAVITY)  # not as far as the upper limit
     speed = (values[-1] - values[-6]) / 0.05
@@ -74,7 +74,7 @@ def test_damping_sets_the_speed_under_a_constant_push(crates: Callable[..., Any]
 def test_a_moving_joint_is_slowed_by_its_friction_and_nothing_else(crates: Callable[..., Any], crate_task: Any) -> None:
     """The prismatic lid rises as fast as the force in excess of weight and friction makes it."""
     friction, excess = 2.0, 1.0
-    env = make_env(crate_task, assets=crates(friction=friction, joint_type="prismatic"))
+    env = GenSim2Env(crate_task, assets=crates(friction=friction, joint_type="prismatic"))
     env.reset(seed=0, options={"openness": 0.1})
     values = _lid(env, 0.2, torque=LID_MASS * GRAVITY + friction + excess)
     assert values[-1] - 0.02 == pytest.approx(0.5 * excess / LID_MASS * 0.2**2, rel=0.1)
@@ -95,7 +95,7 @@ def test_a_hull_that_is_not_what_was_promised_is_an_error(
     mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [1, 2, 3], [0, 1, 3], [0, 2, 3]], process=False)
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
     with pytest.raises(InputError, match=f"body: .*{words}"):
-        make_env(crate_task, assets=library)
+        GenSim2Env(crate_task, assets=library)
 
 
 def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_task: Any) -> None:
@@ -103,7 +103,7 @@ def test_a_hull_that_lost_a_part_is_a_warning(crates: Callable[..., Any], crate_
     mesh = trimesh.creation.box((0.18, 0.01, 0.09))  # 2 cm shorter than the wall that was promised
     mesh.apply_translation((-0.01, 0.095, 0.055))
     mesh.export(library.load("crate", "0").urdf.parent / "left.obj")
-    env = make_env(crate_task, assets=library)
+    env = GenSim2Env(crate_task, assets=library)
     assert env.object_warnings == ("crate: body: hull 1 lost 20.0 mm when it was cooked",)
 
 
@@ -113,7 +113,7 @@ def test_a_missing_hull_is_an_error(crates: Callable[..., Any], crate_task: Any)
     lines = crate.urdf.read_text()
     crate.urdf.write_text(re.sub(r'<collision><geometry><mesh filename="left.obj"/></geometry></collision>', "", lines))
     with pytest.raises(InputError, match="body: 1 of 5 collision hulls were dropped"):
-        make_env(crate_task, assets=library)
+        GenSim2Env(crate_task, assets=library)
 
 
 def test_an_instance_whose_joint_differs_from_its_urdf_is_refused(crates: Callable[..., Any], crate_task: Any) -> None:
@@ -121,4 +121,4 @@ def test_an_instance_whose_joint_differs_from_its_urdf_is_refused(crates: Callab
     crate = library.load("crate", "0")
     library._crates["0"] = dataclasses.replace(crate, joint=dataclasses.replace(crate.joint, upper=1.0))
     with pytest.raises(InputError, match="hinge: limits are"):
-        make_env(crate_task, assets=library)
+        GenSim2Env(crate_task, assets=library)

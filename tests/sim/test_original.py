@@ -19,7 +19,7 @@ from gensim2.objects import RigidObject, open_library
 from gensim2.objects.types import Instance
 from gensim2.robots import robot
 from gensim2.sim import original
-from gensim2.sim.env import make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.sim.lane import Lane
 from gensim2.sim.physics import OURS, named_physics
 from gensim2.sim.rigid import build_rigid
@@ -276,7 +276,7 @@ def test_states_are_those_of_the_environment(
     crates: Callable[..., Any], crate_task: TaskSpec, physics: Any, damping: float
 ) -> None:
     library = crates(damping=damping, friction=0.35)
-    env = make_env(crate_task, assets=library, physics=physics)
+    env = GenSim2Env(crate_task, assets=library, physics=physics)
     lane = Lane(crate_task, assets=library, physics=physics)
     options = {"offset": [-0.02, 0.0, 0.0], "openness": 0.9}
     start = np.array([0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 1.0], dtype=np.float32)
@@ -300,7 +300,7 @@ def test_states_are_those_of_the_environment(
 
 
 def test_an_unknown_physics_is_refused(crate_task: TaskSpec, crates: Callable[..., Any]) -> None:
-    for make in (Lane, make_env):
+    for make in (Lane, GenSim2Env):
         with pytest.raises(InputError, match="physics: must be one of ours, original, is 'theirs'"):
             make(crate_task, assets=crates(), physics="theirs")
     assert named_physics("ours") is OURS

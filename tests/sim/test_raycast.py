@@ -13,7 +13,7 @@ from PIL import Image
 from gensim2.errors import InputError
 from gensim2.observations import Camera, CloudSettings, DepthNoise
 from gensim2.robots import robot, robot_names
-from gensim2.sim.env import make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.sim.lane import Lane
 from gensim2.sim.raycast.caster import Caster, Solid
 from gensim2.sim.raycast.observer import Observer
@@ -161,7 +161,7 @@ def test_links_and_ids_are_the_simulators(name: str) -> None:
 
 def test_a_policy_sees_in_evaluation_what_recordings_give() -> None:
     settings = CloudSettings(points=256, candidates=1024, noise=DepthNoise())
-    env = make_env("OpenDrawer", assets="builtin", obs_mode="raycast", observation=settings.to_dict())
+    env = GenSim2Env("OpenDrawer", assets="builtin", obs_mode="raycast", observation=settings.to_dict())
     obs, _ = env.reset(seed=3)
     assert env.obs_mode == "raycast"
     lane = Lane("OpenDrawer", assets="builtin")
@@ -181,9 +181,9 @@ def test_a_policy_sees_in_evaluation_what_recordings_give() -> None:
 
 def test_settings_are_for_rays_and_states_are_of_the_scene() -> None:
     with pytest.raises(InputError, match="observation"):
-        make_env("OpenDrawer", assets="builtin", obs_mode="state", observation={"points": 8})
+        GenSim2Env("OpenDrawer", assets="builtin", obs_mode="state", observation={"points": 8})
     with pytest.raises(InputError, match="no setting 'colour'"):
-        make_env("OpenDrawer", assets="builtin", obs_mode="raycast", observation={"colour": 8})
+        GenSim2Env("OpenDrawer", assets="builtin", obs_mode="raycast", observation={"colour": 8})
     lane = Lane("OpenDrawer", assets="builtin")
     lane.reset(seed=1)
     scene = RaycastScene(robot("panda"), models(lane), [camera()])

@@ -17,12 +17,7 @@ from gensim2.cli.output import line, report, table
 @click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task in each run.")
 @options.origin
 @options.library
-@options.seed
-@options.assets
-@options.instances
-@options.physics
-@options.randomization
-@options.robot
+@options.scenes
 @click.option(
     "--attempts",
     type=options.count(100),
@@ -31,7 +26,6 @@ from gensim2.cli.output import line, report, table
     help="Most attempts of an episode: from the same start with another strategy first and another seed of the solver, "
     "until one holds.",
 )
-@options.open_loop
 @click.option(
     "--disturb",
     "disturbance",
@@ -41,9 +35,7 @@ from gensim2.cli.output import line, report, table
     "hold it.",
 )
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
-@options.workers
-@options.time_limit
-@options.jobs_per_worker
+@options.processes
 @options.resume
 @options.json_file
 def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:

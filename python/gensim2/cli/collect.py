@@ -16,15 +16,9 @@ from gensim2.cli.output import line, report, table
 @click.argument("tasks", nargs=-1)
 @click.option("--episodes", type=options.count(999_999_999), required=True, help="To try of each task.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder of the data set.")
-@options.seed
-@options.assets
-@options.instances
-@options.physics
-@options.randomization
-@options.robot
-@options.open_loop
+@options.scenes
 @click.option("--keep-failures", is_flag=True, help="Keep the states of episodes that do not hold, too.")
-@options.workers
+@options.processes
 @click.option(
     "--ray",
     metavar="local|ADDRESS",
@@ -33,8 +27,6 @@ from gensim2.cli.output import line, report, table
     "path. --workers is then the most environments at a time, one a CPU where it is not given.",
 )
 @click.option("--resume", is_flag=True, help="Go on with the data set in --out, if there is one.")
-@options.time_limit
-@options.jobs_per_worker
 @options.json_file
 @click.pass_context
 def collect(ctx: click.Context, /, tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:

@@ -29,6 +29,12 @@ def data() -> None:
 @click.option("--first-try", is_flag=True, help="Only episodes in which nothing was planned again.")
 @click.option("--min-steps", type=options.count(), default=1, show_default=True, help="Control steps at least.")
 @click.option("--max-steps", type=options.count(), default=None, help="Control steps at most.")
+@click.option(
+    "--min-clearance",
+    type=click.FloatRange(max=0.2),
+    metavar="METRES",
+    help="Metres that the robot keeps at least from the table, itself and objects that no step acts on; at most 0.2.",
+)
 @click.option("--observations/--no-observations", default=True, show_default=True, help="What `gensim2 render` made.")
 @options.json_file
 def export(folder: Path, to: str, out: Path, json_file: str | None, **given: Any) -> None:
@@ -48,6 +54,7 @@ def export(folder: Path, to: str, out: Path, json_file: str | None, **given: Any
             first_try=given["first_try"],
             shortest=given["min_steps"],
             longest=given["max_steps"],
+            clearance=given["min_clearance"],
         )
         count = function(folder, out, to, selection, observations=given["observations"], progress=progress)  # type: ignore[arg-type]
         give({"schema_version": 1, "folder": str(out), "episodes": count})
@@ -74,8 +81,8 @@ def import_(folder: Path, of: str, out: Path, json_file: str | None) -> None:
 def quality(folder: Path, video: bool, json_file: str | None) -> None:
     """Look at every episode of the data set in FOLDER and write FOLDER/quality.html.
 
-    Where objects stood and how far open, which ones, how long and how smooth the motions are, what is there twice, and
-    a film of each task.
+    Where objects stood and how far open, which ones, how long and how smooth the motions are, how near the robot
+    came to what it is not to touch, what is there twice, and a film of each task.
     """
     with report(json_file, _show_quality) as (progress, give):
         from gensim2.data.report import HTML
@@ -108,9 +115,10 @@ def _show_quality(result: dict[str, Any]) -> None:
             len(task["instances"]),
             "" if task["lengths"] is None else f"{task['lengths']['median']:.0f}",
             "" if task["jerks"] is None else f"{task['jerks']['median']:.1f}",
+            "" if task["clearances"] is None else f"{1e3 * task['clearances']['median']:.0f}",
             task["same_scene"],
         )
         for task in result["tasks"]
     ]
-    table(("task", "held", "strict", "objects", "steps", "jerk (rad/s3)", "same scene"), rows)
+    table(("task", "held", "strict", "objects", "steps", "jerk (rad/s3)", "clearance (mm)", "same scene"), rows)
     line(f"report: {result['report']}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -11,49 +11,19 @@ from gensim2.cli import options
 from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report
 
-if TYPE_CHECKING:
-    from gensim2.pipeline.setting import Physics
-    from gensim2.tasks.presets import PresetName
-
 
 @click.command("demo", cls=options.Command, short_help="Record demonstrations of a task.")
 @click.argument("task")
 @click.option("--episodes", type=options.count(), default=5, show_default=True, help="Demonstrations to record.")
-@options.seed
 @options.library
-@options.assets
-@options.instances
-@options.physics
-@options.randomization
-@options.robot
-@options.open_loop
+@options.scenes
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
-@options.workers
-@options.time_limit
-@options.jobs_per_worker
+@options.processes
 @options.resume
 @options.video
 @options.json_file
 @click.pass_context
-def demo(
-    ctx: click.Context,
-    task: str,
-    episodes: int,
-    seed: int,
-    assets: str | None,
-    instances: str,
-    physics: Physics,
-    randomization: PresetName,
-    robot: str,
-    open_loop: bool,
-    out: Path | None,
-    workers: int,
-    time_limit: float,
-    jobs_per_worker: int,
-    resume: bool,
-    video: bool,
-    json_file: str | None,
-) -> None:
+def demo(ctx: click.Context, /, task: str, episodes: int, json_file: str | None, **given: Any) -> None:
     """Record demonstrations of TASK, a task of the library or a folder that holds task.yaml and strategies/.
 
     What counts is what holds at the end; --json tells of every verdict how many of the episodes that were run fulfil
@@ -63,24 +33,7 @@ def demo(
     with report(json_file, _show) as (progress, give):
         from gensim2.pipeline import demo as function
 
-        result = function(
-            task,
-            episodes=episodes,
-            seed=seed,
-            assets=assets,
-            instances=instances,
-            physics=physics,
-            randomization=randomization,
-            robot=robot,
-            open_loop=open_loop,
-            out=out,
-            workers=workers,
-            time_limit=time_limit,
-            jobs_per_worker=jobs_per_worker,
-            resume=resume,
-            video=video,
-            progress=progress,
-        ).to_dict()
+        result = function(task, episodes=episodes, progress=progress, **given).to_dict()
         give(result)
     if result["demos"] < episodes:
         ctx.exit(FOUND_WRONG)

@@ -93,9 +93,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "gensim2"
         return _fail(f"{where}: {error.format_message()} (see {where} --help)", BAD_INPUT)
-    except InputError as error:
-        return _fail(f"gensim2: {error}", BAD_INPUT)
-    except MissingExtraError as error:
+    except (InputError, MissingExtraError) as error:
         return _fail(f"gensim2: {error}", BAD_INPUT)
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]

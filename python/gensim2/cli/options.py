@@ -163,3 +163,20 @@ instances = click.option(
     help="Objects to draw from; new are generated ones beyond the listed ones, random is one of the listed, drawn by "
     "--seed.",
 )
+
+
+def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
+    """Several options at once, shown in this order."""
+
+    def decorate(command: _F) -> _F:
+        for option in reversed(several):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+#: What scenes and episodes follow from: ``gensim2.pipeline.inputs.SceneArguments``, and the seed.
+scenes = _all(seed, assets, instances, physics, randomization, robot, open_loop)
+#: How simulator processes work.
+processes = _all(workers, time_limit, jobs_per_worker)

@@ -53,18 +53,10 @@ if TYPE_CHECKING:
     help="Who proposes tasks and writes configs: the search, or a language model by its name.  [default: offline]",
 )
 @designer_options
-@options.seed
-@options.assets
-@options.instances
-@options.physics
-@options.randomization
-@options.robot
-@options.open_loop
+@options.scenes
 @options.library
 @options.out("Run folder.  [default: runs/<date>-<time>]")
-@options.workers
-@options.time_limit
-@options.jobs_per_worker
+@options.processes
 @options.resume
 @options.video
 @options.json_file

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,41 +11,20 @@ from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
 
 if TYPE_CHECKING:
-    from gensim2.pipeline.setting import Physics
     from gensim2.planning.scene import Scene
     from gensim2.robots import RobotProfile
-    from gensim2.tasks.presets import PresetName
     from gensim2_kpam import Plan
 
 
 @click.command("solve", cls=options.Command, short_help="Plan the motions of a task.")
 @click.argument("task")
-@options.seed
 @options.library
-@options.assets
-@options.instances
-@options.physics
-@options.randomization
-@options.robot
-@options.open_loop
+@options.scenes
 @options.out("Folder to write the plan to.  [default: written nowhere]")
 @click.option("--show", "browser", is_flag=True, help="Show the plan in the browser until Ctrl-C (extra viz).")
 @options.json_file
 @click.pass_context
-def solve(
-    ctx: click.Context,
-    task: str,
-    seed: int,
-    assets: str | None,
-    instances: str,
-    physics: Physics,
-    randomization: PresetName,
-    robot: str,
-    open_loop: bool,
-    out: Path | None,
-    browser: bool,
-    json_file: str | None,
-) -> None:
+def solve(ctx: click.Context, /, task: str, browser: bool, json_file: str | None, **given: Any) -> None:
     """Plan the motions of TASK in the scene of one seed as an episode would, without executing them.
 
     Each step is planned on the scene that the steps before it should leave. Where the whole motion cannot be had, its
@@ -56,18 +34,7 @@ def solve(
     with report(json_file, _show) as (_, give):
         from gensim2.pipeline import solve as function
 
-        result = function(
-            task,
-            seed=seed,
-            assets=assets,
-            instances=instances,
-            physics=physics,
-            randomization=randomization,
-            robot=robot,
-            open_loop=open_loop,
-            out=out,
-            view=_browse if browser else None,
-        )
+        result = function(task, view=_browse if browser else None, **given)
         give(result.to_dict())
     if not result.is_whole:
         ctx.exit(FOUND_WRONG)

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
-from gensim2.errors import InputError
-from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, of_these_objects, read_task_input
-from gensim2.pipeline.setting import Physics
+from gensim2.pipeline.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -61,12 +57,6 @@ def collect(
     episodes: int,
     out: Path,
     seed: int = 0,
-    assets: str | Path | None = None,
-    instances: str = "all",
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    open_loop: bool = False,
-    randomization: PresetName = DEFAULT_PRESET,
     keep_failures: bool = False,
     workers: int | None = 2,
     ray: str | None = None,
@@ -74,6 +64,7 @@ def collect(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     listener: Listener | None = None,
+    **scene: Unpack[SceneArguments],
 ) -> CollectionResult:
     """Try episodes of tasks and keep each as soon as it is finished.
 
@@ -83,7 +74,6 @@ def collect(
         episodes: tried of each task.
         out: folder of the data set.
         seed: of the scenes; nothing else draws from the same ones.
-        assets, instances, physics, robot, open_loop, randomization: as for ``demo``.
         keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
         workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
             are at a time; None: one a CPU of the cluster.
@@ -92,6 +82,7 @@ def collect(
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
         listener: is told how far it is.
+        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.
@@ -100,12 +91,7 @@ def collect(
     """
     check_counts(episodes=episodes)
     check_workers(time_limit, jobs_per_worker)
-    wanted, skipped = of_these_objects(assets, tasks, instances)
-    options: dict[str, Any] = {"physics": physics, "robot": robot, "open_loop": open_loop}
-    options["randomization"] = randomization
-    given = [read_task_input(task, assets, instances, seed, **options) for task in wanted]
-    if len({one.spec.name for one in given}) < len(given):
-        raise InputError("a task is named twice", field="tasks")
+    given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     if ray is not None:
         from gensim2.processes.ray import check_address
 
@@ -145,9 +131,8 @@ def _pool(ray: str | None) -> Any:
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
     """What ``dataset.json`` says before the first episode."""
-    from gensim2.pipeline.runfolder import digest, listing, versions
+    from gensim2.pipeline.identity import digest, listings, versions
 
-    classes = sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})
     return DatasetRecord(
         arguments=asdict(given[0].circumstances),
         seed=seed,
@@ -159,6 +144,6 @@ def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_fail
             )
             for one in given
         },
-        listings={name: listing(given[0].library, [name]) for name in classes},
+        listings=listings(given),
         versions=versions(),
     )

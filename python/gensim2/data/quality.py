@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.episodes.recording import Recording
+from gensim2.objects import Library, open_library
 from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
@@ -33,6 +35,8 @@ class TaskQuality:
         openness: of that object at the start, of what held; empty where it has no joint.
         lengths: control steps of what held.
         jerks: root mean square of the arm's jerk (rad/s^3) of each episode that held.
+        clearances: of each episode that held, m (:mod:`gensim2.data.clearance`).
+        nearest: what came nearest in them: ``"table"``, ``"itself"`` or an object's name.
         instances: how often each object was used, of those that held.
         same_scene: episodes that held whose scene is that of an earlier one, within a millimetre.
         same_actions: episodes that held whose actions are those of an earlier one.
@@ -49,6 +53,8 @@ class TaskQuality:
     openness: list[float] = field(default_factory=list)
     lengths: list[int] = field(default_factory=list)
     jerks: list[float] = field(default_factory=list)
+    clearances: list[float] = field(default_factory=list)
+    nearest: Counter[str] = field(default_factory=Counter)
     instances: Counter[str] = field(default_factory=Counter)
     same_scene: int = 0
     same_actions: int = 0
@@ -56,29 +62,31 @@ class TaskQuality:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, spreads in place of lists."""
         found = asdict(self)
-        for name in ("openness", "lengths", "jerks"):
+        for name in ("openness", "lengths", "jerks", "clearances"):
             found[name] = _spread(found[name])
         found["places"] = {
             axis: _spread([place[i] for place in self.places]) for i, axis in enumerate(("x", "y", "yaw"))
         }
-        return {**found, "causes": dict(self.causes), "instances": dict(self.instances)}
+        return {**found, **{name: dict(getattr(self, name)) for name in ("causes", "instances", "nearest")}}
 
 
 def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[TaskQuality]:
     """Yield what is to be said of each task; one episode is in memory at a time.
 
     Raises:
-        InputError: the collection is not complete, or a file is damaged.
+        InputError: the collection is not complete, or a file is damaged, of an episode or of an object.
     """
-    profile = robot(dataset.record.circumstances.robot)
+    circumstances = dataset.record.circumstances
+    profile, library = robot(circumstances.robot), open_library(circumstances.assets)
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
-        yield _quality(store, profile, progress)
+        yield _quality(store, profile, library, progress)
 
 
-def _quality(store: TaskStore, profile: RobotProfile, progress: Progress) -> TaskQuality:
+def _quality(store: TaskStore, profile: RobotProfile, library: Library, progress: Progress) -> TaskQuality:
     spec = store.spec()
+    meter = ClearanceMeter(profile, spec, library)
     found = TaskQuality(store.name, spec.description)
     role = spec.steps[0].object
     scenes: set[tuple[object, ...]] = set()
@@ -102,6 +110,10 @@ def _quality(store: TaskStore, profile: RobotProfile, progress: Progress) -> Tas
             recording = store.read(row).recording
             assert recording is not None
             found.jerks.append(jerk(recording, profile))
+            clearance = meter.of(recording)
+            found.clearances.append(clearance.distance)
+            if clearance.to is not None:
+                found.nearest[clearance.to] += 1
             found.same_actions += _again(motions, hashlib.sha256(recording.actions.tobytes()).digest())
         progress.advance()
     return found

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.data.charts import charts
 from gensim2.data.quality import TaskQuality, qualities
+from gensim2.data.sheet import Shot, contact_sheet, film_seen
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.episodes.video import Replay, film
-from gensim2.errors import MissingExtraError
 from gensim2.files import write_atomic, write_json
 from gensim2.pages import template
+from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.pipeline.tally import interval
 from gensim2.progress import NULL_PROGRESS, Progress
 
@@ -27,15 +28,17 @@ class _Section:
     Attributes:
         quality: its numbers.
         interval: 95 % of the share that holds.
-        plot: SVG.
+        charts: SVG.
         video, still: file names beside the page; None where no picture could be made.
+        shots: demonstrations as they were observed; none where they were not.
     """
 
     quality: TaskQuality
     interval: tuple[float, float]
-    plot: str
+    charts: tuple[str, ...]
     video: str | None
     still: str | None
+    shots: tuple[Shot, ...]
 
 
 def report(path: Path, *, video: bool = True, progress: Progress = NULL_PROGRESS) -> dict[str, Any]:
@@ -53,10 +56,7 @@ def report(path: Path, *, video: bool = True, progress: Progress = NULL_PROGRESS
         InputError: the data set cannot be read, or its collection is not complete.
     """
     dataset = DataSet.open(path)
-    sections = []
-    for quality in qualities(dataset, progress):
-        pictures = _film(dataset, dataset.task(quality.name), progress) if video and quality.held else (None, None)
-        sections.append(_Section(quality, interval(quality.held, quality.tried), _plot(quality), *pictures))
+    sections = [_section(dataset, quality, video, progress) for quality in qualities(dataset, progress)]
     numbers = {"schema_version": SCHEMA_VERSION, "tasks": [section.quality.to_dict() for section in sections]}
     write_json(path / JSON, numbers)
     page = template("gensim2.data", "quality.html.j2").render(sections=sections, record=dataset.record.model_dump())
@@ -64,59 +64,31 @@ def report(path: Path, *, video: bool = True, progress: Progress = NULL_PROGRESS
     return numbers
 
 
-def _film(dataset: DataSet, store: TaskStore, progress: Progress) -> tuple[str | None, str | None]:
+def _section(dataset: DataSet, quality: TaskQuality, video: bool, progress: Progress) -> _Section:
+    store = dataset.task(quality.name)
+    first = next((row for row in store.rows() if row.held), None)
+    filmed = _film(dataset, store, first, progress) if video and first is not None else (None, None)
+    shots = contact_sheet(store, dataset.path, MEDIA)
+    return _Section(quality, interval(quality.held, quality.tried), charts(quality), *filmed, shots)
+
+
+def _film(dataset: DataSet, store: TaskStore, row: LoggedEpisode, progress: Progress) -> tuple[str | None, str | None]:
+    """A demonstration in a film: replayed before a large camera, or as observed where this machine draws nothing."""
     from gensim2.sim import rendering
 
     video, still = f"{MEDIA}/{store.name}.mp4", f"{MEDIA}/{store.name}.png"
     if (dataset.path / video).exists() and (dataset.path / still).exists():
         return video, still
-    if not rendering.can_render():
-        progress.message(f"{store.name}: no video: {rendering.NO_DRIVER}")
-        return None, None
     progress.start(f"{store.name}: film", 1)
-    recording = store.read(next(row for row in store.rows() if row.held)).recording
-    assert recording is not None
-    circumstances = dataset.record.circumstances
-    replay = Replay.of(recording, store.spec(), circumstances.assets, circumstances.environment)
-    film(replay, dataset.path / video, still=dataset.path / still)
+    if not rendering.can_render():
+        if not film_seen(store, row, dataset.path / video, dataset.path / still):
+            progress.message(f"{store.name}: no video: {rendering.NO_DRIVER}")
+            return None, None
+    else:
+        recording = store.read(row).recording
+        assert recording is not None
+        circumstances = dataset.record.circumstances
+        replay = Replay.of(recording, store.spec(), circumstances.assets, circumstances.environment)
+        film(replay, dataset.path / video, still=dataset.path / still)
     progress.advance()
     return video, still
-
-
-def _plot(quality: TaskQuality) -> str:
-    """Where objects stood, how far open they were, how long it took and how smoothly the arm moved."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "data") from error
-    figure = Figure(figsize=(11, 2.6), layout="constrained")
-    places, openness, lengths, jerks = figure.subplots(1, 4)
-    for held, colour, label in ((True, "#2a7d4f", "held"), (False, "#c0392b", "not held")):
-        points = [(x, y) for x, y, _, each in quality.places if each == held]
-        if points:
-            # The robot looks along x: what lies to its left is left in the picture.
-            places.scatter([-y for _, y in points], [x for x, _ in points], s=6, c=colour, label=label, linewidths=0)
-    places.set(title="where it stood (m)", xlabel="right of the robot", ylabel="ahead", aspect="equal")
-    places.legend(fontsize=7, loc="upper right")
-    for axes, values, title, unit in (
-        (openness, quality.openness, "openness at the start", "share"),
-        (lengths, quality.lengths, "length", "control steps"),
-        (jerks, quality.jerks, "jerk, root mean square", "rad/s³"),
-    ):
-        if values:
-            axes.hist(values, bins=min(20, len(values)), color="#3867b0")
-            axes.yaxis.get_major_locator().set_params(integer=True)
-        else:
-            axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
-        axes.set(title=title, xlabel=unit)
-    for axes in (places, openness, lengths, jerks):
-        axes.title.set_size(9)
-        axes.tick_params(labelsize=7)
-    stream = io.StringIO()
-    # Without a date and with fixed names: the same data give the same bytes.
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.hashsalt": quality.name}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue()
-    return text[text.index("<svg") :]

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
+from gensim2.objects import open_library
 from gensim2.pipeline.attempts import LoggedEpisode
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import robot
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,7 @@ class Selection:
         whole: no step executed a part of a motion.
         first_try: nothing had to be planned again.
         shortest, longest: control steps.
+        clearance: least of :mod:`gensim2.data.clearance`, m; None: any.
     """
 
     tasks: tuple[str, ...] = ()
@@ -28,9 +32,17 @@ class Selection:
     first_try: bool = False
     shortest: int = 0
     longest: int | None = None
+    clearance: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.clearance is not None:
+            from gensim2.data.clearance import FARTHEST
+
+            if not self.clearance <= FARTHEST:
+                raise InputError(f"is measured up to {FARTHEST} m, not {self.clearance}", field="min_clearance")
 
     def takes(self, row: LoggedEpisode) -> bool:
-        """Whether an episode is among them."""
+        """Whether an episode's record lets it be among them."""
         return (
             row.held
             and (row.strict or not self.strict)
@@ -40,25 +52,52 @@ class Selection:
             and (self.longest is None or row.control_steps <= self.longest)
         )
 
-    def of(self, dataset: DataSet) -> Iterator[tuple[TaskStore, list[LoggedEpisode]]]:
+    def of(
+        self, dataset: DataSet, progress: Progress = NULL_PROGRESS
+    ) -> Iterator[tuple[TaskStore, list[LoggedEpisode]]]:
         """Yield each task with those of its episodes that are taken, by index; a task with none is left out.
 
         Raises:
-            InputError: the data set has no such task, or its collection is not complete.
+            InputError: the data set has no such task, or its collection is not complete, or an episode's file that has
+                to be looked at is damaged.
         """
         for name in self.tasks or dataset.tasks:
             store = dataset.task(name)
-            if rows := [row for row in store.rows() if self.takes(row)]:
+            rows = [row for row in store.rows() if self.takes(row)]
+            if self.clearance is not None:
+                rows = self._clear(dataset, store, rows, self.clearance, progress)
+            if rows:
                 yield store, rows
 
+    @staticmethod
+    def _clear(
+        dataset: DataSet, store: TaskStore, rows: list[LoggedEpisode], least: float, progress: Progress
+    ) -> list[LoggedEpisode]:
+        """Those whose clearance is at least ``least``; it does not stand in the record."""
+        from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
-def some(selection: Selection, dataset: DataSet) -> list[tuple[TaskStore, list[LoggedEpisode]]]:
+        circumstances = dataset.record.circumstances
+        meter = ClearanceMeter(robot(circumstances.robot), store.spec(), open_library(circumstances.assets))
+        progress.start(f"{store.name}: clearance", len(rows))
+        kept = []
+        for row in rows:
+            recording = store.read(row).recording
+            assert recording is not None  # of what held it always is
+            if meter.of(recording).distance >= least:
+                kept.append(row)
+            progress.advance()
+        return kept
+
+
+def some(
+    selection: Selection, dataset: DataSet, progress: Progress = NULL_PROGRESS
+) -> list[tuple[TaskStore, list[LoggedEpisode]]]:
     """As :meth:`Selection.of`, at least one episode.
 
     Raises:
         InputError: there is none.
     """
-    found = list(selection.of(dataset))
+    found = list(selection.of(dataset, progress))
     if not found:
         raise InputError("no episode is taken", file=dataset.path, remedy="ask for less")
     return found

@@ -21,7 +21,7 @@ from gensim2.tasks.criteria import (
     all_hold,
 )
 from gensim2.tasks.measurement import Measurement
-from gensim2.tasks.spec import HAND, TaskSpec
+from gensim2.tasks.spec import TaskSpec
 
 StrictMisses = dict[StrictMiss, dict[str, Any]]
 """Numbers beside each miss, as plain data."""
@@ -55,7 +55,7 @@ def strict_misses(
         later: measured now.
     """
     task = world.task
-    acted_on = {name for step in task.steps for name in (step.object, step.tool) if name != HAND}
+    acted_on = task.acted_on
     misses: StrictMisses = {}
     if not _is_about_the_gripper(task):
         touched = sorted(world.touched() & acted_on)

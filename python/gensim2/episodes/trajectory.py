@@ -14,10 +14,12 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import h5py
 
@@ -149,22 +151,31 @@ def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tu
     if not episodes:
         raise InputError("there is no finished episode to merge", file=folder)
     used: dict[str, set[str]] = {name: set() for name in provenance.task.objects}
-    # The data first: a JSON file never promises what is not there.
-    with replacing(folder / H5_NAME) as path, h5py.File(path, "w", libver=LIBVER) as merged:
-        for number, (file, digest) in enumerate(episodes):
-            with _recorded(file, digest) as (recorded, entry):
-                recorded.file.copy(recorded, merged, name=f"traj_{number}")
-                for name, ids in used.items():
-                    ids.add(entry["instances"][name])
-    document = _document(provenance, {name: sorted(ids) for name, ids in used.items()})
-    with replacing(folder / JSON_NAME) as path, path.open("w", encoding="utf-8") as stream:
-        _stream_json(stream, document, "episodes", _numbered(episodes))
+    # The data gets its name first: a JSON file never promises what is not there. Its head says which objects there are,
+    # which the last episode decides: entries wait in a file of their own, and each episode is read once.
+    with (
+        replacing(folder / JSON_NAME) as json_path,
+        replacing(folder / H5_NAME) as h5_path,
+        tempfile.TemporaryFile("w+", dir=folder, encoding="utf-8") as entries,
+    ):
+        with h5py.File(h5_path, "w", libver=LIBVER) as merged:
+            for number, (file, digest) in enumerate(episodes):
+                with _recorded(file, digest) as (recorded, entry):
+                    recorded.file.copy(recorded, merged, name=f"traj_{number}")
+                    entries.write((",\n" if number else "\n") + _indented({"episode_id": number, **entry}))
+                    for name, ids in used.items():
+                        ids.add(entry["instances"][name])
+        document = _document(provenance, {name: sorted(ids) for name, ids in used.items()})
+        entries.seek(0)
+        with json_path.open("w", encoding="utf-8") as stream:
+            stream.write(json.dumps(document, indent=2, allow_nan=False).removesuffix("\n}") + ',\n  "episodes": [')
+            shutil.copyfileobj(entries, stream)
+            stream.write("\n  ]\n}\n")
 
 
-def _numbered(episodes: Sequence[tuple[Path, str | None]]) -> Iterator[dict[str, Any]]:
-    for number, (file, digest) in enumerate(episodes):
-        with _recorded(file, digest) as (_, entry):
-            yield {"episode_id": number, **entry}
+def _indented(entry: dict[str, Any]) -> str:
+    """An item of a list in an indented JSON document."""
+    return "    " + json.dumps(entry, indent=2, allow_nan=False).replace("\n", "\n    ")
 
 
 @contextlib.contextmanager
@@ -189,15 +200,6 @@ def _entry(row: EpisodeRow) -> dict[str, Any]:
         "instances": recorded["instances"],
         "episode": row.episode.to_dict(),
     }
-
-
-def _stream_json(stream: TextIO, document: dict[str, Any], name: str, items: Iterable[dict[str, Any]]) -> None:
-    """Write ``{**document, name: [*items]}`` as indented JSON, an item at a time."""
-    stream.write(json.dumps(document, indent=2, allow_nan=False).removesuffix("\n}") + f',\n  "{name}": [')
-    for number, item in enumerate(items):
-        text = json.dumps(item, indent=2, allow_nan=False).replace("\n", "\n    ")
-        stream.write(f"{',' if number else ''}\n    {text}")
-    stream.write("\n  ]\n}\n")
 
 
 def _env_id(task: TaskSpec) -> str:

@@ -104,7 +104,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
     shown = _Shown()
     stride = stride or (1 if len(replay.actions) <= LONG else 2)
     with replacing(video) as path:
-        _write_video(path, _frames(replay, shown, stride), speed * CONTROL_STEPS_PER_SECOND / stride)
+        write_video(path, _frames(replay, shown, stride), speed * CONTROL_STEPS_PER_SECOND / stride)
     if still is not None:
         with replacing(still) as path:
             imageio.imwrite(path, shown.farthest)
@@ -167,7 +167,8 @@ def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
         env.close()
 
 
-def _write_video(path: Path, frames: Iterable[Frame], frames_per_second: float) -> None:
+def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float) -> None:
+    """Write (H, W, 3) pictures as an mp4: H.264, which browsers play. Sides are even numbers of pixels."""
     # ImageIO's plugin types do not say that a writer can append.
     # "faststart": a browser shows the first frame before it has the whole file.
     start: dict[str, Any] = {"pixelformat": "yuv420p", "output_params": ["-movflags", "+faststart"]}

@@ -6,19 +6,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from gensim2.episodes.disturbance import KINDS, Kind
 from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
 from gensim2.pipeline.benchmark_table import TaskRow, groups
-from gensim2.pipeline.inputs import TaskInput, check_counts, check_workers, of_these_objects, read_task_input
+from gensim2.pipeline.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import Physics
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 
 @dataclass(frozen=True)
@@ -65,13 +62,7 @@ def benchmark(
     runs: int = 5,
     episodes: int = 50,
     seed: int = 0,
-    assets: str | Path | None = None,
-    instances: str = "all",
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    randomization: PresetName = DEFAULT_PRESET,
     attempts: int = 1,
-    open_loop: bool = False,
     disturbance: Kind | None = None,
     out: Path | None = None,
     workers: int = 2,
@@ -79,6 +70,7 @@ def benchmark(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
 ) -> BenchmarkResult:
     """Run every task on random scenes; each episode is kept as soon as it is finished.
 
@@ -89,7 +81,6 @@ def benchmark(
         runs: repetitions, for the deviation between them.
         episodes: of each task in each run.
         seed: of the scenes; no search draws from the same ones.
-        assets, instances, physics, robot, randomization, open_loop: as for ``demo``.
         attempts: that an episode has at most from its start, until one holds.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
@@ -97,6 +88,7 @@ def benchmark(
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
         progress: listener.
+        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -106,26 +98,12 @@ def benchmark(
     check_workers(time_limit, jobs_per_worker)
     if disturbance is not None and disturbance not in KINDS:
         raise InputError(f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(KINDS)}")
-    wanted, skipped = of_these_objects(assets, tasks, instances, origin)
-    given = [
-        read_task_input(
-            task,
-            assets,
-            instances,
-            seed,
-            physics=physics,
-            robot=robot,
-            open_loop=open_loop,
-            randomization=randomization,
-        )
-        for task in wanted
-    ]
+    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     names = [one.spec.name for one in given]
-    if len(set(names)) < len(names):
-        raise InputError("a task is named twice", field="tasks")
     # Only now what takes long to import.
     from gensim2.pipeline.evaluator import PoolEvaluator
-    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing, versions
+    from gensim2.pipeline.identity import identity, versions
+    from gensim2.pipeline.runfolder import RunFolder, default_run_dir
 
     library = given[0].library
     circumstances = replace(given[0].circumstances, disturbance=disturbance, attempts=attempts)
@@ -134,9 +112,8 @@ def benchmark(
         "runs": runs,
         "episodes": episodes,
         **asdict(circumstances),
-        "instances": instances,
+        "instances": scene.get("instances", "all"),
     }
-    classes = sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})
     with (
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
@@ -146,11 +123,7 @@ def benchmark(
                 **arguments,
                 "workers": workers,
             },
-            {
-                "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
-                "strategies": digest([one.strategies for one in given]),
-                "objects": listing(library, classes),
-            },
+            identity(given),
             resume,
         ) as folder,
         PoolEvaluator(

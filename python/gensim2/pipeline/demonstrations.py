@@ -18,7 +18,8 @@ from gensim2.objects import Library
 from gensim2.pipeline import worker
 from gensim2.pipeline.attempts import ATTEMPTS, AttemptLog, LoggedEpisode
 from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.runfolder import RunFolder, TaskFolder, versions
+from gensim2.pipeline.identity import versions
+from gensim2.pipeline.runfolder import RunFolder, TaskFolder
 from gensim2.pipeline.tally import Tally
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress

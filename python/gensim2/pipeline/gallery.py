@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error
 from gensim2.files import write_atomic
 from gensim2.pages import template
-from gensim2.pipeline.inputs import check_workers, of_these_objects, read_task_input
+from gensim2.pipeline.inputs import check_workers, read_task_inputs
 from gensim2.pipeline.records import SCHEMA_VERSION
 from gensim2.pipeline.setting import Physics
 from gensim2.processes import TIME_LIMIT
@@ -72,13 +72,11 @@ def tasks_gallery(
         NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
     """
     check_workers(time_limit, jobs_per_worker=1)
-    names, skipped = of_these_objects(assets, tasks, origin=origin)
-    given = [read_task_input(name, assets, "all", seed, physics=physics) for name in names]
-    if len({one.spec.name for one in given}) < len(given):
-        raise InputError("a task is named twice", field="tasks")
+    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, assets=assets, physics=physics)
     # Only now what takes long to import.
     from gensim2.pipeline.evaluator import PoolEvaluator
-    from gensim2.pipeline.runfolder import RunFolder, digest, listing
+    from gensim2.pipeline.identity import identity
+    from gensim2.pipeline.runfolder import RunFolder
     from gensim2.pipeline.shelf import SPEED, Shelf, film_one_that_holds
     from gensim2.processes import Job
     from gensim2.sim import rendering
@@ -86,7 +84,6 @@ def tasks_gallery(
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
     circumstances, library = given[0].circumstances, given[0].library
-    classes = sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})
     with (
         RunFolder(
             out,
@@ -97,11 +94,7 @@ def tasks_gallery(
                 **asdict(circumstances),
                 "workers": workers,
             },
-            {
-                "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
-                "strategies": digest([one.strategies for one in given]),
-                "objects": listing(library, classes),
-            },
+            identity(given),
             resume,
         ) as folder,
         PoolEvaluator(circumstances, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,

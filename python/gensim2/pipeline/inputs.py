@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from gensim2.designers.base import Strategies
 from gensim2.errors import InputError, brief
@@ -55,11 +56,32 @@ class TaskInput:
     circumstances: Circumstances
 
 
+class SceneArguments(TypedDict, total=False):
+    """What the episodes of a task follow from beside their seed, as every command takes it by keyword.
+
+    Keys:
+        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        instances: what episodes draw from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
+            (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of the run.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"``.
+    """
+
+    assets: str | Path | None
+    instances: str
+    physics: Physics
+    robot: str
+    open_loop: bool
+    randomization: PresetName
+
+
 def read_task_input(
     task: str,
-    assets: str | Path | None,
-    instances: str,
-    seed: int,
+    assets: str | Path | None = None,
+    instances: str = "all",
+    seed: int = 0,
     *,
     physics: Physics = "ours",
     robot: str = DEFAULT_ROBOT,
@@ -70,11 +92,8 @@ def read_task_input(
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
-        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: ``all``, ``train``, ``test``, ``new`` (generated ones beyond the listed ones), an id, or ``random``:
-            one, drawn by ``seed``; where the task does not say itself which.
         seed: of the run.
-        physics, robot, open_loop, randomization: as in :class:`~gensim2.pipeline.setting.Circumstances`.
+        assets, instances, physics, robot, open_loop, randomization: as in :class:`SceneArguments`.
 
     Raises:
         InputError: names the file and the field, or the argument.
@@ -101,6 +120,26 @@ def read_task_input(
     )
     circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     return TaskInput(spec, strategies, library, word, circumstances)
+
+
+def read_task_inputs(
+    tasks: Sequence[str], *, seed: int, origin: str | None = None, **scene: Unpack[SceneArguments]
+) -> tuple[list[TaskInput], dict[str, str]]:
+    """Read and check the tasks that these objects do for; the others come with the reason why they are left out.
+
+    Args:
+        tasks, origin: as for :func:`of_these_objects`.
+        seed: of the run.
+        scene: see :class:`SceneArguments`.
+
+    Raises:
+        InputError: as for :func:`of_these_objects` and :func:`read_task_input`, or a task is named twice.
+    """
+    wanted, skipped = of_these_objects(scene.get("assets"), tasks, scene.get("instances", "all"), origin)
+    given = [read_task_input(task, seed=seed, **scene) for task in wanted]
+    if len({one.spec.name for one in given}) < len(given):
+        raise InputError("a task is named twice", field="tasks")
+    return given, skipped
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:

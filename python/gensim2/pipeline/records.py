@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gensim2.designers.base import CandidateResult, StepStrategies
 from gensim2.episodes.record import Episode
 from gensim2.pipeline.tally import Tally
 
@@ -130,55 +129,6 @@ class RunSummary(BaseModel):
     result: ResultSummary | None
 
 
-class DiagnosisRecord(Record):
-    """One way in which trials of a candidate failed, in ``design.json``."""
-
-    step: str | None
-    cause: str
-    words: str
-    count: Annotated[int, Field(ge=1)]
-
-
-class StageRecord(Record):
-    """One stage of a candidate in ``design.json``."""
-
-    name: Literal["plan", "physics"]
-    episodes: Annotated[int, Field(ge=0)]
-    successes: float
-    causes: dict[str, int]
-    strict: float = 0.0
-    diagnoses: list[DiagnosisRecord] = []
-
-
-class CandidateRecord(Record):
-    """One candidate in ``design.json``."""
-
-    index: Annotated[int, Field(ge=0)]
-    label: str
-    steps: dict[str, dict[str, dict[str, Any]]]
-    provenance: dict[str, Any]
-    stages: list[StageRecord]
-    cause: str | None
-
-
-class DesignRecord(Record):
-    """``design.json``."""
-
-    schema_version: Literal[3]
-    candidates: list[CandidateRecord]
-    chosen: Literal[0] | None
-    steps: dict[str, dict[str, dict[str, Any]]] | None
-    notes: list[str]
-
-    @model_validator(mode="after")
-    def _says_why_nothing_was_chosen(self) -> Self:
-        if (self.steps is None) != (self.chosen is None):
-            raise ValueError("chosen and steps do not go together")
-        if self.steps is None and not self.notes:
-            raise ValueError("nothing was chosen, and notes do not say why")
-        return self
-
-
 @dataclass(frozen=True)
 class Verification:
     """A task and its strategies put to the test on fresh seeds.
@@ -219,49 +169,6 @@ class Verification:
             **self.tally.to_dict(),
             "episodes": [episode.to_dict() for episode in self.episodes],
         }
-
-
-@dataclass(frozen=True)
-class Design:
-    """The outcome of a search: every candidate with its stages, best first, and each step's ways that won, if any."""
-
-    results: tuple[CandidateResult, ...]
-    chosen: StepStrategies | None
-    notes: tuple[str, ...] = field(default=())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return {
-            "schema_version": 3,
-            "candidates": [_candidate(index, result) for index, result in enumerate(self.results)],
-            "chosen": 0 if self.chosen is not None else None,
-            "steps": self.chosen,
-            "notes": list(self.notes),
-        }
-
-
-def _candidate(index: int, result: CandidateResult) -> dict[str, Any]:
-    causes: Counter[str] = Counter()
-    for stage in result.stages:
-        causes.update(stage.causes)
-    return {
-        "index": index,
-        "label": result.candidate.label,
-        "steps": result.candidate.steps,
-        "provenance": result.candidate.provenance,
-        "stages": [
-            {
-                "name": s.name,
-                "episodes": s.trials,
-                "successes": s.score * s.trials,
-                "causes": s.causes,
-                "strict": s.strict * s.trials,
-                "diagnoses": [each.to_dict() for each in s.diagnoses],
-            }
-            for s in result.stages
-        ],
-        "cause": causes.most_common(1)[0][0] if causes else None,
-    }
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,10 @@ from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.pages import template
 from gensim2.pipeline.attempts import ATTEMPTS, read_log
+from gensim2.pipeline.designs import DesignRecord, StageRecord
 from gensim2.pipeline.model_report import ModelReport
 from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import (
-    DesignRecord,
-    RecordingSummary,
-    ResultSummary,
-    RunRecord,
-    RunSummary,
-    StageRecord,
-    Verification,
-)
+from gensim2.pipeline.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification
 from gensim2.pipeline.runfolder import RUN_JSON, TaskFolder
 from gensim2.pipeline.tally import Tally, interval
 from gensim2.tasks.library import load_task_file

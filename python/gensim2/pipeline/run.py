@@ -14,6 +14,7 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.pipeline.evaluator import PoolEvaluator
 from gensim2.pipeline.execution import Execution, Extent, Wanted
+from gensim2.pipeline.identity import digest, listing
 from gensim2.pipeline.inputs import (
     check_circumstances,
     check_counts,
@@ -25,7 +26,7 @@ from gensim2.pipeline.inputs import (
 from gensim2.pipeline.records import PipelineResult
 from gensim2.pipeline.remembering import known_before
 from gensim2.pipeline.report import reported
-from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
+from gensim2.pipeline.runfolder import RunFolder, default_run_dir
 from gensim2.pipeline.search import LONG_BUDGET, Budget
 from gensim2.pipeline.setting import Circumstances, Physics
 from gensim2.pipeline.verification import VERIFY_EPISODES

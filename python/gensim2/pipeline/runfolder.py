@@ -9,9 +9,6 @@ OUT/rejected/<Task>/            the same for what was designed and not kept
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-import json
 import platform
 import sys
 import time
@@ -24,22 +21,13 @@ from gensim2.episodes.record import Episode
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries, write_atomic, write_json
 from gensim2.objects import Library, ObjectModel
+from gensim2.pipeline.designs import Design, DesignRecord
+from gensim2.pipeline.identity import versions
 from gensim2.pipeline.lock import FolderLock
 from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import (
-    RUN_SCHEMA_VERSION,
-    Design,
-    DesignRecord,
-    Effort,
-    RunRecord,
-    Verification,
-    VerificationRecord,
-)
+from gensim2.pipeline.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.tasks.spec import TaskSpec
 from gensim2.yaml_files import dump_yaml
-
-#: Distributions whose versions decide what an episode looks like.
-VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py")
 
 #: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
 FIXED_ARGUMENTS = (
@@ -67,27 +55,6 @@ RUN_JSON = "run.json"
 def default_run_dir() -> Path:
     """Return ``runs/<date>-<time>`` under the present folder."""
     return Path("runs") / time.strftime("%Y%m%d-%H%M%S")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that decide the outcome."""
-    found = {"python": platform.python_version()}
-    for name in VERSIONED:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "absent"
-    return found
-
-
-def digest(value: Any) -> str:
-    """Digest of plain data: equal data, equal digest."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
-
-
-def listing(library: Library, classes: Iterable[str]) -> str:
-    """Digest of which objects there are: episodes draw from the list, so one object more is another run."""
-    return digest({name: list(library.instances(name)) for name in classes})
 
 
 class RunFolder:

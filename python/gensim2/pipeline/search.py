@@ -23,7 +23,8 @@ from gensim2 import seeding
 from gensim2.designers.base import Brief, Candidate, CandidateResult, Designer, StageResult, StepStrategies
 from gensim2.designers.diagnosis import diagnoses
 from gensim2.episodes.record import Episode
-from gensim2.pipeline.records import Design, merge_causes
+from gensim2.pipeline.designs import Design
+from gensim2.pipeline.records import merge_causes
 from gensim2.pipeline.setting import Setting
 from gensim2.pipeline.tally import interval
 from gensim2.pipeline.worker import Screened

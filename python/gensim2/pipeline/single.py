@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from gensim2.files import check_writable
-from gensim2.pipeline.inputs import check_counts, check_workers, read_task_input
+from gensim2.pipeline.inputs import SceneArguments, check_counts, check_workers, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import Physics
 from gensim2.pipeline.tally import Tally
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 
 @dataclass(frozen=True)
@@ -57,12 +54,6 @@ def demo(
     *,
     episodes: int = 5,
     seed: int = 0,
-    assets: str | Path | None = None,
-    instances: str = "all",
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    open_loop: bool = False,
-    randomization: PresetName = DEFAULT_PRESET,
     out: Path | None = None,
     workers: int = 2,
     resume: bool = False,
@@ -70,6 +61,7 @@ def demo(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
 ) -> DemoResult:
     """Record demonstrations of a task with its stored strategies.
 
@@ -77,13 +69,6 @@ def demo(
         task: name of a library task, or a folder that holds task.yaml and strategies/.
         episodes: successful demonstrations to keep.
         seed: of the scenes.
-        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: what episodes draw from: ``all``, ``train``, ``test``, ``new``, an id, or ``random``: one, drawn by
-            ``seed``.
-        physics: ``"ours"`` or ``"original"``.
-        robot: name of its profile.
-        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"``.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes.
         resume: go on with the run that ``out`` holds.
@@ -91,6 +76,7 @@ def demo(
         time_limit: seconds after which an episode counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener.
+        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -101,14 +87,13 @@ def demo(
     run_dir = Path(out) if out is not None else None
     if run_dir is not None:
         check_writable(run_dir / "run.json")
-    given = read_task_input(
-        task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop, randomization=randomization
-    )
+    given = read_task_input(task, seed=seed, **scene)
     # Only now what takes long to import.
     from gensim2.pipeline.demonstrations import collect
     from gensim2.pipeline.evaluator import PoolEvaluator
+    from gensim2.pipeline.identity import digest, listing
     from gensim2.pipeline.report import reported
-    from gensim2.pipeline.runfolder import RunFolder, default_run_dir, digest, listing
+    from gensim2.pipeline.runfolder import RunFolder, default_run_dir
 
     spec, strategies, library = given.spec, given.strategies, given.library
     with (

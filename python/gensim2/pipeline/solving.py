@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import gensim2_kpam as kpam
 from gensim2.files import check_writable, write_json
-from gensim2.pipeline.inputs import TaskInput, read_task_input
+from gensim2.pipeline.inputs import SceneArguments, TaskInput, read_task_input
 from gensim2.pipeline.records import SCHEMA_VERSION
-from gensim2.pipeline.setting import Physics
 from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT_ROBOT, RobotProfile
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
+from gensim2.robots import RobotProfile
 
 if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlan
@@ -89,14 +87,9 @@ def solve(
     task: str,
     *,
     seed: int = 0,
-    assets: str | Path | None = None,
-    instances: str = "all",
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    open_loop: bool = False,
-    randomization: PresetName = DEFAULT_PRESET,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
+    **scene: Unpack[SceneArguments],
 ) -> SolveResult:
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
@@ -108,21 +101,17 @@ def solve(
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.
         seed: of the scene.
-        assets: as for ``demo``.
-        instances: as for ``demo``; the seed draws one of several.
-        physics, robot, randomization: as for ``demo``.
-        open_loop: the first strategy of each step only, as open-loop episodes do.
         out: folder in which to leave ``plan.json``.
         view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
+        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`; the seed draws one of several instances, and
+            ``open_loop`` takes the first strategy of each step only.
 
     Raises:
         InputError: an argument cannot be used.
     """
     if out is not None:
         check_writable(Path(out) / "plan.json")
-    given = read_task_input(
-        task, assets, instances, seed, physics=physics, robot=robot, open_loop=open_loop, randomization=randomization
-    )
+    given = read_task_input(task, seed=seed, **scene)
     # Only now what takes seconds to import.
     from gensim2.sim.lane import Lane
 
@@ -130,9 +119,9 @@ def solve(
         given.spec,
         assets=given.library,
         instances=given.instances,
-        physics=physics,
-        robot=robot,
-        randomization=randomization,
+        physics=given.circumstances.physics,
+        robot=given.circumstances.robot,
+        randomization=given.circumstances.randomization,
     )
     lane.reset(seed)
     objects = {

@@ -101,12 +101,12 @@ def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str,
     from PIL import Image, ImageDraw
 
     from gensim2.sim import rendering
-    from gensim2.sim.env import make_env
+    from gensim2.sim.env import GenSim2Env
 
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
     given = circumstances
-    env = make_env(
+    env = GenSim2Env(
         task, assets=given.assets, robot=given.robot, physics=given.physics, obs_mode="none", render_mode="rgb_array"
     )
     try:

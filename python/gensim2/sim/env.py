@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import gc
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +12,10 @@ import sapien
 import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
-from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
-from gensim2.objects import RigidObject
 from gensim2.observations import CloudSettings
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT, robot_names
@@ -37,24 +33,22 @@ from gensim2.sim.arguments import (
     checked_seed,
     chosen_instances,
 )
-from gensim2.sim.objects import load_object
+from gensim2.sim.managed import build_part, spare_imports_from_collection
+from gensim2.sim.observed import RaycastObservations
 from gensim2.sim.options import RESET_OPTIONS, read_options
-from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
-from gensim2.sim.physics import named_physics, vary
+from gensim2.sim.physics import named_physics
 from gensim2.sim.raycast.sensor import OBS_MODE as RAYCAST
 from gensim2.sim.raycast.sensor import RaycastSensor
-from gensim2.sim.registration import MODULE
-from gensim2.sim.rigid import load_rigid
-from gensim2.sim.scene_state import RobotReader, measure, read_scene
-from gensim2.sim.setup import Setup, set_up
+from gensim2.sim.registration import MODULE, recordable
+from gensim2.sim.scene_state import RobotReader, read_scene
+from gensim2.sim.setup import set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
-class GenSim2Env(BaseEnv):  # type: ignore[misc]
+class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
     Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
@@ -95,8 +89,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     def __init__(
         self,
-        *args: Any,
         task: str | TaskSpec | Mapping[str, Any],
+        *,
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
@@ -136,23 +130,20 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         check_names(self.task, self.profile)
         self._library = as_library(assets)
         self._instances = chosen_instances(self._library, self.task, instances)
-        self._setup: Setup | None = None
-        self._parts: dict[str, Part] = {}
         self._spec: EnvSpec | None = None
         self._sensor = RaycastSensor(observation) if obs_mode == RAYCAST else None
         if observation is not None and self._sensor is None:
             raise InputError(f"is for obs_mode {RAYCAST!r}", field="observation")
         self.reset_options: dict[str, Any] = {}
         self._closed = False
-        _spare_imports_from_collection()
+        spare_imports_from_collection()
         try:
             super().__init__(
-                *args,
                 num_envs=1,
                 robot_uids=self.profile.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
-                render_backend=_render_backend(render_backend, "none" if self._sensor else obs_mode, render_mode),
+                render_backend=rendering.backend(render_backend, "none" if self._sensor else obs_mode, render_mode),
                 reconfiguration_freq=1,
                 obs_mode=obs_mode if self._sensor is None else "none",  # as far as ManiSkill is concerned
                 render_mode=render_mode,
@@ -186,7 +177,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         if spec is not None and ":" not in spec.id:
             spec = dataclasses.replace(spec, id=f"{MODULE}:{spec.id}")
             assert spec is not None
-            spec.kwargs = _jsonable(spec.kwargs)
+            spec.kwargs = recordable(spec.kwargs)
         self._spec = spec
 
     # ------------------------------------------------------------------ scene
@@ -233,19 +224,7 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         )
         self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
-        self._parts = {}
-        for name, thing in setup.objects.items():
-            pose = sapien.Pose(thing.position, thing.quaternion)
-            if isinstance(thing.model, RigidObject):
-                actor = load_rigid(self.scene, thing.model, pose, name, self.physics)
-                part = self._parts[name] = RigidPart(name, thing, actor._objs[0])
-                vary([part.body], thing.factors)
-            else:
-                built, warnings = load_object(self.scene, thing.model, pose, name, self.physics)
-                articulation = built._objs[0]
-                vary(articulation.links, thing.factors)
-                resistance = self.physics.resist(articulation, thing.model, thing.factors)
-                self._parts[name] = ArticulatedPart(name, thing, articulation, resistance, warnings)
+        self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             self.physics.prepare_for_rigid_objects(self.scene.px)
         if self._sensor is not None:
@@ -267,29 +246,6 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
 
     # ------------------------------------------------------------ measurement
 
-    @property
-    def setup(self) -> Setup:
-        """What stands on the table: what was drawn at the last reset."""
-        self._require_open()
-        if self._setup is None:
-            raise GenSim2Error("the environment has not been reset yet")
-        return self._setup
-
-    @property
-    def parts(self) -> Mapping[str, Part]:
-        """The objects as they stand in the scene, by name."""
-        assert self.setup
-        return self._parts
-
-    @property
-    def object_warnings(self) -> tuple[str, ...]:
-        """What building the objects lost, by object."""
-        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
-
-    def measure(self) -> Measurement:
-        """What criteria and verdicts go by, this instant, in the world frame."""
-        return measure(self._robot, self.parts)
-
     def scene_state(self) -> Scene:
         """The scene as the planner sees it, in the robot base frame; geometry only."""
         return read_scene(self._robot, self.parts)
@@ -300,31 +256,6 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         return {
             "success": torch.tensor([all_hold(self.task.success, measured)]),
             "openness": {name: torch.tensor([value]) for name, value in measured.openness.items()},
-        }
-
-    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Hand pose in the world; with state observations also where the objects and their links stand."""
-        extra: dict[str, Any] = {"tcp_pose": self.agent.robot.links_map[self.profile.tool_link].pose.raw_pose}
-        if self.obs_mode_struct.use_state:
-            extra["objects"] = {
-                name: {what: torch.from_numpy(row[None]) for what, row in part.observed().items()}
-                for name, part in self.parts.items()
-            }
-        return extra
-
-    @property
-    def obs_mode(self) -> str:
-        """What observations are of."""
-        return str(super().obs_mode) if self._sensor is None else RAYCAST
-
-    def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """As in ManiSkill; of ``"raycast"`` a dict of ``agent``, ``extra`` and ``pointcloud``."""
-        if self._sensor is None:
-            return super().get_obs(info, unflattened)
-        return {
-            "agent": self._get_obs_agent(),
-            "extra": self._get_obs_extra(info or {}),
-            "pointcloud": self._sensor.observe(self.get_state_dict(), int(self.elapsed_steps[0])),
         }
 
     def compute_sparse_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
@@ -364,79 +295,3 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
         if self.render_mode is not None and not self.scene.can_render():
             raise GenSim2Error(rendering.NO_DRIVER if not rendering.can_render() else "rendering is switched off")
         return super().render()
-
-
-def _render_backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
-    needs_pictures = obs_mode not in (None, "none", "state", "state_dict")
-    if asked == "none":
-        if needs_pictures:
-            raise InputError(f"obs_mode {obs_mode!r} needs rendering", field="render_backend")
-        return "none"
-    if asked != "auto":
-        return asked
-    if needs_pictures and not rendering.can_render():
-        raise InputError(rendering.NO_DRIVER, field="obs_mode", remedy="use obs_mode 'state'")
-    if not (needs_pictures or render_mode is not None) or not rendering.can_render():
-        # Without a driver an environment with a render mode still simulates; render() itself then says why
-        # not.
-        return "none"
-    return "gpu" if torch.cuda.is_available() else "cpu"
-
-
-@cache
-def _spare_imports_from_collection() -> None:
-    """Exempt what is alive now, ManiSkill's and torch's modules above all, from garbage collection, once a
-    process.
-
-    ManiSkill runs a full collection at every reset; this makes it cost 2 ms instead of 180.
-    """
-    gc.collect()
-    gc.freeze()
-
-
-def _jsonable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Environment arguments as a recorder can write them."""
-    plain = dict(kwargs)
-    if isinstance(plain.get("task"), TaskSpec):
-        plain["task"] = plain["task"].model_dump(mode="json")
-    if isinstance(plain.get("assets"), Path):
-        plain["assets"] = str(plain["assets"])
-    if isinstance(plain.get("observation"), CloudSettings):
-        plain["observation"] = plain["observation"].to_dict()
-    instances = plain.get("instances")
-    if isinstance(instances, Mapping):
-        plain["instances"] = {name: _listed(words) for name, words in instances.items()}
-    elif instances is not None:
-        plain["instances"] = _listed(instances)
-    return plain
-
-
-def _listed(words: Words) -> str | list[str]:
-    return words if isinstance(words, str) else list(words)
-
-
-def make_env(
-    task: str | TaskSpec | Mapping[str, Any],
-    *,
-    assets: str | Path | ObjectSource | None = None,
-    instances: Words | Mapping[str, Words] = "all",
-    robot: str = DEFAULT_ROBOT,
-    physics: str = "ours",
-    obs_mode: str = "state",
-    observation: CloudSettings | Mapping[str, Any] | None = None,
-    render_mode: str | None = None,
-) -> GenSim2Env:
-    """A :class:`GenSim2Env` without gymnasium's wrappers, typed: what gensim2's own rollouts use.
-
-    It behaves as ``gym.make(env_id(task), ...)`` does.
-    """
-    return GenSim2Env(
-        task=task,
-        assets=assets,
-        instances=instances,
-        robot=robot,
-        physics=physics,
-        obs_mode=obs_mode,
-        observation=observation,
-        render_mode=render_mode,
-    )

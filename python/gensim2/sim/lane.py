@@ -33,16 +33,16 @@ from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
 from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid
-from gensim2.sim.scene_state import RobotReader, measure, read_scene
+from gensim2.sim.scene_state import RobotReader, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
+from gensim2.sim.standing import Standing
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
-class Lane:
+class Lane(Standing):
     """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
 
     Args:
@@ -77,7 +77,6 @@ class Lane:
         check_names(self.task, self.profile)
         self._library = as_library(assets)
         self.instance_ids = chosen_instances(self._library, self.task, instances)
-        self._setup: Setup | None = None
         self._drawn: tuple[int, Setup] | None = None  # what the last seed drew by itself
         self._arm: Arm | None = None
         self._parts: dict[str, Part] = {}
@@ -136,24 +135,6 @@ class Lane:
             part.put()
         self._robot = RobotReader(self.profile, None, setup.start) if self._arm is None else self._arm.reader
 
-    @property
-    def setup(self) -> Setup:
-        """What stands on the table: what was drawn at the last reset."""
-        if self._setup is None:
-            raise GenSim2Error("the environment has not been reset yet")
-        return self._setup
-
-    @property
-    def parts(self) -> Mapping[str, Part]:
-        """The objects as they stand in the scene, by name."""
-        assert self.setup
-        return self._parts
-
-    @property
-    def object_warnings(self) -> tuple[str, ...]:
-        """What building the objects lost, by object."""
-        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
-
     def _require_arm(self) -> Arm:
         assert self.setup
         if self._arm is None:
@@ -203,11 +184,6 @@ class Lane:
         self._parts[name].nudge(dx, dy, dyaw)
 
     # ------------------------------------------------------------ measurement
-
-    def measure(self) -> Measurement:
-        """What criteria and verdicts go by, this instant, in the world frame; without the arm, as if it stood still."""
-        assert self.setup
-        return measure(self._robot, self._parts)
 
     @property
     def success(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from gensim2.sim.env import make_env
+from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.spec import TaskSpec
 
 Images = dict[str, npt.NDArray[Any]]
@@ -31,7 +31,7 @@ class StatePictures:
         self, task: TaskSpec, assets: str, robot: str, physics: str, textures: Sequence[str] = ("rgb",)
     ) -> None:
         self._textures = tuple(textures)
-        self._env = make_env(task, assets=assets, robot=robot, physics=physics, obs_mode="+".join(textures))
+        self._env = GenSim2Env(task, assets=assets, robot=robot, physics=physics, obs_mode="+".join(textures))
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -76,3 +77,26 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
         additional_wrappers=(time_limit,) if max_episode_steps is not None else (),
         kwargs=dict(kwargs),
     )
+
+
+def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Environment arguments as a recorder can write them."""
+    from gensim2.observations import CloudSettings
+
+    plain = dict(kwargs)
+    if isinstance(plain.get("task"), TaskSpec):
+        plain["task"] = plain["task"].model_dump(mode="json")
+    if isinstance(plain.get("assets"), Path):
+        plain["assets"] = str(plain["assets"])
+    if isinstance(plain.get("observation"), CloudSettings):
+        plain["observation"] = plain["observation"].to_dict()
+    instances = plain.get("instances")
+    if isinstance(instances, Mapping):
+        plain["instances"] = {name: _listed(words) for name, words in instances.items()}
+    elif instances is not None:
+        plain["instances"] = _listed(instances)
+    return plain
+
+
+def _listed(words: str | Sequence[str]) -> str | list[str]:
+    return words if isinstance(words, str) else list(words)

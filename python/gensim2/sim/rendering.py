@@ -7,10 +7,12 @@ from functools import cache
 
 import numpy as np
 import sapien
+import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
 
+from gensim2.errors import InputError
 from gensim2.sim.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
 
 NO_DRIVER = (
@@ -61,3 +63,26 @@ def video_camera() -> CameraConfig:
     """
     pose = sapien_utils.look_at([-0.55, -1.3, 0.8], [-0.13, -0.07, 0.23])
     return CameraConfig("render_camera", pose, 640, 480, fov=np.deg2rad(50), near=0.01, far=20, shader_pack="default")
+
+
+def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
+    """ManiSkill's ``render_backend``: what was ``asked`` for, or where that is ``"auto"`` the one that works and is
+    needed.
+
+    Raises:
+        InputError: pictures are to be observed, and there is no renderer.
+    """
+    needs_pictures = obs_mode not in (None, "none", "state", "state_dict")
+    if asked == "none":
+        if needs_pictures:
+            raise InputError(f"obs_mode {obs_mode!r} needs rendering", field="render_backend")
+        return "none"
+    if asked != "auto":
+        return asked
+    if needs_pictures and not can_render():
+        raise InputError(NO_DRIVER, field="obs_mode", remedy="use obs_mode 'state'")
+    if not (needs_pictures or render_mode is not None) or not can_render():
+        # Without a driver an environment with a render mode still simulates; render() itself then says why
+        # not.
+        return "none"
+    return "gpu" if torch.cuda.is_available() else "cpu"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import sapien
-from mani_skill.envs.scene import ManiSkillScene
+
+if TYPE_CHECKING:
+    import sapien
+    from mani_skill.envs.scene import ManiSkillScene
 
 HALF_SIZE: tuple[float, float, float] = (0.65, 0.65, 0.025)
 """Metres; centred below the world's origin, its top at z = 0."""
@@ -29,6 +31,8 @@ def build_table(scene: ManiSkillScene | sapien.Scene, visible: bool) -> Any:
     Returns:
         what the scene's builder makes of it: an ``Actor`` or an ``Entity``.
     """
+    import sapien  # here: whoever looks at recorded states needs the table's size and no simulator
+
     builder = scene.create_actor_builder()
     material = sapien.physx.PhysxMaterial(static_friction=1.0, dynamic_friction=0.2, restitution=0.01)
     builder.add_box_collision(half_size=HALF_SIZE, material=material)
@@ -61,6 +65,8 @@ def visible_boxes() -> tuple[Box, ...]:
 
 
 def _add_visuals(builder: sapien.ActorBuilder) -> None:
+    import sapien
+
     for box in visible_boxes():
         material = sapien.render.RenderMaterial(
             base_color=list(box.color), roughness=box.roughness, metallic=box.metallic, specular=0.3

@@ -238,6 +238,11 @@ class TaskSpec(_Value):
         return self.steps[-1].done if self.goal is None else self.goal
 
     @property
+    def acted_on(self) -> frozenset[str]:
+        """Names of the objects that some step acts on, or holds while it acts on another."""
+        return frozenset(name for step in self.steps for name in (step.object, step.tool) if name != HAND)
+
+    @property
     def is_single_step(self) -> bool:
         """Whether there is exactly one step."""
         return len(self.steps) == 1

@@ -22,7 +22,7 @@ from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
 from gensim2.episodes.trajectory import Provenance, write_trajectory
 from gensim2.errors import InputError
-from gensim2.files import replacing
+from gensim2.files import new_folder, replacing
 from gensim2.pipeline.attempts import LoggedEpisode, log_line
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
@@ -45,7 +45,7 @@ def export(
     observations: bool = True,
     progress: Progress = NULL_PROGRESS,
 ) -> int:
-    """Write episodes of a data set in another format, and a card; return how many.
+    """Write episodes of a data set in another format, and a card, all or nothing; return how many.
 
     Args:
         path: of the data set.
@@ -58,24 +58,24 @@ def export(
 
     Raises:
         InputError: an argument or a file cannot be used.
+        WriteError: no room is left, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
     dataset = DataSet.open(path)
-    chosen = some(selection or Selection(), dataset)
-    if out.exists() and any(out.iterdir()):
-        raise InputError("is not empty", file=out, remedy="choose another folder with --out")
+    chosen = some(selection or Selection(), dataset, progress)
     count = sum(len(rows) for _, rows in chosen)
     progress.start(f"export to {to}", count)
-    if to == "maniskill":
-        _export_maniskill(dataset, chosen, out, progress)
-    else:
-        frames = _frames(dataset, chosen, observations, progress)
-        if to == "lerobot":
-            export_lerobot(frames, out, robot(dataset.record.circumstances.robot))
+    with new_folder(out) as folder:
+        if to == "maniskill":
+            _export_maniskill(dataset, chosen, folder, progress)
         else:
-            _export_zarr(frames, out)
-        _copy_native(dataset, chosen, out / NATIVE)
-    write_card(dataset, chosen, out, to)
+            frames = _frames(dataset, chosen, observations, progress)
+            if to == "lerobot":
+                export_lerobot(frames, folder, robot(dataset.record.circumstances.robot))
+            else:
+                _export_zarr(frames, folder)
+            _copy_native(dataset, chosen, folder / NATIVE)
+        write_card(dataset, chosen, folder, to)
     return count
 
 

@@ -28,7 +28,7 @@ from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
 from gensim2.episodes.trajectory import H5_NAME, JSON_NAME
 from gensim2.errors import InputError
-from gensim2.files import replacing
+from gensim2.files import new_folder, replacing
 from gensim2.pipeline.attempts import LoggedEpisode, log_line
 from gensim2.pipeline.reading import parse_record, read_record
 from gensim2.pipeline.runfolder import TaskFolder
@@ -64,18 +64,18 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
 
     Raises:
         InputError: a folder or a file in it cannot be used, or does not say what the episodes beside it say.
+        WriteError: no room is left, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
-    if out.exists() and any(out.iterdir()):
-        raise InputError("is not empty", file=out, remedy="choose another folder with --out")
-    if of == "maniskill":
-        return _import_maniskill(path, out, progress)
-    if not (path / NATIVE).is_dir():
-        raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=_REMEDY)
-    dataset = DataSet.open(path / NATIVE)
-    count = _check(dataset, lerobot_frames(path) if of == "lerobot" else zarr_frames(path), path, progress)
-    shutil.copytree(path / NATIVE, out, dirs_exist_ok=True)
-    return count
+    with new_folder(out) as folder:
+        if of == "maniskill":
+            return _import_maniskill(path, folder, progress)
+        if not (path / NATIVE).is_dir():
+            raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=_REMEDY)
+        dataset = DataSet.open(path / NATIVE)
+        count = _check(dataset, lerobot_frames(path) if of == "lerobot" else zarr_frames(path), path, progress)
+        shutil.copytree(path / NATIVE, folder, dirs_exist_ok=True)
+        return count
 
 
 def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:

@@ -13,15 +13,17 @@ One episode is in memory at a time.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.formats.arrow_columns import arrow_modules, column_type, to_column
+from gensim2.data.formats.lerobot_statistics import Totals, thinned
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import replacing, write_json
 
@@ -31,7 +33,7 @@ FILE_BYTES = 100 * 2**20
 FILES_PER_CHUNK = 1000
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
-_INDEX = "__index_level_0__"
+INDEX_NAME = "__index_level_0__"
 """What pandas calls an index without a name."""
 
 Array = npt.NDArray[Any]
@@ -81,7 +83,7 @@ class LeRobotWriter:
     """
 
     def __init__(self, root: Path, features: Mapping[str, Feature], *, fps: int, robot: str) -> None:
-        self._arrow, self._parquet = _pyarrow()
+        self._arrow, self._parquet = arrow_modules()
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
         self._root, self._features, self._fps, self._robot = root, dict(features), fps, robot
@@ -90,7 +92,7 @@ class LeRobotWriter:
         self._frames = 0
         self._file, self._in_file = 0, 0
         self._writer: Any = None
-        self._totals: dict[str, _Totals] = {}
+        self._totals: dict[str, Totals] = {}
 
     def __enter__(self) -> LeRobotWriter:
         return self
@@ -140,10 +142,10 @@ class LeRobotWriter:
         for name, feature in self._features.items():
             if feature.is_video:
                 row |= self._film(name, np.asarray(frames[name], np.uint8), number)
-                columns[name] = _thinned(frames[name])
+                columns[name] = thinned(frames[name])
         for name, values in columns.items():
             picture = name in self._features and self._features[name].is_video
-            found = _Totals.of(values, picture)
+            found = Totals.of(values, picture)
             row |= {f"stats/{name}/{word}": each.tolist() for word, each in found.statistics(picture).items()}
             self._totals[name] = self._totals[name].plus(found) if name in self._totals else found
         self._episodes.append(row)
@@ -192,9 +194,9 @@ class LeRobotWriter:
             self._writer.close()
             self._writer, self._in_file, self._file = None, 0, self._file + 1
         schema = arrow.schema(
-            [(name, _type(arrow, values.dtype, values.shape[1:])) for name, values in columns.items()]
+            [(name, column_type(arrow, values.dtype, values.shape[1:])) for name, values in columns.items()]
         )
-        table = arrow.Table.from_arrays([_column(arrow, values) for values in columns.values()], schema=schema)
+        table = arrow.Table.from_arrays([to_column(arrow, values) for values in columns.values()], schema=schema)
         if self._writer is None:
             place = PATH.format(chunk_index=self._file // FILES_PER_CHUNK, file_index=self._file % FILES_PER_CHUNK)
             path = self._root / "data" / f"{place}.parquet"
@@ -224,15 +226,15 @@ class LeRobotWriter:
 
     def _task_table(self) -> Any:
         """Sentences are the table's index, which only pandas knows of: its note says so."""
-        table = self._arrow.table({"task_index": list(self._tasks.values()), _INDEX: list(self._tasks)})
+        table = self._arrow.table({"task_index": list(self._tasks.values()), INDEX_NAME: list(self._tasks)})
         columns = [
             {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
             for name, field, kind, numpy in (
                 ("task_index", "task_index", "int64", "int64"),
-                (None, _INDEX, "unicode", "object"),
+                (None, INDEX_NAME, "unicode", "object"),
             )
         ]
-        note = {"index_columns": [_INDEX], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
+        note = {"index_columns": [INDEX_NAME], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
         return table.replace_schema_metadata({"pandas": json.dumps(note)})
 
     def _info(self) -> dict[str, Any]:
@@ -270,129 +272,3 @@ class LeRobotWriter:
             "video_path": f"videos/{{video_key}}/{PATH}.mp4" if videos else None,
             "features": described,
         }
-
-
-@dataclass(frozen=True)
-class _Totals:
-    """What statistics of any number of frames follow from, number by number."""
-
-    count: int
-    low: Array
-    high: Array
-    total: Array
-    squares: Array
-
-    @staticmethod
-    def of(values: Array, picture: bool) -> _Totals:
-        """Those of (T, ...) frames; of pictures by channel, scaled to 0 to 1, as LeRobot does."""
-        found = np.asarray(values, dtype=np.float64)
-        if picture:
-            found = found.reshape(-1, found.shape[-1]) / 255.0
-        count = len(values)
-        scale = count / len(found)
-        return _Totals(count, found.min(0), found.max(0), found.sum(0) * scale, np.square(found).sum(0) * scale)
-
-    def plus(self, other: _Totals) -> _Totals:
-        """Those of both."""
-        return _Totals(
-            self.count + other.count,
-            np.minimum(self.low, other.low),
-            np.maximum(self.high, other.high),
-            self.total + other.total,
-            self.squares + other.squares,
-        )
-
-    def statistics(self, picture: bool) -> dict[str, Array]:
-        """As LeRobot names and shapes them."""
-        mean = self.total / self.count
-        deviation = np.sqrt(np.maximum(self.squares / self.count - mean**2, 0.0))
-        found = {"min": self.low, "max": self.high, "mean": mean, "std": deviation}
-        shaped = {
-            word: np.atleast_1d(each).reshape(-1, 1, 1) if picture else np.atleast_1d(each)
-            for word, each in found.items()
-        }
-        return {**shaped, "count": np.array([self.count])}
-
-
-def _thinned(pictures: Array) -> Array:
-    """Some pictures of an episode, enough for its statistics."""
-    return np.asarray(pictures)[:: max(1, len(pictures) // 20)]
-
-
-def _type(arrow: ModuleType, dtype: np.dtype[Any], shape: tuple[int, ...]) -> Any:
-    """Numbers, or lists of lists of them."""
-    found = arrow.from_numpy_dtype(dtype)
-    for _ in shape if shape != (1,) else ():
-        found = arrow.list_(found)
-    return found
-
-
-def _column(arrow: ModuleType, values: Array) -> Any:
-    """(T, *shape) as an Arrow array, without a Python object a number."""
-    shape = values.shape[1:]
-    column = arrow.array(np.ascontiguousarray(values).reshape(-1))
-    if shape == (1,):
-        return column
-    for size in reversed(shape):
-        offsets = np.arange(0, len(column) + 1, size, dtype=np.int32)
-        column = arrow.ListArray.from_arrays(offsets, column)
-    return column
-
-
-def _pyarrow() -> tuple[ModuleType, ModuleType]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingExtraError("pyarrow", "data") from error
-    return pyarrow, pyarrow.parquet
-
-
-def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
-    """Yield the sentence and the columns of each episode of a LeRobot data set, by index; pictures are left out.
-
-    Numbers come as (T,), everything else as (T, *shape).
-
-    Raises:
-        InputError: it is no LeRobot data set of version 3.0.
-        MissingExtraError: pyarrow is not installed.
-    """
-    arrow, parquet = _pyarrow()
-    info = _read_info(root / "meta" / "info.json")
-    shapes = {name: tuple(each["shape"]) for name, each in info["features"].items() if each["dtype"] != "video"}
-    try:
-        tasks = parquet.read_table(root / "meta" / "tasks.parquet").to_pydict()
-        sentences = dict(zip(tasks["task_index"], tasks[_INDEX], strict=True))
-        for path in sorted((root / "data").glob("*/*.parquet")):
-            file = parquet.ParquetFile(path)
-            for group in range(file.num_row_groups):
-                table = file.read_row_group(group)
-                columns = {name: _array(table[name], shape) for name, shape in shapes.items()}
-                for number in np.unique(columns["episode_index"]):  # others may put several into a row group
-                    rows = columns["episode_index"] == number
-                    yield sentences[int(columns["task_index"][rows][0])], {n: v[rows] for n, v in columns.items()}
-    except (KeyError, ValueError, OSError, arrow.ArrowException) as error:
-        raise InputError(f"is no LeRobot data set that can be read: {error}", file=root) from error
-
-
-def _read_info(path: Path) -> dict[str, Any]:
-    try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-        version, features = info["codebase_version"], info["features"]
-        if not isinstance(features, dict):
-            raise TypeError
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("is no LeRobot data set", file=path, remedy="give the folder that holds meta/") from error
-    if version != VERSION:
-        remedy = "convert it with LeRobot's own script"
-        raise InputError(f"is {version}, not {VERSION}", file=path, field="codebase_version", remedy=remedy)
-    return dict(info)
-
-
-def _array(column: Any, shape: tuple[int, ...]) -> Array:
-    """A column of lists of lists as one array, without a Python object a number."""
-    found = column.combine_chunks()
-    for _ in shape if shape != (1,) else ():
-        found = found.flatten()
-    numbers: Array = found.to_numpy(zero_copy_only=False)
-    return numbers if shape == (1,) else numbers.reshape(-1, *shape)

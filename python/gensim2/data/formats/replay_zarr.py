@@ -95,7 +95,7 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
     """Yield the episodes of such a folder, pictures included.
 
     Raises:
-        InputError: it is none.
+        InputError: it is none, or is damaged.
         MissingExtraError: zarr is not installed.
     """
     zarr = _zarr()
@@ -109,7 +109,11 @@ def zarr_frames(root: Path) -> Iterator[Frames]:
         raise InputError(f"is no zarr data set of gensim2: {error}", file=root) from error
     begin = 0
     for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
-        yield Frames(str(sentences[task]), {name: array[begin:end] for name, array in data.items()})
+        try:
+            columns = {name: array[begin:end] for name, array in data.items()}
+        except (RuntimeError, ValueError, OSError) as error:  # a chunk was cut: each compressor has an error of its own
+            raise InputError(f"frames {begin} to {end} cannot be read: {error}", file=root) from error
+        yield Frames(str(sentences[task]), columns)
         begin = end
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from gensim2.data.formats.frames import CLOUD, CONTROL_STEPS_PER_SECOND, DEPTH, IMAGE, Array, Frames
-from gensim2.data.formats.lerobot import Feature, LeRobotWriter, read_lerobot
+from gensim2.data.formats.lerobot import Feature, LeRobotWriter
+from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.robots import RobotProfile
 
 _NAMES = {

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -109,6 +110,23 @@ def pose_matrices(rows: npt.NDArray[np.floating]) -> Array:
     found[:, :3, :3] = Rotation.from_quat(rows[:, 3:], scalar_first=True).as_matrix()
     found[:, :3, 3] = rows[:, :3]
     return found
+
+
+def state_rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
+    """(T, width) of one thing in ManiSkill's ``env_states``; ``kind`` is ``"actors"`` or ``"articulations"``.
+
+    Raises:
+        InputError: there is none, it has another width, or is not finite.
+    """
+    try:
+        rows = np.asarray(states[kind][name], dtype=np.float32)
+    except KeyError as error:
+        raise InputError("there are no states of it", field=f"env_states/{kind}/{name}") from error
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
+    if not np.isfinite(rows).all():
+        raise InputError("must be finite", field=f"env_states/{kind}/{name}")
+    return rows
 
 
 def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> int:

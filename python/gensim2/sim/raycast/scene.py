@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from gensim2.errors import InputError
 from gensim2.objects import ObjectModel, RigidObject
 from gensim2.objects.types import Instance
 from gensim2.observations import Camera, Robot, View
 from gensim2.robots import RobotProfile
 from gensim2.sim.raycast.caster import Caster, Hits, Solid
-from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read_urdf
+from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.sim.raycast.shapes import Surface, read_links, read_mesh
 from gensim2.sim.table import HALF_SIZE, visible_boxes
 
@@ -95,7 +94,7 @@ class RaycastScene:
             links = self._links(states, name)
             found |= {id: links[:, index] for index, id in enumerate(ids)}
         for name in self._bodies:
-            rows = _rows(states, "actors", name, 13)
+            rows = state_rows(states, "actors", name, 13)
             found[self.ids(name)[0]] = self._T_base_world @ pose_matrices(rows[:, :7])
         steps = len(next(iter(found.values())))
         table = np.eye(4)
@@ -131,7 +130,7 @@ class RaycastScene:
         """(T, links, 4, 4) of an articulation in the base frame."""
         tree, _ = self._trees[name]
         count = sum(index >= 0 for index in tree.coordinates)
-        rows = _rows(states, "articulations", name, 13 + 2 * count)
+        rows = state_rows(states, "articulations", name, 13 + 2 * count)
         root = self._T_base_world @ pose_matrices(rows[:, :7])
         return tree.poses(root, rows[:, 13 : 13 + count].astype(np.float64))
 
@@ -176,18 +175,6 @@ class _RaycastView:
 @cache
 def _table() -> Surface | None:
     return Surface.joined([Surface.box(box.center, box.half_size, _bytes(box.color)) for box in visible_boxes()])
-
-
-def _rows(states: Mapping[str, Any], kind: str, name: str, width: int) -> npt.NDArray[np.float32]:
-    try:
-        rows = np.asarray(states[kind][name], dtype=np.float32)
-    except KeyError as error:
-        raise InputError("there are no states of it", field=f"env_states/{kind}/{name}") from error
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise InputError(f"must be (T, {width}), is {rows.shape}", field=f"env_states/{kind}/{name}")
-    if not np.isfinite(rows).all():
-        raise InputError("must be finite", field=f"env_states/{kind}/{name}")
-    return rows
 
 
 def _bytes(color: Sequence[float]) -> tuple[int, ...]:

@@ -1,0 +1,79 @@
+"""Drawings of what a data set covers, as SVG for a page."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+from gensim2.data.quality import TaskQuality
+from gensim2.errors import MissingExtraError
+
+_INCHES = (2.3, 2.1)
+"""Five of them side by side fill a page."""
+_POINTS = 9
+"""Of text: 12 pixels of CSS, since drawings are shown at their own size."""
+_INK, _GOOD, _BAD, _FILL = "#76839a", "#2a9d6a", "#d0553f", "#4a7fd0"
+"""Seen on light pages and on dark ones."""
+
+
+def charts(quality: TaskQuality) -> tuple[str, ...]:
+    """Where objects stood, how far open they were, how long it took, how smoothly the arm moved and how near it came
+    to what it is not to touch. The same data give the same text.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    drawn = [_drawing(quality.name, lambda axes: _places(axes, quality.places))]
+    if quality.openness:
+        drawn.append(_histogram(quality, quality.openness, "openness at the start", "share"))
+    drawn.append(_histogram(quality, quality.lengths, "length", "control steps"))
+    drawn.append(_histogram(quality, quality.jerks, "jerk, root mean square", "rad/s³"))
+    drawn.append(_histogram(quality, [1e3 * each for each in quality.clearances], "clearance", "mm"))
+    return tuple(drawn)
+
+
+def _places(axes: Any, places: Sequence[tuple[float, float, float, bool]]) -> None:
+    for held, colour, label in ((True, _GOOD, "held"), (False, _BAD, "not held")):
+        points = [(x, y) for x, y, _, each in places if each == held]
+        if points:
+            # The robot looks along x: what lies to its left is left in the picture.
+            axes.scatter([-y for _, y in points], [x for x, _ in points], s=16, c=colour, label=label, linewidths=0)
+    axes.set(title="where it stood (m)", xlabel="right of the robot", ylabel="ahead")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(fontsize=_POINTS, loc="best", framealpha=0.0, labelcolor=_INK, handletextpad=0.1, borderpad=0.1)
+
+
+def _histogram(quality: TaskQuality, values: Sequence[float], title: str, unit: str) -> str:
+    def draw(axes: Any) -> None:
+        if values:
+            axes.hist(values, bins=min(20, max(5, len(values) // 2)), color=_FILL)
+            axes.yaxis.get_major_locator().set_params(integer=True)
+        else:
+            axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
+        axes.set(title=title, xlabel=unit, ylabel="demonstrations")
+
+    return _drawing(f"{quality.name} {title}", draw)
+
+
+def _drawing(salt: str, draw: Any) -> str:
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingExtraError("matplotlib", "data") from error
+    coloured = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
+    sized = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    settings: dict[Any, Any] = {**dict.fromkeys(coloured, _INK), **dict.fromkeys(sized, _POINTS)}
+    # Text stays text; with fixed names and without a date the same data give the same bytes.
+    settings |= {"svg.hashsalt": salt, "svg.fonttype": "none"}
+    with matplotlib.rc_context(settings):
+        figure = Figure(figsize=_INCHES, layout="constrained", facecolor="none")
+        axes = figure.subplots()
+        axes.set_facecolor("none")
+        axes.locator_params(nbins=4)
+        draw(axes)
+        stream = io.StringIO()
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    return text[text.index("<svg") :]
