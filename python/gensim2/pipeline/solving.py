@@ -17,7 +17,7 @@ from gensim2.robots import DEFAULT_ROBOT, RobotProfile
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 if TYPE_CHECKING:
-    from gensim2.planning.steps import StepPlan
+    from gensim2.planning.step_plan import StepPlan
 
 #: What can be executed, whole or in part.
 FOUND = ("solved", "partial")

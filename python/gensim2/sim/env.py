@@ -247,7 +247,8 @@ class GenSim2Env(BaseEnv):  # type: ignore[misc]
                 resistance = self.physics.resist(articulation, thing.model, thing.factors)
                 self._parts[name] = ArticulatedPart(name, thing, articulation, resistance, warnings)
         if setup.has_rigid_objects:
-            self.physics.prepare_for_rigid_objects(self.scene.px)
+            robot = self.agent.robot._objs[0]
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile.gripper)
         if self._sensor is not None:
             self._sensor.prepare(self.profile, {name: thing.model for name, thing in setup.objects.items()}, seed)
         self._setup = setup
