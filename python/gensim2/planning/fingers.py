@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from gensim2.planning.actions import Acts, grip_force, grip_on
 from gensim2.planning.scene import Scene
 from gensim2.planning.strategies import Strategy
 from gensim2.robots import CLOSED, OPEN, RobotProfile
+
+Array = npt.NDArray[np.float64]
 
 #: A gripper command nearer than this to the one that a step begins with needs no time of its own.
 SAME_COMMAND = 0.1
@@ -63,3 +66,14 @@ class Fingers:
         gripper = self._profile.gripper
         value = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
         return float(max(value, 0.0))
+
+    def around(self, q: Array, width: float, scene: Scene) -> Array:
+        """(n,) joints ``q`` of a hand that has taken what keeps its pads ``width`` (m) apart.
+
+        Stiff drives stand about where they were sent, soft ones where what they press on stops them.
+        """
+        if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.gripper.stiffness:
+            return q
+        stopped = q.copy()
+        stopped[self.joints] = width / len(self.joints)
+        return stopped

@@ -159,7 +159,7 @@ class StepPlanner:
         if not thing.is_rigid or scene.held is not None:
             what = "has a joint" if not thing.is_rigid else f"cannot be taken: the hand holds {scene.held}"
             return StepPlan(NO_GRASP, f"{thing.name} {what}", None, None, None)
-        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, strategy, lost)
+        found = grasps_of(self._world.of(scene), scene, thing.name, self._gripper, self.profile, strategy, lost)
         use = next((ways for ways in following if ways[0].tool == thing.name), None)
         best: StepPlan | None = None
         serving: StepPlan | None = None
@@ -210,7 +210,8 @@ class StepPlanner:
         acts = self._fingers.acts(scene, strategy, opening, grip, gently=True)
         rows = schedule(plan, acts, self.profile)
         after = self._after(scene, step, problem, plan, rows, step.object)
-        after = replace(after, held_width=grasp.width, held_force=force)
+        q = self._fingers.around(after.q, grasp.width, scene)
+        after = replace(after, q=q, held_width=grasp.width, held_force=force)
         at = np.array(grasp.T_object_hand)
         return StepPlan(plan.status, plan.reason, plan, rows, after, step.object, grasp.width, force, at)
 
