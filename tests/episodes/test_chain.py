@@ -12,7 +12,8 @@ from table_scenes import placed, resting, table_scene
 from gensim2.episodes.chain import MOST_ROUNDS, ChainController
 from gensim2.objects import open_library
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import StepPlan, StepPlanner
+from gensim2.planning.step_plan import StepPlan
+from gensim2.planning.steps import StepPlanner
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 

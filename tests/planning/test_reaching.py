@@ -12,7 +12,8 @@ import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning.reaching import REACH_CLEARANCES
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner
+from gensim2.planning.step_plan import StepPlan
+from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import KeypointStrategy, parse_strategy
 from gensim2.planning.world import PlanningWorld
 from gensim2.robots import robot

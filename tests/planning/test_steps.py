@@ -12,7 +12,8 @@ from table_scenes import placed, resting, table_scene
 from gensim2.objects import open_library
 from gensim2.planning import predict
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import NO_GRASP, StepPlanner
+from gensim2.planning.step_plan import NO_GRASP
+from gensim2.planning.steps import StepPlanner
 from gensim2.planning.strategies import parse_strategy
 from gensim2.planning.world import PlanningWorld, carried_by
 from gensim2.robots import robot

@@ -15,10 +15,11 @@ from gensim2.episodes.record import START, Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
 from gensim2.planning.actions import grip_on
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import INVALID, PLAN_OPTIONS, Foreseen, StepPlan, StepPlanner, Ways
+from gensim2.planning.step_plan import INVALID, Foreseen, StepPlan, Ways
+from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
-from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.criteria import OF_GRIPPER
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -85,9 +86,15 @@ class _Turn:
     step: Step
     plans: list[_Plan] = field(default_factory=list)
     tries: dict[str, int] = field(default_factory=dict)
+    acted: Measurement | None = None  # as the fingers had taken something last, or were about to let go
 
     def is_done(self, measured: Measurement) -> bool:
-        return all_hold(self.step.done, measured)
+        """Whether it is done now; what is asked of the gripper counts as it took or let go, too: then it backs off."""
+        return all(
+            criterion.holds(measured)
+            or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))
+            for criterion in self.step.done
+        )
 
 
 class ChainController:
@@ -218,9 +225,9 @@ class ChainController:
         assert run.planned.schedule is not None
         if run.ran == run.planned.schedule.actuation:
             self._notice(observation, ACTUATION)
-        return self._pressing(run.next_action(), observation)
+        return self._pressing(run.next_action(), observation, run.scene.finger_stiffness)
 
-    def _pressing(self, action: Action, observation: Observation) -> Action:
+    def _pressing(self, action: Action, observation: Observation, stiffness: float | None) -> Action:
         """The action with fingers that press on what they hold as hard as they are to, however far they are apart.
 
         A finger's drive is a spring: on a thing that is narrower than planned, or into which the pads sink, as they do
@@ -229,7 +236,7 @@ class ChainController:
         held = self._held
         if held is None or held.force is None:
             return action
-        command = grip_on(observation.measurement.finger_opening, held.force, self._profile)
+        command = grip_on(observation.measurement.finger_opening, held.force, self._profile, stiffness)
         return np.append(action[:-1], command).astype(np.float32)
 
     def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
@@ -252,6 +259,9 @@ class ChainController:
                 if run.planned.T_object_hand is not None:
                     self._lost.setdefault(run.planned.picks, []).append(run.planned.T_object_hand)
                 return Cause.GRASP_MISSED
+            self._turns[-1].acted = measured
+        if run.ran == schedule.released:
+            self._turns[-1].acted = measured
         if schedule.released is not None and run.ran >= schedule.released:
             self._held = None
         if self._held is not None and self._held.is_lost(self._profile, observation.q, measured):

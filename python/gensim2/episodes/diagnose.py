@@ -21,7 +21,7 @@ from gensim2.episodes.measured_faults import (
 )
 from gensim2.episodes.record import Cause, PlanRecord, StepRecord
 from gensim2.episodes.turns import Turn
-from gensim2.planning.steps import INVALID, NO_GRASP
+from gensim2.planning.step_plan import INVALID, NO_GRASP
 from gensim2.tasks.criteria import DistanceArticulatedRigid, DistanceGripperRigid, RigidLifted, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec

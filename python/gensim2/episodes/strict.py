@@ -13,13 +13,7 @@ from gensim2.episodes.motion import change, changes
 from gensim2.episodes.record import StrictMiss
 from gensim2.episodes.world import World
 from gensim2.planning.scene import Scene
-from gensim2.tasks.criteria import (
-    DistanceArticulatedRigid,
-    DistanceGripperArticulated,
-    DistanceGripperRigid,
-    RigidLifted,
-    all_hold,
-)
+from gensim2.tasks.criteria import OF_GRIPPER, DistanceArticulatedRigid, RigidLifted, all_hold
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
@@ -78,7 +72,7 @@ def strict_misses(
 
 
 def _is_about_the_gripper(task: TaskSpec) -> bool:
-    return any(isinstance(c, DistanceGripperRigid | DistanceGripperArticulated | RigidLifted) for c in task.success)
+    return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:

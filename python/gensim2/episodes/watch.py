@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.planning.scene import Scene
-from gensim2.planning.steps import StepPlan
+from gensim2.planning.step_plan import StepPlan
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
 

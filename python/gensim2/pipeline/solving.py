@@ -15,7 +15,7 @@ from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 
 if TYPE_CHECKING:
-    from gensim2.planning.steps import StepPlan
+    from gensim2.planning.step_plan import StepPlan
 
 #: What can be executed, whole or in part.
 FOUND = ("solved", "partial")

@@ -2,7 +2,8 @@
 
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
-from gensim2.planning.steps import PLAN_OPTIONS, StepPlan, StepPlanner
+from gensim2.planning.step_plan import StepPlan
+from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import GraspStrategy, KeypointStrategy, Strategy, parse_strategy
 
 __all__ = [

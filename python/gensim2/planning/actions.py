@@ -96,10 +96,16 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
     return max(LEAST_GRIP_FORCE, min(weights, MOST_GRIP_WEIGHTS) * mass * GRAVITY)
 
 
-def grip_on(pad_distance: float, force: float, profile: RobotProfile) -> float:
-    """The command, -1 to 1, by which each finger presses with ``force`` (N) on what keeps the pads so far (m) apart."""
+def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:
+    """The command, -1 to 1, by which each finger presses with ``force`` (N) on what keeps the pads so far (m) apart.
+
+    Soft drives press as hard as they can where they cannot press so hard.
+
+    Args:
+        stiffness: of the fingers' drives, N/m; None takes the profile's.
+    """
     gripper = profile.gripper
-    target = pad_distance / len(gripper.joints) - force / gripper.stiffness
+    target = pad_distance / len(gripper.joints) - force / (stiffness or gripper.stiffness)
     return float(np.clip(gripper.command(target), CLOSED, OPEN))
 
 

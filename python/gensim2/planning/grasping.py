@@ -28,6 +28,9 @@ SAME_PLACE, SAME_TURN = 0.015, 0.3
 #: Margin (rad) within the friction cone from which on a grasp counts as one that holds.
 HELD = 0.03
 
+#: Metres of lever within which grasps of a thing that may slip keep their order.
+LEVER_STEP = 0.005
+
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
 
@@ -37,16 +40,20 @@ def grasps_of(
     scene: Scene,
     name: str,
     gripper: kpam.ParallelGripper,
+    profile: RobotProfile,
     strategy: GraspStrategy,
     lost: Sequence[Array] = (),
 ) -> list[kpam.Grasp]:
     """Grasps of a rigid object as it lies among all else, best first, those that lean too far or too little left out.
 
     They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
-    would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind.
+    would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind;
+    and where that friction is less than the strategy's, those come first whose pads are nearest to the centre of mass,
+    also along the fingers: what is carried turns any way round, and then creeps about the line between the pads.
 
     Args:
         world: ``scene`` as the solver's own.
+        profile: the robot.
         lost: (4, 4) hand poses in the object's frame from which it slipped before: what is near to one of them comes
             last.
     """
@@ -61,8 +68,13 @@ def grasps_of(
         },
     )
     leaning = [grasp for grasp in found if strategy.least_tilt <= grasp.quality["tilt"] <= strategy.tilt]
+    slips = (scene.grip_friction(name) or strategy.friction) < strategy.friction
     late = [
-        (any(is_near(grasp.T_object_hand, each) for each in lost), margin_of(grasp, scene, name, strategy) < HELD)
+        (
+            any(is_near(grasp.T_object_hand, each) for each in lost),
+            margin_of(grasp, scene, name, strategy) < HELD,
+            int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP) if slips else 0,
+        )
         for grasp in leaning
     ]
     ranked = [grasp for _, grasp in sorted(zip(late, leaning, strict=True), key=lambda pair: pair[0])]

@@ -113,6 +113,7 @@ class Scene:
         held_width: distance of the pads (m) at which it was grasped; None where nobody knows.
         held_force: with which each finger presses on it, N.
         finger_friction: coefficient of the fingers' surface; None where nobody knows.
+        finger_stiffness: of the fingers' drives, N/m; None: that of the robot's profile.
     """
 
     q: Array
@@ -124,6 +125,7 @@ class Scene:
     held_width: float | None = None
     held_force: float | None = None
     finger_friction: float | None = None
+    finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
         """Coefficient between the fingers and a rigid object: the mean of both surfaces; None where nobody knows."""

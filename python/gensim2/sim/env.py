@@ -226,7 +226,8 @@ class GenSim2Env(RaycastObservations):
         self.table = build_table(self.scene, visible=self.scene.can_render())
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
-            self.physics.prepare_for_rigid_objects(self.scene.px)
+            robot = self.agent.robot._objs[0]
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile.gripper)
         if self._sensor is not None:
             self._sensor.prepare(self.profile, {name: thing.model for name, thing in setup.objects.items()}, seed)
         self._setup = setup

@@ -127,7 +127,8 @@ class Lane(Standing):
         build_table(scene, visible=False)
         self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
-            self.physics.prepare_for_rigid_objects(self._system)
+            arm = None if self._arm is None else self._arm.articulation
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile.gripper)
         self._setup, self.elapsed_steps = setup, 0
         if self._arm is not None:
             self._arm.put(setup.start)

@@ -110,8 +110,10 @@ class Physics(ABC):
         return system
 
     @abstractmethod
-    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
-        """What a scene with rigid objects needs besides, once it is built."""
+    def prepare_for_rigid_objects(
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+    ) -> None:
+        """What a scene with rigid objects needs besides, once it is built; ``robot`` is None in one without."""
 
     @abstractmethod
     def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
@@ -150,7 +152,9 @@ class OurPhysics(Physics):
     )
     material = DefaultMaterialsConfig()
 
-    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
+    def prepare_for_rigid_objects(
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+    ) -> None:
         for body in (
             *system.articulation_link_components,
             *system.rigid_dynamic_components,
@@ -236,21 +240,19 @@ class OriginalPhysics(Physics):
         self.scene_config = SceneConfig(**self._constants.scene)
         self.material = DefaultMaterialsConfig(**self._constants.material)
 
-    def prepare_for_rigid_objects(self, system: physx.PhysxCpuSystem) -> None:
-        """Nothing: contact offsets are the original's."""
+    def prepare_for_rigid_objects(
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+    ) -> None:
+        """Soften the fingers' drives (``constants.yaml`` says why); contact offsets are the original's."""
+        if robot is not None:
+            _drive_fingers(robot, gripper, **self._constants.picking_fingers)
 
     def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
         material = self._material()
         for link in robot.links:
             for shape in link.collision_shapes:
                 shape.set_physical_material(material)
-        # With ManiSkill's damping a finger is to PhysX as good as a body of a kilogram: the iterations of this solver
-        # do not converge on a thing of some grams between two of them, which creeps out however hard they press.
-        for joint in robot.active_joints:
-            if joint.name.endswith(gripper.joints):
-                joint.set_drive_properties(
-                    gripper.stiffness, self._constants.finger_damping, force_limit=gripper.force_limit, mode="force"
-                )
+        _drive_fingers(robot, gripper, gripper.stiffness, self._constants.finger_damping)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         loader.set_density(self._constants.density(asset_class))
@@ -302,6 +304,12 @@ class CoefficientFriction:
 
     def update(self) -> None:
         """Nothing changes."""
+
+
+def _drive_fingers(robot: physx.PhysxArticulation, gripper: Gripper, stiffness: float, damping: float) -> None:
+    for joint in robot.active_joints:
+        if joint.name.endswith(gripper.joints):  # ManiSkill puts the scene's and the robot's name before it
+            joint.set_drive_properties(stiffness, damping, force_limit=gripper.force_limit, mode="force")
 
 
 def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> None:

@@ -79,6 +79,13 @@ class RobotReader:
         return float(finger.collision_shapes[0].physical_material.dynamic_friction)
 
     @property
+    def finger_stiffness(self) -> float:
+        """Of the fingers' drives, N/m."""
+        if self.articulation is None:
+            return self.profile.gripper.stiffness
+        return float(self.articulation.active_joints[self._fingers[0]].stiffness)
+
+    @property
     def finger_opening(self) -> float:
         """Distance between the fingers' pads, m."""
         if self.articulation is None:
@@ -114,6 +121,7 @@ def read_scene(robot: RobotReader, parts: Parts) -> Scene:
         objects={name: part.scene_object(T_base_world) for name, part in parts.items()},
         fixtures=(_table(T_base_world),),
         finger_friction=robot.finger_friction,
+        finger_stiffness=robot.finger_stiffness,
     )
 
 

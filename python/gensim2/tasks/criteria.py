@@ -199,6 +199,9 @@ class DistanceGripperArticulated(_Criterion):
         return _from_gripper(measured, self.articulated) < self.threshold
 
 
+OF_GRIPPER = (DistanceGripperRigid, DistanceGripperArticulated)
+"""Criteria that say where the gripper is."""
+
 Criterion = Annotated[
     ArticulatedOpen
     | ArticulatedClosed

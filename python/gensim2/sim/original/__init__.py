@@ -44,13 +44,15 @@ class Constants:
         scene: PhysX's settings, by their names in ManiSkill's ``SceneConfig``.
         material: static and dynamic friction and restitution of every surface but the table's.
         rigid_density: kg/m3 of hulls.
-        finger_damping: of the fingers' drives, N s/m.
+        finger_damping: of the fingers' drives where there are no rigid objects, N s/m.
+        picking_fingers: stiffness (N/m) and damping (N s/m) of the fingers' drives where there are.
     """
 
     scene: Mapping[str, Any]
     material: Mapping[str, float]
     rigid_density: float
     finger_damping: float
+    picking_fingers: Mapping[str, float]
     _densities: Mapping[str, float]
     _joint_frictions: Mapping[str, float]
 
@@ -74,6 +76,7 @@ def constants() -> Constants:
         material=data["material"],
         rigid_density=density["rigid"],
         finger_damping=data["finger_damping"],
+        picking_fingers=data["picking_fingers"],
         _densities=density["articulated"],
         _joint_frictions=data["joint_friction"],
     )

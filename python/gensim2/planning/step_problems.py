@@ -1,0 +1,147 @@
+"""The problem that a step poses on a scene to the keypoint solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.planning.landmarks import FLOOR, floor
+from gensim2.planning.reaching import REACH_CLEARANCES
+from gensim2.planning.scene import Scene, SceneObject
+from gensim2.planning.strategies import KeypointStrategy
+from gensim2.planning.world import PlanningWorld
+from gensim2.robots import RobotProfile
+from gensim2.tasks.spec import HAND, Step
+
+Array = npt.NDArray[np.float64]
+
+#: Joint speed (rad/s) below which the arm is at rest.
+AT_REST = 0.01
+
+#: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
+STARTS_AT_MOST = 0.45
+
+
+class StepProblems:
+    """Poses the problems of one episode.
+
+    Args:
+        profile: the robot.
+        options: the solver's, for every problem.
+        world: in which scenes become the solver's.
+    """
+
+    def __init__(self, profile: RobotProfile, options: kpam.Options, world: PlanningWorld) -> None:
+        self._profile, self._options, self._world = profile, options, world
+        self._floors: dict[str, tuple[SceneObject, Array]] = {}
+        names = profile.model.joint_names
+        self._fingers = [names.index(name) for name in profile.gripper.joints]
+
+    def clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
+        """Those to be kept from what the hand reaches for, in order of preference."""
+        if "reach_clearance" in self._options:
+            return (self._options["reach_clearance"],)
+        reaches = strategy.fingers != "release" and (
+            not scene.objects[step.object].is_rigid or (strategy.fingers == "grasp" and scene.held is None)
+        )
+        return REACH_CLEARANCES if reaches else (None,)
+
+    def of_step(
+        self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
+    ) -> kpam.KeypointProblem:
+        """The problem that a config poses on a scene; ``options`` take the place of the planner's."""
+        thing = scene.objects[step.object]
+        fingers = strategy.fingers
+        acts: dict[str, Any] = {}
+        if fingers == "grasp" and thing.is_rigid and scene.held is None:
+            acts["pick"] = [thing.name]
+        # A hand that releases something leaves the joint alone, and may touch nothing but what it held.
+        joint = None if thing.is_rigid or fingers == "release" else thing.name
+        if fingers == "release" and scene.held is not None:
+            acts["release"] = [scene.held]
+        if strategy.contact_speed is not None:
+            acts["contact_speed"] = float(strategy.contact_speed)
+        if fingers == "grasp" and strategy.opening is not None:
+            acts["finger_width"] = min(strategy.opening / 2, self._profile.gripper.open)
+        return self.posed(scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts})
+
+    def posed(
+        self,
+        scene: Scene,
+        step: Step,
+        config: kpam.SolverConfig,
+        fingers: str,
+        joint: str | None,
+        options: Mapping[str, Any],
+        more_keypoints: Mapping[str, Array] | None = None,
+    ) -> kpam.KeypointProblem:
+        """The problem that the solver's own fields pose.
+
+        Args:
+            scene: as it stands.
+            step: what is acted on, and with what.
+            config: the solver's fields.
+            fingers: what they do.
+            joint: name of the object whose joint is worked, or None.
+            options: in place of the planner's.
+            more_keypoints: (3,) each in the base frame, beside those of the scene.
+        """
+        world = self._world.of(scene)
+        thing = scene.objects[step.object]
+        points: dict[str, Array] = {}
+        for name, other in scene.objects.items():
+            if name != scene.held:
+                points |= {f"{name}/{key}": at for key, at in other.points.items()}
+        if thing.name != scene.held:
+            points |= {**thing.points, FLOOR: self._floor(scene, thing)}
+        tool = dict(self._profile.tool_keypoints)
+        if scene.held is not None:
+            tool |= _held_keypoints(world, scene.held, step.tool)
+        q = self._start(scene, fingers)
+        # The arm may swing faster than its limits, from which no motion that keeps them could begin.
+        fastest = STARTS_AT_MOST * self._profile.model.velocity
+        velocity = np.clip(scene.qvel, -fastest, fastest)
+        velocity[self._fingers] = 0.0
+        if np.abs(velocity).max() > AT_REST:
+            options = {**options, "start_velocity": velocity}
+        merged: kpam.Options = {**self._options, **options}  # type: ignore[typeddict-item]
+        return world.problem(
+            config,
+            q,
+            tool_keypoints=tool,
+            object_keypoints={**points, **(more_keypoints or {})},
+            T_base_object=thing.T_base_object,
+            joint=joint,
+            object_axis=thing.object_axis,
+            object_yaw=thing.yaw,
+            T_base_world=np.linalg.inv(scene.T_world_base).astype(np.float64),
+            options=merged,
+        )
+
+    def _floor(self, scene: Scene, thing: SceneObject) -> Array:
+        """(3,) that of an object; grasps are compared by dozens of plans on scenes in which it is the very same."""
+        known = self._floors.get(thing.name)
+        if known is None or known[0] is not thing:
+            known = self._floors[thing.name] = (thing, floor(scene, thing.name))
+        return known[1]
+
+    def _start(self, scene: Scene, fingers: str) -> Array:
+        """Joints at the start, the fingers as they stand during the approach."""
+        q = self._world.joints(scene) if scene.held is not None or fingers == "hold" else scene.q.copy()
+        if fingers == "closed" and scene.held is None:
+            q[self._fingers] = 0.0
+        elif fingers in ("open", "grasp") and scene.held is None:
+            q[self._fingers] = self._profile.gripper.open
+        return q
+
+
+def _held_keypoints(world: kpam.Scene, held: str, tool: str) -> dict[str, Array]:
+    """Keypoints of what is held; without prefix where it is the step's tool."""
+    if tool == HAND:
+        return {}  # the scene hands them over, with prefix
+    prefix = f"{held}/"
+    return {key.removeprefix(prefix): at for key, at in world.tool_keypoints.items() if key.startswith(prefix)}
