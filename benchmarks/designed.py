@@ -86,8 +86,8 @@ def _summary(tasks: list[TaskSpec]) -> list[str]:
     return [
         *_table(("", "count"), rows),
         "",
-        f"{rigid} tasks are about rigid objects alone. Of each such class there is one object: these were verified on poses "
-        "that the search had not seen, all others on objects that it had not seen, another one each episode.",
+        f"{rigid} tasks are about rigid objects alone. Of each such class there is one object: these were verified on "
+        "poses that the search had not seen, all others on objects that it had not seen, another one each episode.",
         "",
         "## Types and classes",
         "",

@@ -20,6 +20,7 @@ from gensim2.designers import (
     Settings,
     StageResult,
 )
+from gensim2.designers.composition import wanted_ends
 from gensim2.designers.drafting import chains, verbs
 from gensim2.designers.joint_search import manipulation_from
 from gensim2.designers.proposals import joint_goal, redesigned, spec
@@ -28,6 +29,7 @@ from gensim2.objects.words import Goal
 from gensim2.planning.strategies import GraspStrategy, parse_strategy
 from gensim2.tasks import load_task, task_names
 from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, DistanceArticulatedRigid, DistanceGripperRigid
+from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
 SETTINGS = Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours")
@@ -195,10 +197,27 @@ def test_no_more_than_three_tasks_differ_only_in_the_rigid_object() -> None:
             (names[step.object], names.get(step.tool), verb) for step, verb in zip(task.steps, verbs(task), strict=True)
         ]
         begins = [(names[name], names.get(thing.place.on)) for name, thing in task.objects.items()]
-        return f"{begins} {steps} {[(c.type, getattr(c, 'direction', ''), [names[o] for o in c.objects]) for c in task.success]}"
+        goal = [(c.type, getattr(c, "direction", ""), [names[o] for o in c.objects]) for c in task.success]
+        return f"{begins} {steps} {goal}"
 
     counts = Counter(shape(task) for task in everything()[0] if _joints(task) < len(task.objects))
     assert max(counts.values()) <= 3
+
+
+def test_what_is_familiar_is_proposed_as_a_piece_alone() -> None:
+    tasks, told = everything()
+    repeated = [task for task in tasks if first_alike(task, told.familiar) is not None]
+    assert len(repeated) >= 10
+    assert {joint_goal(task) for task in repeated} <= wanted_ends(told)
+
+
+def test_a_sentence_says_what_several_things_are_done_for() -> None:
+    said = {task.name: task.description for task in everything()[0]}
+    assert said["CloseLaptopAndCloseBox"] == "close the laptop and the box to tidy the desk"
+    assert (
+        said["TurnOffFaucetAndCloseTrashCan"]
+        == "turn the faucet off and close the trash can before leaving the kitchen"
+    )
 
 
 def test_every_long_task_holds_together() -> None:

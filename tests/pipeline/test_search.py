@@ -216,3 +216,39 @@ def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal(
     assert {number(first.candidate.steps), number(second.candidate.steps)} == {7, 9}
     assert min(first.episodes, second.episodes) >= budget.most_episodes
     assert "equal within the noise" in design.notes[-1]
+
+
+def test_what_holds_every_time_is_found_out_in_a_few_episodes() -> None:
+    class Easy(FakeWorld):
+        """Everything holds."""
+
+        def _one(self, n: float, seed: int) -> Episode:
+            return replace(fake_world.episode_of(TASK, seed, held=True), strict=True)
+
+    design = Search(SETTING, BRIEF, FakeDesigner(), Easy(), seed=0).run()
+    assert design.chosen is not None
+    assert design.results[0].episodes == Budget().enough_episodes
+    assert sum(result.episodes for result in design.results) <= 40
+
+
+def test_a_hopeless_task_is_given_up() -> None:
+    class Eager(FakeDesigner):
+        """Never at a loss for another candidate."""
+
+        rounds = 0
+
+        def refine(
+            self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
+        ) -> list[Candidate]:
+            self.rounds += 1
+            return [candidate(f"number {100 + round}", 101 + 2 * round)]
+
+    class Hard(FakeWorld):
+        """Nothing ever holds."""
+
+        def _one(self, n: float, seed: int) -> Episode:
+            return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
+
+    designer = Eager()
+    assert Search(SETTING, BRIEF, designer, Hard(), seed=0).run().chosen is None
+    assert designer.rounds == 1
