@@ -158,10 +158,14 @@ class GoodModel:
 
 
 #: What a learner says of each step of ``LONG``: at first, and one more each time that it is told what went wrong.
-FIRST = {"open": "open_drawer_from_inside", "place": "place_in_drawer", "close": "close_drawer_from_the_front"}
+FIRST = {
+    "open": "open_drawer_from_inside",
+    "place": "drop_into_drawer_from_above",
+    "close": "close_drawer_from_the_front",
+}
 BETTER = {
     "open": ("open_drawer_over_the_front", "open_drawer_from_deep_inside"),
-    "place": ("drop_into_drawer_from_above", "place_in_drawer_from_the_front", "place_deep_in_drawer"),
+    "place": ("place_in_drawer_from_the_front", "drop_into_drawer_from_the_front", "place_in_drawer"),
     "close": ("close_drawer_from_the_side",),
 }
 
