@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from gensim2.data.selection import Selection, some
 from gensim2.data.store import DataSet, TaskStore
+from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.pipeline.tally import interval
@@ -50,26 +51,55 @@ def card(path: Path) -> Path:
         InputError: the data set cannot be read, its collection is not complete, or nothing held.
     """
     dataset = DataSet.open(path)
-    return write_card(dataset, some(Selection(), dataset), path, "native")
+    stores = [dataset.task(name) for name in dataset.tasks]
+    described = [Described.of(store, (row for row in store.rows() if row.held)) for store in stores]
+    if not any(one.episodes for one in described):
+        raise InputError("no episode held", file=path, remedy="collect more")
+    return write_card(dataset, [one for one in described if one.episodes], path, "native")
 
 
-def write_card(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode]]], out: Path, kind: str) -> Path:
+@dataclass(frozen=True)
+class Described:
+    """What a card says of one task's episodes.
+
+    Attributes:
+        store: of the task.
+        episodes, steps: how many.
+        objects: classes and ids.
+    """
+
+    store: TaskStore
+    episodes: int
+    steps: int
+    objects: frozenset[tuple[str, str]]
+
+    @staticmethod
+    def of(store: TaskStore, rows: Iterable[LoggedEpisode]) -> Described:
+        """Count episodes, one of which is in memory at a time."""
+        episodes = steps = 0
+        objects: set[tuple[str, str]] = set()
+        for row in rows:
+            episodes, steps = episodes + 1, steps + row.control_steps
+            objects |= {(thing.asset_class, thing.id) for thing in row.objects.values()}
+        return Described(store, episodes, steps, frozenset(objects))
+
+
+def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind: str) -> Path:
     """Write the card of some episodes of a data set.
 
     Args:
-        chosen: tasks and their episodes.
+        described: their tasks.
         out: folder to write to.
         kind: ``"native"`` or a format.
     """
-    write_atomic(out / CARD, _text(dataset, chosen, kind))
+    write_atomic(out / CARD, _text(dataset, described, kind))
     return out / CARD
 
 
-def _text(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode]]], kind: str) -> str:
+def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
     record, circumstances = dataset.record, dataset.record.circumstances
-    episodes = sum(len(rows) for _, rows in chosen)
-    steps = sum(row.control_steps for _, rows in chosen for row in rows)
-    used = {f"{thing.asset_class}/{thing.id}" for _, rows in chosen for row in rows for thing in row.objects.values()}
+    episodes, steps = sum(one.episodes for one in described), sum(one.steps for one in described)
+    used = {f"{asset_class}/{id}" for one in described for asset_class, id in one.objects}
     licenses = sorted({record.objects[name].license for name in used if name in record.objects})
     tags = ["gensim2", "manipulation", *(["LeRobot"] if kind == "lerobot" else [])]
     lines = [
@@ -81,14 +111,14 @@ def _text(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode
         *(f"- {tag}" for tag in tags),
         "---",
         "",
-        f"# {episodes} demonstrations of {len(chosen)} manipulation tasks",
+        f"# {episodes} demonstrations of {len(described)} manipulation tasks",
         "",
         f"Made by gensim2 {record.versions.get('gensim2', '')}: planned by its keypoint solver, run and verified in",
         f"simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
         "",
         *_table(
             ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),
-            (_row(dataset, store, rows) for store, rows in chosen),
+            (_row(dataset, one) for one in described),
         ),
         "",
         "`held`: the goal is true at the end with everything at rest, and not where the arm stands still.",
@@ -125,14 +155,14 @@ def _text(dataset: DataSet, chosen: Sequence[tuple[TaskStore, list[LoggedEpisode
     return "\n".join(lines)
 
 
-def _row(dataset: DataSet, store: TaskStore, rows: Sequence[LoggedEpisode]) -> tuple[str, ...]:
-    task = dataset.record.tasks[store.name]
+def _row(dataset: DataSet, described: Described) -> tuple[str, ...]:
+    name, task = described.store.name, dataset.record.tasks[described.store.name]
     tried, held = task.tried or 0, task.held or 0
     low, high = interval(held, tried)
-    objects = {(thing.asset_class, thing.id) for row in rows for thing in row.objects.values()}
     rate = f"{held / tried:.2f} ({low:.2f} to {high:.2f})" if tried else ""
     strict = f"{(task.strict or 0) / tried:.2f}" if tried else ""
-    return store.name, store.spec().description, str(len(rows)), str(tried), rate, strict, str(len(objects))
+    counts = str(described.episodes), str(tried), rate, strict, str(len(described.objects))
+    return name, described.store.spec().description, *counts
 
 
 def _with_objects(license: str, used: set[str], dataset: DataSet) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
-from gensim2.data.card import write_card
+from gensim2.data.card import Described, write_card
 from gensim2.data.formats.frames import Array, Frames, frames_of
 from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.to_lerobot import export_lerobot
@@ -75,7 +75,7 @@ def export(
             else:
                 _export_zarr(frames, folder)
             _copy_native(dataset, chosen, folder / NATIVE)
-        write_card(dataset, chosen, folder, to)
+        write_card(dataset, [Described.of(store, rows) for store, rows in chosen], folder, to)
     return count
 
 
