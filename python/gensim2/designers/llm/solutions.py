@@ -110,8 +110,8 @@ class Solutions:
         }
         picture = self.views.actuation(job.task, {**fixed, job.step.name: {name: config}}, job.step.name)
         caption = (
-            "the arm at the actuation pose that the constraints below lead to (where no motion gets there, the frame of "
-            f"the hand alone); {FRAMES}, and of the hand"
+            "the arm at the actuation pose that the constraints below lead to (where no motion gets there, the frame "
+            f"of the hand alone); {FRAMES}, and of the hand"
         )
         return Sight((*sight.captions, caption), (*sight.pictures, picture))
 
