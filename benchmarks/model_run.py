@@ -35,14 +35,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line; returns 1 where the task was not kept, or the replay ends in another report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--verify", type=int, default=20)
     options = parser.parse_args(arguments)
-    os.environ |= {
-        "OPENAI_API_KEY": KEY,
-        "GENSIM2_CACHE": str(options.out.resolve() / "cache"),
-        "GENSIM2_LIBRARY": "none",
-    }
+    os.environ |= {"OPENAI_API_KEY": KEY, "GENSIM2_LIBRARY": "none"}
     common = ["--num-tasks", "1", "--assets", "builtin", "--seed", str(options.seed), "--from-empty", "--workers", "1"]
     common += ["--verify", str(options.verify), "--episodes", "0", "--no-video"]
     # What answers are kept by has the model's name in it: a new name is asked anew.

@@ -109,7 +109,10 @@ class Solutions:
             "gripper": fingers,
         }
         picture = self.views.actuation(job.task, {**fixed, job.step.name: {name: config}}, job.step.name)
-        caption = f"the arm at the actuation pose that the constraints below lead to, if any; {FRAMES}, and of the hand"
+        caption = (
+            "the arm at the actuation pose that the constraints below lead to (where no motion gets there, the frame "
+            f"of the hand alone); {FRAMES}, and of the hand"
+        )
         return Sight((*sight.captions, caption), (*sight.pictures, picture))
 
 
