@@ -86,9 +86,8 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 def _reason(error: OSError | WriteError) -> str:
     """What the system said, without the name of a file that is gone by now."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    text = error.message.removeprefix("cannot write: ") if isinstance(error, WriteError) else str(error)
+    said = error.message if isinstance(error, WriteError) else error.strerror or str(error)
+    text = said.removeprefix("cannot write: ")
     # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
     number = re.search(r"errno (?:= )?(\d+)", text, re.IGNORECASE)
     return os.strerror(int(number[1])) if number else text
