@@ -97,6 +97,20 @@ def test_ours_stays_ours_beside_it() -> None:
     assert {shape.physical_material.static_friction for link in fingers for shape in link.collision_shapes} == {2.0}
 
 
+def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
+    """In the environment as in the lane; the planner is told."""
+    task = "PlaceGolfBallIntoBox"
+    lane = Lane(task, assets="builtin", physics="original")
+    lane.reset(0)
+    env = make_env(task, assets="builtin", physics="original")
+    env.reset(seed=0)
+    for robot_there in (lane._require_arm().articulation, env.unwrapped.agent.robot._objs[0]):
+        fingers = [joint for joint in robot_there.active_joints if "finger" in joint.name]
+        assert {(joint.stiffness, joint.damping) for joint in fingers} == {(100.0, 1.0)}
+    assert lane.scene_state().finger_stiffness == env.unwrapped.scene_state().finger_stiffness == 100.0
+    assert lane_on("box_rotate").scene_state().finger_stiffness == 1000.0
+
+
 # -------------------------------------------------------------------- objects
 
 
