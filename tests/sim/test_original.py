@@ -102,7 +102,7 @@ def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
     task = "PlaceGolfBallIntoBox"
     lane = Lane(task, assets="builtin", physics="original")
     lane.reset(0)
-    env = make_env(task, assets="builtin", physics="original")
+    env = GenSim2Env(task, assets="builtin", physics="original")
     env.reset(seed=0)
     for robot_there in (lane._require_arm().articulation, env.unwrapped.agent.robot._objs[0]):
         fingers = [joint for joint in robot_there.active_joints if "finger" in joint.name]
