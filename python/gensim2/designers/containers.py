@@ -28,6 +28,9 @@ CLOSED_AFTER = ("stow", "shut")
 #: Widest side (m) of a container that leaves room for another beside it.
 NARROW = 0.36
 
+#: Longest side (m) from which on a container has a shelf or a turntable, and no room for two things.
+LARGE = 0.34
+
 
 def tidied(brief: Brief, how: str) -> Iterator[Draft]:
     """Something is put into a container that is opened before or closed after, both or neither; all in turn."""
@@ -64,11 +67,12 @@ def filled(brief: Brief, shuts: bool) -> Iterator[Draft]:
     """Two things are put into an open container, which is closed after or not."""
     queues = []
     for container in _containers(brief):
-        if shuts and not is_known(brief, container.asset_class, "articulated_closed"):
+        known = not shuts or is_known(brief, container.asset_class, "articulated_closed")
+        if not known or max(container.size) > LARGE:
             continue
         things = [thing for thing in _things(brief, container.asset_class) if max(thing.size) < 0.1]
         groups = list(zip(things[::2], things[1::2], strict=False))
-        queues.append([(container, group) for group in (groups if shuts else groups[::-1])[:ALIKE]])
+        queues.append([(container, group) for group in (groups if shuts else groups[::-1])[:1]])
     for container, (one, other) in in_turn(queues):
         box, the = role_of(container.noun), container.noun
         name = f"{camel_case(one.noun)}And{camel_case(other.noun)}"
