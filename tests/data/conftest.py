@@ -24,7 +24,7 @@ TASKS = ("OpenDrawer", "CloseBox")
 
 
 def _install(patch: pytest.MonkeyPatch) -> None:
-    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+    for name in fake_world.REPLACED:
         patch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     patch.setattr(fake_world, "EPISODE_SECONDS", 0.0)

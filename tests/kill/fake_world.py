@@ -25,6 +25,10 @@ from gensim2.tasks.spec import TaskSpec
 EPISODE_SECONDS = float(os.environ.get("FAKE_EPISODE_SECONDS", "0.2"))
 
 
+#: What `install` puts something else in the place of, in `gensim2.pipeline.worker`.
+REPLACED = ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstrate", "record")
+
+
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
     worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")

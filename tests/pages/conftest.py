@@ -87,7 +87,7 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         draw_film(path, still)
         return Film(12, True)
 
-    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+    for name in fake_world.REPLACED:
         monkeypatch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)
@@ -99,7 +99,7 @@ def tasks_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def collected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A data set of two tasks in a made-up world."""
-    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+    for name in fake_world.REPLACED:
         monkeypatch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     monkeypatch.setattr(fake_world, "EPISODE_SECONDS", 0.0)

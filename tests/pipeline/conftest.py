@@ -28,7 +28,7 @@ def made_up_world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
 
 def _install(patch: pytest.MonkeyPatch) -> None:
-    for name in ("PRELOAD", "prepare", "screen_scene", "episode", "demonstrate", "record"):
+    for name in fake_world.REPLACED:
         patch.setattr(worker, name, getattr(worker, name))
     fake_world.install()
     patch.setattr(fake_world, "EPISODE_SECONDS", 0.0)

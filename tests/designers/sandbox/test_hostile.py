@@ -55,26 +55,29 @@ class Witnesses:
             pass
         if _snapshot() != self.before:
             found.append("the sandbox's own files have changed")
-        if left := _left_behind():
+        if left := self._left_behind():
             found.append(f"processes {left}")
         return found
 
     def __post_init__(self) -> None:
-        self.before = _snapshot()
+        self.before, self.there = _snapshot(), _of_boxes()
+
+    def _left_behind(self) -> list[str]:
+        """Processes of a box that were not there before and stay: what was killed takes a moment."""
+        for _ in range(200):
+            if not (found := _of_boxes() - self.there):
+                break
+            time.sleep(0.01)
+        return sorted(found)
 
 
 def _snapshot() -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in INSIDE.glob("*.py")}
 
 
-def _left_behind() -> list[str]:
-    """Processes of a box that are this one's children or nobody's, and stay so: what was killed takes a moment."""
-    for _ in range(200):
-        found = [folder.name for folder in Path("/proc").glob("[0-9]*") if _is_of_a_box(folder)]
-        if not found:
-            return []
-        time.sleep(0.01)
-    return found
+def _of_boxes() -> set[str]:
+    """Processes of a box that are this one's children or nobody's, as those are whose maker was killed meanwhile."""
+    return {folder.name for folder in Path("/proc").glob("[0-9]*") if _is_of_a_box(folder)}
 
 
 def _is_of_a_box(folder: Path) -> bool:
