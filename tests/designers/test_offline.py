@@ -247,13 +247,13 @@ def _joints(task: TaskSpec) -> int:
 @pytest.mark.parametrize("joint_type", ["revolute", "prismatic"])
 @pytest.mark.parametrize("goal", ["articulated_open", "articulated_closed", "half_closed"])
 def test_every_candidate_is_a_valid_config(joint_type: Literal["revolute", "prismatic"], goal: Goal) -> None:
-    what = affordance("safe_rotate", joint_type)
+    what = affordance("microwave", joint_type)
     task = spec(what, goal)
     told, designer = brief(what), OfflineDesigner()
     first = designer.candidates(task, told, seed=3)
     results = [CandidateResult(c, (StageResult("physics", 4, 0.5, {}),)) for c in first]
     drawn = [*first, *designer.refine(task, told, results, 3, 0)]
-    assert len(drawn) > 90
+    assert len(drawn) > 80
     for candidate in drawn:
         assert list(candidate.steps) == [task.steps[0].name]
         for config in candidate.strategies.values():

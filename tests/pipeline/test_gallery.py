@@ -12,7 +12,7 @@ import pytest
 
 from gensim2.episodes.video import Film
 from gensim2.errors import GenSim2Error, InputError
-from gensim2.pipeline import gallery, shelf, tasks_gallery, worker
+from gensim2.pipeline import inputs, shelf, tasks_gallery, worker
 from gensim2.pipeline.gallery import TasksGallery
 from gensim2.sim import rendering
 
@@ -143,7 +143,7 @@ def test_tasks_that_a_folder_has_no_objects_for_are_named(
     tmp_path: Path, camera: Camera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = (("OpenDrawer",), {"OpenSafe": "no safe"})
-    monkeypatch.setattr(gallery, "of_these_objects", lambda assets, tasks, origin: found)
+    monkeypatch.setattr(inputs, "of_these_objects", lambda *_: found)
     result = made(tmp_path / "out", tasks=())
     assert result.skipped == {"OpenSafe": "no safe"}
     assert re.search(r"OpenSafe\s+<span class=\"dim\">no safe", result.index.read_text())

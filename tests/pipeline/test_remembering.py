@@ -18,7 +18,7 @@ from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.memory import Memory
 
 #: The tasks of the run: one that nobody has (of 20 episodes 18 held), one that is OpenBox, one of the paper's origin.
-NEW, KNOWN, PAPERS = "RaiseWindow", "OpenDemo", "CloseDemo"
+NEW, KNOWN, PAPERS = "RaiseStaplerArm", "OpenDemo", "CloseDemo"
 
 
 def _told(run: Path, name: str, asset_class: str, origin: str) -> None:
@@ -35,7 +35,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("GENSIM2_LIBRARY", str(tmp_path / "library"))
     made = run_folder(tmp_path / "run")
     add_task(made, NEW, 18)
-    _told(made, NEW, "window_rotate", "offline")
+    _told(made, NEW, "stapler_press", "offline")
     _told(made, KNOWN, "box_rotate", "offline")
     _told(made, PAPERS, "window_rotate", "paper")
     return made
