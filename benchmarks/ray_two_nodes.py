@@ -1,4 +1,4 @@
-"""A collection on a Ray cluster of two nodes on this machine, one of which is taken away half-way.
+"""A collection on a Ray cluster of two nodes on this machine; then a node, the driver and the head are taken away.
 
     python benchmarks/ray_two_nodes.py                    # the simulator, some minutes
     python benchmarks/ray_two_nodes.py --world fake       # a made-up world, a minute
@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "kill"))
@@ -116,39 +116,92 @@ def line(out: Path, options: argparse.Namespace, *more: str) -> list[str]:
     return [sys.executable, kill_runs.__file__, "--child", options.world, *words, "--out", str(out), *more]
 
 
-def run(out: Path, options: argparse.Namespace, *more: str, lose: Cluster | None = None) -> float:
-    """Collect; with ``lose`` its second node is killed once half of the episodes are there. Seconds."""
+def run(
+    out: Path,
+    options: argparse.Namespace,
+    *more: str,
+    half_way: Callable[[subprocess.Popen[bytes]], None] | None = None,
+) -> tuple[float, int]:
+    """Collect, and do something to the run once half of the episodes are there; its seconds and how it ended."""
     begin = time.monotonic()
     process = kill_runs.start(line(out, options, *more), out.with_suffix(".log"))
     half = options.episodes * len(options.tasks) // 2
     try:
         while process.poll() is None and time.monotonic() < begin + 3600:
-            if lose is not None and sum(1 for _ in out.glob("*/*/[0-9]*.h5")) >= half:
-                lose.stop(lose.other)
-                lose = None
+            if half_way is not None and sum(1 for _ in out.glob("*/*/[0-9]*.h5")) >= half:
+                half_way(process)
+                half_way = None
             time.sleep(0.1)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
-    if process.wait() != 0 or lose is not None:
-        raise SystemExit(f"ended with {process.returncode}:\n{out.with_suffix('.log').read_text()[-2000:]}")
-    return time.monotonic() - begin
+    if half_way is not None:
+        raise SystemExit(f"was over too early:\n{out.with_suffix('.log').read_text()[-2000:]}")
+    return time.monotonic() - begin, process.wait()
+
+
+class Comparison:
+    """Collections on Ray beside that of one process."""
+
+    def __init__(self, folder: Path, options: argparse.Namespace) -> None:
+        self.folder, self.options = folder, options
+        self.wrong: list[str] = []
+        seconds, code = run(folder / "one", options, "--workers", "1")
+        print(f"one process: {seconds:.1f} s", flush=True)
+        self.expect(code, folder / "one")
+        self._expected = kill_runs.contents(folder / "one")
+
+    def expect(self, code: int, out: Path) -> None:
+        """Stop where a run did not end well."""
+        if code != 0:
+            raise SystemExit(f"ended with {code}:\n{out.with_suffix('.log').read_text()[-2000:]}")
+
+    def whole(self, name: str, address: str, lose: Callable[[], None] | None = None) -> None:
+        """Collect to the end, whatever is lost on the way."""
+        out = self._out(name)
+        half_way = None if lose is None else lambda _: lose()
+        seconds, code = run(out, self.options, "--ray", address, half_way=half_way)
+        self.expect(code, out)
+        self._compare(name, seconds)
+
+    def cut(self, name: str, address: str, kill: Callable[[subprocess.Popen[bytes]], None]) -> None:
+        """Collect until something is killed that no run outlives."""
+        out = self._out(name)
+        seconds, code = run(out, self.options, "--ray", address, half_way=kill)
+        left = sum(1 for _ in out.glob("*/*/[0-9]*.h5"))
+        print(f"{name}: ended with {code} after {seconds:.1f} s, {left} episodes are there", flush=True)
+        if code == 0:
+            self.wrong.append(f"{name}: ran to its end")
+
+    def resume(self, name: str, address: str) -> None:
+        """Go on with what was cut."""
+        out = self._out(name)
+        seconds, code = run(out, self.options, "--ray", address, "--resume")
+        self.expect(code, out)
+        self._compare(f"{name}, resumed", seconds)
+
+    def _out(self, name: str) -> Path:
+        return self.folder / name.replace(" ", "-")
+
+    def _compare(self, name: str, seconds: float) -> None:
+        differing = list(kill_runs.differences(self._expected, kill_runs.contents(self._out(name.split(",")[0]))))
+        self.wrong += [f"{name}: {path}" for path in differing]
+        print(f"{name}: {seconds:.1f} s, {len(differing)} of {len(self._expected)} files differ", flush=True)
 
 
 def compare(folder: Path, options: argparse.Namespace) -> list[str]:
-    """Collect in one process, on two nodes, and on two of which one is lost; the files that differ."""
-    wrong = []
-    seconds = run(folder / "one", options, "--workers", "1")
-    print(f"one process: {seconds:.1f} s", flush=True)
-    expected = kill_runs.contents(folder / "one")
+    """Collect in one process, on two nodes, and on two of which more and more is lost; the files that differ."""
+    found = Comparison(folder, options)
+    driver, head = "the driver killed half-way", "the head killed half-way"
     with cluster(folder / "cluster") as nodes:
-        for name, lose in (("two nodes", None), ("a node lost half-way", nodes)):
-            out = folder / name.replace(" ", "-")
-            seconds = run(out, options, "--ray", nodes.address, lose=lose)
-            differing = list(kill_runs.differences(expected, kill_runs.contents(out)))
-            wrong += [f"{name}: {path}" for path in differing]
-            print(f"{name}: {seconds:.1f} s, {len(differing)} of {len(expected)} files differ", flush=True)
-    return wrong
+        found.whole("two nodes", nodes.address)
+        found.cut(driver, nodes.address, lambda process: process.kill())
+        found.resume(driver, nodes.address)
+        found.whole("a node lost half-way", nodes.address, lambda: nodes.stop(nodes.other))
+        found.cut(head, nodes.address, lambda _: nodes.stop(nodes.head))
+    with cluster(folder / "another") as nodes:
+        found.resume(head, nodes.address)
+    return found.wrong
 
 
 def main() -> int:
