@@ -6,7 +6,7 @@ DEMO_OUT ?= runs/demo
 DEMO_TASKS ?= 1
 DEMO_LONG ?= PlaceGolfBallIntoDrawer
 DEMO_EPISODES ?= 2
-DEMO_SEED ?= 0
+DEMO_SEED ?= 3
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
