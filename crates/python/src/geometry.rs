@@ -274,7 +274,7 @@ impl PyBody {
         let body = Body::builder(name, role).shapes(shapes.iter().flat_map(|s| s.0.iter().cloned())).pose(pose);
         let keypoints = match keypoints {
             None => std::collections::BTreeMap::new(),
-            Some(map) => crate::planning::keypoints(map, "keypoints")?,
+            Some(map) => crate::problem::keypoints(map, "keypoints")?,
         };
         let body = keypoints.into_iter().fold(body, |body, (name, point)| body.keypoint(name, point));
         body.build().map(Self).map_err(|e| from_problem(&e))

@@ -9,7 +9,8 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::convert;
 use crate::errors::from_problem;
 use crate::geometry::{PyRobot, PyShape};
-use crate::planning::{PyPlan, read_options};
+use crate::plan::PyPlan;
+use crate::problem::read_options;
 use crate::scene::PyScene;
 
 pub(crate) fn keypoints(

@@ -5,7 +5,9 @@ mod errors;
 mod geometry;
 mod grasps;
 mod interrupt;
+mod plan;
 mod planning;
+mod problem;
 mod scene;
 mod timing;
 
@@ -27,10 +29,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<grasps::PyParallelGripper>()?;
     m.add_class::<grasps::PyGrasp>()?;
     m.add_class::<grasps::PyGraspPlan>()?;
-    m.add_class::<planning::PySolverConfig>()?;
-    m.add_class::<planning::PyKeypointProblem>()?;
+    m.add_class::<problem::PySolverConfig>()?;
+    m.add_class::<problem::PyKeypointProblem>()?;
     m.add_class::<timing::PyTrajectory>()?;
-    m.add_class::<planning::PyPlan>()?;
+    m.add_class::<plan::PyPlan>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::ik, m)?)?;

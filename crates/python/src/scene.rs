@@ -13,7 +13,7 @@ use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::planning::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
+use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]

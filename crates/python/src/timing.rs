@@ -7,7 +7,8 @@ use pyo3::types::{PyBytes, PyDict};
 
 use crate::convert;
 use crate::errors::{from_problem, problem_error};
-use crate::planning::{PyKeypointProblem, PyPlan};
+use crate::plan::PyPlan;
+use crate::problem::PyKeypointProblem;
 
 /// Most rows that a motion is sampled into.
 const MOST_ROWS: f64 = 1e6;

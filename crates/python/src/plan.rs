@@ -1,0 +1,175 @@
+//! What a plan holds.
+
+use gensim2_kpam::{Plan, StageTimes};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList};
+
+use crate::KpamError;
+use crate::convert;
+use crate::timing::PyTrajectory;
+
+/// What was solved, each residual, what failed. Pickles.
+#[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
+
+fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyAny>> {
+    q.map(|q| convert::array1(py, q).into_any())
+}
+
+#[pymethods]
+impl PyPlan {
+    #[getter]
+    fn status(&self) -> &'static str {
+        self.0.status.name()
+    }
+
+    #[getter]
+    fn reason(&self) -> &str {
+        &self.0.reason
+    }
+
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.0.warnings.clone()
+    }
+
+    #[getter]
+    fn q_actuation<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyAny>> {
+        optional(py, self.0.q_actuation.as_ref())
+    }
+
+    #[getter]
+    fn q_plan<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyAny>> {
+        optional(py, self.0.q_plan.as_ref())
+    }
+
+    #[getter]
+    fn q_best_effort<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyAny>> {
+        optional(py, self.0.q_best_effort.as_ref())
+    }
+
+    #[getter]
+    fn cost(&self) -> Option<f64> {
+        self.0.cost
+    }
+
+    /// Thread CPU time (ms) that planning took: `actuation`, `trajectory`, `total`. Not part of what pickles.
+    #[getter]
+    fn cpu_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let out = PyDict::new(py);
+        out.set_item("actuation", 1e3 * self.1.actuation)?;
+        out.set_item("trajectory", 1e3 * self.1.trajectory)?;
+        out.set_item("total", 1e3 * (self.1.actuation + self.1.trajectory))?;
+        Ok(out)
+    }
+
+    /// Number of poses whose motion was tried.
+    #[getter]
+    fn tried(&self) -> usize {
+        self.0.tried
+    }
+
+    /// What became of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
+    #[getter]
+    fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for pose in &self.0.tried_poses {
+            let d = PyDict::new(py);
+            d.set_item("q", convert::array1(py, &pose.q))?;
+            d.set_item("rank", pose.rank)?;
+            d.set_item("status", pose.status.name())?;
+            d.set_item("reason", &pose.reason)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    #[getter]
+    fn reached_fraction(&self) -> f64 {
+        self.0.reached_fraction
+    }
+
+    #[getter]
+    fn start_overlap(&self) -> f64 {
+        self.0.start_overlap
+    }
+
+    #[getter]
+    fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for r in &self.0.residuals {
+            let d = PyDict::new(py);
+            d.set_item("name", &r.name)?;
+            d.set_item("residual", r.residual)?;
+            d.set_item("tolerance", r.tolerance)?;
+            d.set_item("satisfied", r.satisfied)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    #[getter]
+    fn keyframes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for k in &self.0.keyframes {
+            let d = PyDict::new(py);
+            d.set_item("label", &k.label)?;
+            d.set_item("time", k.time)?;
+            let rows: Vec<Vec<f64>> = k.hand.iter().map(|r| r.to_vec()).collect();
+            d.set_item("T_base_hand", convert::array2(py, &rows, 4))?;
+            d.set_item("reached", k.reached)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    #[getter]
+    fn collisions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for c in &self.0.collisions {
+            let d = PyDict::new(py);
+            d.set_item("bodies", (&c.bodies[0], &c.bodies[1]))?;
+            d.set_item("time", c.time)?;
+            d.set_item("toward", &c.toward)?;
+            d.set_item("distance", c.distance)?;
+            d.set_item("point", convert::array1(py, &c.point))?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    #[getter]
+    fn trajectory(&self) -> Option<PyTrajectory> {
+        self.0.trajectory.clone().map(PyTrajectory)
+    }
+
+    /// Plain values, as JSON holds them; the trajectory as `times` and `positions`.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mut value = serde_json::to_value(&self.0).map_err(|e| KpamError::new_err(e.to_string()))?;
+        if let (Some(map), Some(t)) = (value.as_object_mut(), &self.0.trajectory) {
+            map.insert("trajectory".to_owned(), serde_json::json!({"times": t.times(), "positions": t.positions()}));
+        }
+        convert::python(py, &value)
+    }
+
+    #[staticmethod]
+    fn _thaw(bytes: &[u8]) -> PyResult<Self> {
+        convert::thaw(bytes).map(|plan| Self(plan, StageTimes::default()))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("_thaw")?, (PyBytes::new(py, &convert::freeze(&self.0)?),)))
+    }
+
+    fn __repr__(&self) -> String {
+        let plan = &self.0;
+        let motion = plan.trajectory.as_ref().map_or_else(
+            || "no motion".to_owned(),
+            |t| {
+                let met = plan.keyframes.iter().filter(|k| k.time.is_some()).map(|k| k.label.as_str());
+                format!("{:.2} s by {}", t.end() - t.start(), met.collect::<Vec<_>>().join(", "))
+            },
+        );
+        format!("Plan({}: {}; {motion})", plan.status.name(), plan.reason)
+    }
+}
