@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2.episodes.chain_state import ChainPlan, ChainTurn, best_of
 from gensim2.episodes.controller import ACTUATION, Action, Event, Observation
 from gensim2.episodes.record import START, Cause, PlanRecord, StepRecord
 from gensim2.episodes.watch import Held, has_drifted, taken
@@ -19,8 +20,6 @@ from gensim2.planning.step_plan import INVALID, Foreseen, StepPlan, Ways
 from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
-from gensim2.tasks.criteria import OF_GRIPPER
-from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 Array = npt.NDArray[np.float64]
@@ -42,59 +41,6 @@ CALM_JOINT = 0.02
 """Openness a second below which a joint stands still enough to be planned for, where it could not be as it moved."""
 CALM_ARM = 0.02
 """Joint speed (rad/s, m/s) below which the arm does, likewise."""
-
-
-@dataclass
-class _Plan:
-    """A plan and what becomes of it."""
-
-    strategy: str
-    planned: StepPlan
-    scene: Scene
-    at_step: int
-    trigger: str
-    ran: int = 0
-
-    @property
-    def is_over(self) -> bool:
-        return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
-
-    def next_action(self) -> Action:
-        """Of a plan that is not over."""
-        assert self.planned.schedule is not None
-        action: Action = self.planned.schedule.actions[self.ran]
-        self.ran += 1
-        return action
-
-    def record(self) -> PlanRecord:
-        planned = self.planned
-        return PlanRecord(
-            strategy=self.strategy,
-            status=planned.status,
-            reason=planned.reason,
-            at_step=self.at_step,
-            trigger=self.trigger,
-            ran=self.ran,
-            detail=planned.detail(),
-        )
-
-
-@dataclass
-class _Turn:
-    """One turn of a step; it has another where what it took up is lost."""
-
-    step: Step
-    plans: list[_Plan] = field(default_factory=list)
-    tries: dict[str, int] = field(default_factory=dict)
-    acted: Measurement | None = None  # as the fingers had taken something last, or were about to let go
-
-    def is_done(self, measured: Measurement) -> bool:
-        """Whether it is done now; what is asked of the gripper counts as it took or let go, too: then it backs off."""
-        return all(
-            criterion.holds(measured)
-            or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))
-            for criterion in self.step.done
-        )
 
 
 class ChainController:
@@ -135,11 +81,11 @@ class ChainController:
     def reset(self, scene: Scene) -> None:
         """Begin an episode in ``scene``."""
         self._planner = StepPlanner(self._profile, self._options)
-        self._turns: list[_Turn] = []
+        self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}
         self._events: list[Event] = []
         self._at = 0
-        self._running: _Plan | None = None
+        self._running: ChainPlan | None = None
         self._held: Held | None = None
         self._held_by: Foreseen | None = None
         self._lost: dict[str, list[Array]] = {}
@@ -182,10 +128,10 @@ class ChainController:
     def _step(self) -> Step:
         return self._task.steps[self._at]
 
-    def _turn(self) -> _Turn:
+    def _turn(self) -> ChainTurn:
         """That of the present step; begun where it is not."""
         if not self._turns or self._turns[-1].step is not self._step:
-            self._turns.append(_Turn(self._step))
+            self._turns.append(ChainTurn(self._step))
         return self._turns[-1]
 
     def _next(self, observation: Observation) -> Action | None:
@@ -221,7 +167,7 @@ class ChainController:
             else:
                 self._from_rest = True
 
-    def _follow(self, run: _Plan, observation: Observation) -> Action:
+    def _follow(self, run: ChainPlan, observation: Observation) -> Action:
         assert run.planned.schedule is not None
         if run.ran == run.planned.schedule.actuation:
             self._notice(observation, ACTUATION)
@@ -242,14 +188,14 @@ class ChainController:
     def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
         self._events.append(Event(observation.step, self._step.name, what))
 
-    def _deviation(self, observation: Observation, run: _Plan) -> Cause | None:
+    def _deviation(self, observation: Observation, run: ChainPlan) -> Cause | None:
         """What goes otherwise than planned; takes note of what the hand takes and releases."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
         return found
 
-    def _look(self, observation: Observation, run: _Plan) -> Cause | None:
+    def _look(self, observation: Observation, run: ChainPlan) -> Cause | None:
         measured, schedule = observation.measurement, run.planned.schedule
         assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
@@ -309,7 +255,7 @@ class ChainController:
         scene = observation.scene()
         if held is not None:
             scene = replace(scene, held=held.name, held_width=held.width, held_force=held.force)
-        found: list[_Plan] = []
+        found: list[ChainPlan] = []
         for name in self._untried(turn):
             former = next((plan.planned.plan for plan in reversed(turn.plans) if plan.strategy == name), None)
             if former is None or former.trajectory is None:
@@ -319,7 +265,7 @@ class ChainController:
             found.append(plan)
             if plan.planned.rank == 0:
                 break
-        self._running = _best(found)
+        self._running = best_of(found)
         return self._running is not None
 
     @property
@@ -334,7 +280,7 @@ class ChainController:
             if before:
                 self._at, self._trigger = before[-1], Cause.GRASP_LOST.value
 
-    def _untried(self, turn: _Turn) -> list[str]:
+    def _untried(self, turn: ChainTurn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
         return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
 
@@ -345,7 +291,7 @@ class ChainController:
             return None
         return grasp.plan if self._step.strategies[grasp.strategy] == name else None
 
-    def _plan(self, scene: Scene, name: str, at_step: int, former: kpam.Plan | None) -> _Plan:
+    def _plan(self, scene: Scene, name: str, at_step: int, former: kpam.Plan | None) -> ChainPlan:
         later = self._task.steps[self._at + 1 :]
         following: list[Ways] = [(step, [self._strategies[each] for each in step.strategies]) for step in later]
         try:
@@ -359,20 +305,20 @@ class ChainController:
             )
         except kpam.ProblemError as error:  # it does not fit this scene's objects
             planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
-        return _Plan(name, planned, scene, at_step, self._trigger)
+        return ChainPlan(name, planned, scene, at_step, self._trigger)
 
-    def _plan_ahead(self, scene: Scene) -> list[list[_Plan]]:
+    def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
         """The plans of every step, a whole one last, up to the first step that has none."""
-        ahead: list[list[_Plan]] = []
+        ahead: list[list[ChainPlan]] = []
         for number, step in enumerate(self._task.steps):
             self._at = number
-            plans: list[_Plan] = []
+            plans: list[ChainPlan] = []
             for name in step.strategies:
                 plans.append(self._plan(scene, name, 0, None))
                 if plans[-1].planned.rank == 0:
                     break
             ahead.append(plans)
-            best = _best(plans)
+            best = best_of(plans)
             if best is None or best.planned.after is None or not best.planned.is_solved:
                 break
             scene = best.planned.after
@@ -390,13 +336,6 @@ class ChainController:
                 return None
             plans = self._ahead.pop(0)
             self._turn().plans.extend(plans)
-            self._running = _best(plans)
+            self._running = best_of(plans)
             if self._running is None:
                 return None
-
-
-def _best(plans: Sequence[_Plan]) -> _Plan | None:
-    """The first of the best that have a motion."""
-    return min(
-        (plan for plan in plans if plan.planned.schedule is not None), key=lambda p: p.planned.rank, default=None
-    )
