@@ -2,8 +2,8 @@
 
     python benchmarks/train_and_test.py results/*.json > table.md
 
-Each file is what `gensim2 benchmark --json FILE` wrote. Its episodes are divided by the object that the task's first
-step acts on: in the training split of its class, or in the test split. Classes too small for a test split have none and
+Each file is what `gensim2 benchmark --json FILE` wrote. Its episodes are divided by the first object that is acted on
+and whose class has a test split: in that, or in the training split. Classes too small for a test split have none and
 are named below the table. A cell is the share of episodes held, with its 95 % interval and the number of different
 objects; the last line is the mean over the tasks that have both.
 """
@@ -26,15 +26,18 @@ from gensim2.tasks.library import load_task
 SPLITS = ("train", "test")
 
 
-def divided(library: Library, name: str, episodes: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]] | None:
-    """Episodes of a task by split of the object that its first step acts on; None where its class has no test split."""
+def splits(library: Library, name: str) -> tuple[str, dict[str, set[str]]] | None:
+    """The first object that a step of a task acts on and of whose class some are kept for tests: its role, and the
+    instances of each split; None where there is no such object."""
     task = load_task(name)
-    role = task.steps[0].object
-    try:
-        ids = {split: set(library.choose(task.objects[role].asset_class, split)) for split in SPLITS}
-    except InputError:
-        return None
-    return {split: [each for each in episodes if each["objects"][role]["id"] in ids[split]] for split in SPLITS}
+    for step in task.steps:
+        try:
+            ids = {split: set(library.choose(task.objects[step.object].asset_class, split)) for split in SPLITS}
+        except InputError:
+            continue
+        if ids["train"].isdisjoint(ids["test"]):
+            return step.object, ids
+    return None
 
 
 def cell(episodes: list[dict[str, Any]], role: str) -> str:
@@ -64,11 +67,15 @@ def table(path: Path) -> str:
     rates: list[tuple[float, float]] = []
     unsplit = []
     for row in document["tasks"]:
-        parts = divided(library, row["name"], row["records"])
-        if parts is None or not all(parts.values()):
+        found = splits(library, row["name"])
+        if found is None:
             unsplit.append(row["name"])
             continue
-        role = load_task(row["name"]).steps[0].object
+        role, ids = found
+        parts = {split: [e for e in row["records"] if e["objects"][role]["id"] in ids[split]] for split in SPLITS}
+        if not all(parts.values()):
+            unsplit.append(row["name"])
+            continue
         lines.append(f"| {row['name']} | {' | '.join(cell(parts[split], role) for split in SPLITS)} |")
         train, test = (mean(each["held"] for each in parts[split]) for split in SPLITS)
         rates.append((train, test))
