@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import mean
 
@@ -35,11 +35,11 @@ Cell = Callable[[Figure], str]
 
 
 def everything(rows: Sequence[Figure]) -> str:
-    """Every condition: a section each, the paper's protocol first, in it a table a type of tasks."""
+    """Means of all conditions, then a section each, the paper's protocol first, in it a table a type of tasks."""
     sections: dict[str, list[Figure]] = {}
     for row in sorted(rows, key=lambda row: not row.condition.is_plain):
         sections.setdefault(what_differs(row.condition), []).append(row)
-    return "\n".join(_section(title, members) for title, members in sections.items())
+    return "\n".join([_overview(sections), *(_section(title, members) for title, members in sections.items())])
 
 
 def short(rows: Sequence[Figure]) -> str:
@@ -58,6 +58,17 @@ def what_differs(condition: Condition) -> str:
         (condition.disturbance is not None, f"disturbance {condition.disturbance}"),
     )
     return ", ".join(words for holds, words in named if holds) or "The paper's protocol"
+
+
+def _overview(sections: Mapping[str, Sequence[Figure]]) -> str:
+    lines = [_line(["", "tasks", *(f"{physics}, {objects}" for physics, objects in WHERE)]), _line(["---"] * 6)]
+    for title, rows in sections.items():
+        for kind in TYPES:
+            places = [[row for row in rows if _type(row.task) == kind and _where(row) == where] for where in WHERE]
+            if any(places):
+                cells = (_average_of_three(members) if members else "" for members in places)
+                lines.append(_line([title[0].upper() + title[1:], kind, *cells]))
+    return "\n".join(["## Means over tasks\n", *lines]) + "\n"
 
 
 def _section(title: str, rows: Sequence[Figure]) -> str:

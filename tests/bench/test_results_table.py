@@ -66,11 +66,18 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
     text = made.everything(ROWS)
     titles = [line for line in text.splitlines() if line.startswith("##")]
     assert titles == [
+        "## Means over tasks",
         "## The paper's protocol",
         "## Randomization wide, up to 8 attempts, open loop",
         "## Instances test, disturbance push",
     ]
-    first = text.split("## ")[1].splitlines()
+    means, first = (section.splitlines() for section in text.split("## ")[1:3])
+    assert [line for line in means if line.startswith("|")][2:] == [
+        "| The paper's protocol | single-step |  | 0.96 / 0.90 / 0.45 (of 2) |  | 0.96 / 0.90 / 0.45 (of 1) |",
+        "| The paper's protocol | long-horizon | 0.96 / 0.50 / 0.25 (of 1) |  |  |  |",
+        "| Randomization wide, up to 8 attempts, open loop | single-step |  | 0.96 / 0.40 / 0.20 (of 1) |  |  |",
+        "| Instances test, disturbance push | single-step |  | 0.96 / 0.20 / 0.10 (of 1) |  |  |",
+    ]
     assert "5 x 50 episodes a cell; seeds 7, 8." in first
     assert [line for line in first if line.startswith("|")] == [
         "| single-step task | ours, real | original, real | paper | its release |",
