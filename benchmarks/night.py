@@ -108,7 +108,8 @@ def main() -> int:
             first = threads.submit(undisturbed, command, folder / "undisturbed")
             if not options.at_once:
                 first.result()
-            mean = options.episodes * len(single) / (options.kills * kill_runs.MID_COLLECTION + 1)
+            # Episodes are finished, too, while a kill waits that waits for none, and while what was killed starts anew.
+            mean = 0.5 * options.episodes * len(single) / max(options.kills, 1)
             killed(command, folder / "killed", options.kills, mean, options.seed)
             first.result()
         ours, theirs = (kill_runs.contents(folder / name) for name in ("undisturbed", "killed"))
