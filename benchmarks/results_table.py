@@ -38,7 +38,8 @@ def everything(rows: Sequence[Figure]) -> str:
     """Means of all conditions, then a section each, the paper's protocol first, in it a table a type of tasks."""
     sections: dict[str, list[Figure]] = {}
     for row in sorted(rows, key=lambda row: not row.condition.is_plain):
-        sections.setdefault(what_differs(row.condition), []).append(row)
+        title = what_differs(row.condition)
+        sections.setdefault(title[0].upper() + title[1:], []).append(row)
     return "\n".join([_overview(sections), *(_section(title, members) for title, members in sections.items())])
 
 
@@ -61,13 +62,14 @@ def what_differs(condition: Condition) -> str:
 
 
 def _overview(sections: Mapping[str, Sequence[Figure]]) -> str:
-    lines = [_line(["", "tasks", *(f"{physics}, {objects}" for physics, objects in WHERE)]), _line(["---"] * 6)]
+    head = ["", "tasks", *(f"{physics}, {objects}" for physics, objects in WHERE)]
+    lines = [_line(head), _line(["---"] * len(head))]
     for title, rows in sections.items():
         for kind in TYPES:
             places = [[row for row in rows if _type(row.task) == kind and _where(row) == where] for where in WHERE]
             if any(places):
                 cells = (_average_of_three(members) if members else "" for members in places)
-                lines.append(_line([title[0].upper() + title[1:], kind, *cells]))
+                lines.append(_line([title, kind, *cells]))
     return "\n".join(["## Means over tasks\n", *lines]) + "\n"
 
 
@@ -75,7 +77,7 @@ def _section(title: str, rows: Sequence[Figure]) -> str:
     sizes = sorted({(row.runs, row.episodes // row.runs) for row in rows})
     shown = " or ".join(f"{runs} x {episodes}" for runs, episodes in sizes)
     seeds = ", ".join(map(str, sorted({row.seed for row in rows})))
-    head = f"## {title[0].upper()}{title[1:]}\n\n{shown} episodes a cell; seeds {seeds}.\n"
+    head = f"## {title}\n\n{shown} episodes a cell; seeds {seeds}.\n"
     return f"{head}\n{_tables(rows, _three_verdicts, averages=_average_of_three)}"
 
 

@@ -26,17 +26,18 @@ from gensim2.tasks.library import load_task
 SPLITS = ("train", "test")
 
 
-def splits(library: Library, name: str) -> tuple[str, dict[str, set[str]]] | None:
+def divided(library: Library, row: dict[str, Any]) -> tuple[str, dict[str, list[dict[str, Any]]]] | None:
     """The first object that a step of a task acts on and of whose class some are kept for tests: its role, and the
-    instances of each split; None where there is no such object."""
-    task = load_task(name)
-    for step in task.steps:
+    episodes of each split; None where there is no such object, or a split has no episode."""
+    task = load_task(row["name"])
+    for role in (step.object for step in task.steps):
         try:
-            ids = {split: set(library.choose(task.objects[step.object].asset_class, split)) for split in SPLITS}
+            ids = {split: set(library.choose(task.objects[role].asset_class, split)) for split in SPLITS}
         except InputError:
             continue
         if ids["train"].isdisjoint(ids["test"]):
-            return step.object, ids
+            parts = {split: [e for e in row["records"] if e["objects"][role]["id"] in ids[split]] for split in SPLITS}
+            return (role, parts) if all(parts.values()) else None
     return None
 
 
@@ -67,15 +68,11 @@ def table(path: Path) -> str:
     rates: list[tuple[float, float]] = []
     unsplit = []
     for row in document["tasks"]:
-        found = splits(library, row["name"])
+        found = divided(library, row)
         if found is None:
             unsplit.append(row["name"])
             continue
-        role, ids = found
-        parts = {split: [e for e in row["records"] if e["objects"][role]["id"] in ids[split]] for split in SPLITS}
-        if not all(parts.values()):
-            unsplit.append(row["name"])
-            continue
+        role, parts = found
         lines.append(f"| {row['name']} | {' | '.join(cell(parts[split], role) for split in SPLITS)} |")
         train, test = (mean(each["held"] for each in parts[split]) for split in SPLITS)
         rates.append((train, test))
