@@ -282,7 +282,7 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
         run / "run.json": lambda: read_record(run / "run.json", RunRecord, "choose another --out"),
         run / ATTEMPTS: lambda: AttemptLog(run / ATTEMPTS, seeds),
         task.verification_path: task.verification,
-        task.path / "design.json": task.design,
+        task.path / "design.json": lambda: read_design(task.path),
         task.path / f"episodes/{episode:06d}.h5": lambda: store.entry(episode, digest),
     }
     refused: dict[Path, list[InputError]] = {path: [] for path in readers}
