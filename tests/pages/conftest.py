@@ -31,7 +31,7 @@ from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.sim import rendering
-from gensim2.sim.cameras import observation_cameras
+from gensim2.observations.cameras import observation_cameras
 from gensim2.tasks.library import load_strategies, load_task
 
 LONG = "PlaceGolfBallIntoDrawer"

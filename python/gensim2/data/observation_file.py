@@ -38,12 +38,12 @@ _SEAL = Seal(
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class ObservedEpisode:
     """What is observed of an episode of T steps.
 
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
-            ``language``, ``steps`` and everything of the plan.
+            ``language``, ``steps`` and everything of the spec.
         arrays: by name; (T + 1, ...) but for the cameras' own.
     """
 
@@ -81,7 +81,7 @@ def read_description(path: Path) -> dict[str, Any]:
         return _description(file, path)
 
 
-def read_observation(path: Path, episode_digest: str | None = None) -> Observation:
+def read_observation(path: Path, episode_digest: str | None = None) -> ObservedEpisode:
     """Return the whole of a file.
 
     Args:
@@ -101,7 +101,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> Observati
                 arrays[name] = from_steps(item[()]) if name == CLOUD else item[()]
 
         file.visititems(take)
-    return Observation(description, arrays)
+    return ObservedEpisode(description, arrays)
 
 
 def _opened(path: Path) -> h5py.File:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.observation_file import CLOUD, Observation, read_observation
+from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
 from gensim2.data.rendering import observation_path
 from gensim2.data.store import TaskStore
 from gensim2.data.video import CONTROL_STEPS_PER_SECOND, write_video
@@ -94,7 +94,7 @@ def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) ->
     return True
 
 
-def picture(observation: Observation, step: int) -> Frame | None:
+def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     """(H, W, 3) of one instant: what a camera took, or the point cloud as a camera sees it; None without either.
 
     The right camera comes first: it sees the side of the object that the robot works on.

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from gensim2.sim.arguments import ObjectSource
 from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.spec import TaskSpec
 
@@ -28,7 +29,7 @@ class StatePictures:
     """
 
     def __init__(
-        self, task: TaskSpec, assets: str, robot: str, physics: str, textures: Sequence[str] = ("rgb",)
+        self, task: TaskSpec, assets: str | ObjectSource, robot: str, physics: str, textures: Sequence[str] = ("rgb",)
     ) -> None:
         self._textures = tuple(textures)
         self._env = GenSim2Env(task, assets=assets, robot=robot, physics=physics, obs_mode="+".join(textures))
@@ -64,6 +65,10 @@ class StatePictures:
             camera: {name: np.asarray(images[name][0].cpu().numpy()).squeeze() for name in self._textures}
             for camera, images in found.items()
         }
+
+    def colors(self, states: Mapping[str, Any], row: int) -> dict[str, npt.NDArray[np.uint8]]:
+        """Colour pictures (H, W, 3) by camera."""
+        return {camera: images["rgb"] for camera, images in self.at(states, row).items()}
 
     def close(self) -> None:
         """End it."""
