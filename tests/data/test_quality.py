@@ -21,10 +21,10 @@ from gensim2.data.rendering import observation_path
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
+from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.sim import rendering
-from gensim2.observations.cameras import observation_cameras
 
 Gather = Callable[..., CollectionResult]
 

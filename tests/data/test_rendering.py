@@ -21,7 +21,9 @@ from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.lane import Lane
 
-SMALL = ObservationSpec(("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256))
+SMALL = ObservationSpec(
+    ("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256)
+)
 
 
 @pytest.fixture

@@ -27,11 +27,11 @@ from gensim2.design.report import write_report
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
+from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.sim import rendering
-from gensim2.observations.cameras import observation_cameras
 from gensim2.tasks.library import load_strategies, load_task
 
 LONG = "PlaceGolfBallIntoDrawer"

@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 
 from gensim2.errors import InputError
-from gensim2.observations import Camera, CloudSettings, DepthNoise, ObservationSpec
+from gensim2.observations import Camera, ObservationSpec
 from gensim2.observations.proprioception import tool_pose
 from gensim2.raycast.caster import Caster, Solid
 from gensim2.raycast.observer import Observer

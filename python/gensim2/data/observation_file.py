@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from gensim2.data.episode_file import LIBVER
 from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
@@ -79,6 +80,18 @@ def read_description(path: Path) -> dict[str, Any]:
     """
     with _opened(path) as file:
         return _description(file, path)
+
+
+def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
+    """The spec that a file's description tells of.
+
+    Raises:
+        InputError: it tells of none.
+    """
+    try:
+        return ObservationSpec.of({name: description[name] for name in ("modalities", "cameras", "cloud")})
+    except (KeyError, TypeError) as error:
+        raise _SEAL.broken(path, "observation") from error
 
 
 def read_observation(path: Path, episode_digest: str | None = None) -> ObservedEpisode:

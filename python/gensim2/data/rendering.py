@@ -12,7 +12,7 @@ from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.observing import Shown, observe
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries
 from gensim2.observations import ObservationSpec
@@ -22,7 +22,6 @@ from gensim2.progress import NULL_PROGRESS, Progress
 SCHEMA_VERSION = 1
 """Of what the command prints."""
 
-OBSERVATIONS = "observations"
 ERRORS_LOG = "render.log"
 
 PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")

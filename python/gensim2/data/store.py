@@ -26,13 +26,14 @@ from gensim2.data.episode_file import (
 from gensim2.data.record import DatasetRecord
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_json
+from gensim2.observations import ObservationSpec
 from gensim2.record_files import read_record
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
-DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+DATASET_JSON, ROWS, OBSERVATIONS = "dataset.json", "episodes.jsonl", "observations"
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -189,6 +190,19 @@ class DataSet:
     def save(self) -> None:
         """Write ``dataset.json``."""
         write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    def observation_spec(self) -> ObservationSpec:
+        """What its observations are of.
+
+        Raises:
+            InputError: it was not rendered, or a file of observations is damaged.
+        """
+        from gensim2.data.observation_file import read_description, spec_of_file
+
+        for name in self.tasks:
+            for path in sorted((self.path / name / OBSERVATIONS).glob("*.h5")):
+                return spec_of_file(read_description(path), path)
+        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
 
     @property
     def tasks(self) -> tuple[str, ...]:

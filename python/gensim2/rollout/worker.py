@@ -5,6 +5,7 @@ Functions here run in worker processes; their arguments and results are plain va
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,6 +14,7 @@ import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
+from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import Circumstances, Setting
 from gensim2.tasks.spec import TaskSpec
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.controller import Controller
     from gensim2.rollout.recording import Recording
+    from gensim2.rollout.run import Stop
     from gensim2.rollout.still import StillResult
     from gensim2.sim.lane import Lane
 
@@ -167,32 +170,82 @@ def record(
     return keep(*_run(setting, setting.task, strategies, seed, record=True))
 
 
+def evaluate(
+    setting: Setting,
+    controller: ControllerSpec,
+    seed: int,
+    stop: Stop,
+    keep: Callable[[Episode, Recording | None], Result] | None,
+) -> Episode | Result:
+    """Run one episode of any controller.
+
+    Args:
+        controller: made once a process, and reset for each episode.
+        stop: who ends the episode, as in :func:`gensim2.rollout.run.run`.
+        keep: as for :func:`record`; None keeps no states.
+
+    Returns:
+        The record, or what ``keep`` returned.
+
+    Raises:
+        ControllerError: the controller fails, or gives no action that can be used.
+    """
+    found, recording = _rollout(setting, setting.task, controller, seed, keep is not None, stop)
+    return found if keep is None else keep(found, recording)
+
+
+def chain(strategies: Strategies, open_loop: bool = False) -> ControllerSpec:
+    """The chain of steps, done in these ways."""
+    return ControllerSpec(CHAIN, {"strategies": strategies, "open_loop": open_loop})
+
+
 def _run(
     setting: Setting, task: TaskSpec, strategies: Strategies, seed: int, record: bool
 ) -> tuple[Episode, Recording | None]:
+    return _rollout(setting, task, chain(strategies, setting.circumstances.open_loop), seed, record)
+
+
+def _rollout(
+    setting: Setting, task: TaskSpec, spec: ControllerSpec, seed: int, record: bool, stop: Stop = "controller"
+) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.attempts import Attempt, attempted
-    from gensim2.rollout.chain import ChainController
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.run import EpisodeResult, run
 
     given = setting.circumstances
     lane = simulator(setting)
-    ways = parsed(strategies)
 
     def once(attempt: Attempt) -> EpisodeResult:
-        controller: Controller = ChainController(
-            attempt.task(task),
-            ways,
-            profile=robot(given.robot),
-            open_loop=given.open_loop,
-            options=attempt.options,
-        )
+        controller = _made(attempt.controller(spec), attempt.task(task), given.robot, seed)
         if given.disturbance is not None:
             controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
-        return run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+        return run(lane, controller, seed=seed, record=record, stop=stop, still=lambda: still_episode(setting, seed))
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording
+
+
+def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, seed: int) -> Controller:
+    """A controller for an episode; those that know nothing of tasks are kept: loading a network takes its time."""
+    from gensim2.rollout.controller import is_privileged
+    from gensim2.rollout.guarded import Guarded
+
+    profile = robot(robot_name)
+    if spec.target == CHAIN:
+        return spec.make(task, profile)
+    if is_privileged(spec.load()):
+        controller = spec.make(task, profile)
+    else:
+        key = (spec.target, json.dumps(spec.arguments, sort_keys=True))
+        if key not in _kept:
+            _kept.clear()
+            _kept[key] = spec.make(task, profile)
+        controller = _kept[key]
+    return Guarded(controller, spec, profile, f"{task.name}, seed {seed}")
+
+
+_kept: dict[tuple[str, str], Controller] = {}
+"""The last controller that was made in this process."""
 
 
 @lru_cache(maxsize=4096)

@@ -64,6 +64,7 @@ class Lane(Standing):
     """
 
     control_mode = "pd_joint_pos"
+    waits = True
 
     def __init__(
         self,
