@@ -11,7 +11,6 @@ from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.data.trajectory import Provenance, write_trajectory
 from gensim2.data.video import Replay, film
 from gensim2.errors import GenSim2Error
-from gensim2.files import remove_temporaries
 from gensim2.objects import Library
 from gensim2.processes import Job
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -95,7 +94,6 @@ def collect(
             held = queue.held
 
         run_queues([queue], evaluator, counted)
-        remove_temporaries(files.path)  # a worker that was killed while it wrote leaves one
         queue.finish()
     else:
         progress.advance(episodes)

@@ -38,7 +38,10 @@ class OwnedFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        try:
+            remove_temporaries(self._folder)  # a worker that was killed while it wrote leaves one
+        finally:
+            self._lock.release()
 
     @contextlib.contextmanager
     def released_on_error(self) -> Iterator[None]:

@@ -19,7 +19,6 @@ from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
 from gensim2.data.task_queue import Quota, TaskQueue, run_queues
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries
 from gensim2.objects import Library
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput
@@ -74,7 +73,6 @@ class Queue:
             whole = self._read()
             self._begin = time.monotonic()
             self._run(evaluator, whole)
-            remove_temporaries(self._folder.path)  # a worker that was killed while it wrote leaves one
             self._record.complete = True
             self._folder.dataset.save()
             if any(task.status.held for task in self._tasks):
