@@ -213,10 +213,9 @@ def _episode(setting: Setting, spec: ControllerSpec, seed: int, stop: Stop, keep
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
     """Keep the states of an episode that is to be filmed; called in a worker."""
-    from gensim2.data.trajectory import TrajectoryStore
+    from gensim2.data.store import TaskStore
 
-    if recording is not None:
-        TrajectoryStore(folder).add(index, recording, episode)
+    TaskStore(folder).add(index, episode, recording)
     return episode
 
 
@@ -229,15 +228,16 @@ def _film(
     progress: Progress,
 ) -> list[str]:
     """Film the episodes of a task whose states were kept; where no picture can be made, say so and go on."""
-    from gensim2.data.trajectory import Provenance, TrajectoryStore
+    from gensim2.data.store import TaskStore
+    from gensim2.data.trajectory import H5_NAME, Provenance, write_trajectory
     from gensim2.processes import Job
     from gensim2.rollout.identity import versions
     from gensim2.sim import rendering
 
     task, files = given.spec, folder.task(given.spec.name).path
-    store = TrajectoryStore(files)
-    digests = {index: digest for index in store.indices() if (digest := store.digest(index)) is not None}
-    if not digests:
+    kept = {each.index: each for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
+    episodes = [(each.path, each.row.digest) for _, each in sorted(kept.items()) if each.row is not None]
+    if not episodes:
         return []
     provenance = Provenance(
         task=task,
@@ -249,12 +249,12 @@ def _film(
         details={"versions": versions()},
         controller=spec.target,
     )
-    trajectory = store.merge(provenance, digests)
+    write_trajectory(files, provenance, episodes)
     if not rendering.can_render():
         progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
         return []
-    films = [files / f"video_{index:06d}.mp4" for index in digests]
-    missing = [Job(n, (trajectory, n, film)) for n, film in enumerate(films) if not film.exists()]
+    films = [files / f"video_{index:06d}.mp4" for index in sorted(kept)]
+    missing = [Job(n, (files / H5_NAME, n, film)) for n, film in enumerate(films) if not film.exists()]
     progress.start(f"{task.name}: films", len(missing))
     try:
         for _ in evaluator.run(_film_episode, missing, f"{task.name}: films"):
