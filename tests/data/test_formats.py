@@ -22,7 +22,6 @@ from gensim2.data.formats.importing import import_
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.observation_file import write_observation
-from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
@@ -94,7 +93,7 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
             "pointcloud/xyz": to_steps(clouds[row.index]),
             "pointcloud/rgb": np.full((steps + 1, 16, 3), 51, np.uint8),
         }
-        write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
+        write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
     only = Selection(tasks=("CloseBox",))
     export(dataset.path, tmp_path / "z", "zarr", only)
     export(dataset.path, tmp_path / "l", "lerobot", only)

@@ -14,7 +14,7 @@ import pytest
 
 from gensim2.data import TaskStore, observation_file
 from gensim2.data.observation_file import DamagedObservationError, read_observation
-from gensim2.data.rendering import observation_path, render
+from gensim2.data.rendering import render
 from gensim2.errors import InputError, WriteError
 from gensim2.observations import CloudSettings, ObservationSpec
 from gensim2.rollout.recording import Recorder
@@ -54,7 +54,7 @@ def rendered(store: TaskStore, spec: ObservationSpec = SMALL, **options: Any) ->
 def test_every_episode_that_held_is_observed(store: TaskStore) -> None:
     rendered(store)
     for row in store.rows():
-        path = observation_path(store, row.index)
+        path = store.observation_path(row.index)
         assert path.exists() == row.held
         if not row.held:
             continue

@@ -19,7 +19,6 @@ from gensim2.data import DataSet, collect, video
 from gensim2.data import report as quality_report
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.observation_file import write_observation
-from gensim2.data.rendering import observation_path
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import shelf, tasks_gallery
@@ -134,7 +133,7 @@ def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         arrays = arrays | {f"cameras/left/{what}": each for what, each in numbers.items()}
         for row in (row for row in store.rows() if row.held):
             about = {"steps": 5, "episode_digest": row.episode_digest}
-            write_observation(observation_path(store, row.index), about, arrays)
+            write_observation(store.observation_path(row.index), about, arrays)
     monkeypatch.setattr(quality_report, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     quality_report.report(collected)

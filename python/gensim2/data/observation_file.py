@@ -82,6 +82,18 @@ def read_description(path: Path) -> dict[str, Any]:
         return _description(file, path)
 
 
+def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
+    """What a whole file is of.
+
+    Raises:
+        DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.
+    """
+    found = read_description(path)
+    if found.get("episode_digest") != episode_digest:
+        raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
+    return found
+
+
 def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
     """The spec that a file's description tells of.
 

@@ -67,13 +67,8 @@ class RenderingResult:
         return {"schema_version": SCHEMA_VERSION, **asdict(self), "folder": str(self.folder)}
 
 
-def observation_path(store: TaskStore, index: int) -> Path:
-    """Where the observations of an episode lie."""
-    return store.folder / OBSERVATIONS / f"{index:06d}.h5"
-
-
 def render(
-    folder: Path,
+    folder: Path | str,
     *,
     spec: ObservationSpec | None = None,
     tasks: Sequence[str] = (),
@@ -101,7 +96,7 @@ def render(
         WriteError: no room is left; what was finished is kept.
         NotRunError: some episodes could not be run; all others are finished.
     """
-    spec = spec or ObservationSpec()
+    folder, spec = Path(folder), spec or ObservationSpec()
     if spec.is_proprioceptive:
         raise InputError("must name something that cameras give", field="modalities")
     dataset = DataSet.open(folder)
@@ -152,7 +147,7 @@ class _Rendering:
     def _missing(self, store: TaskStore) -> Iterator[LoggedEpisode]:
         """Episodes that held and have no observations yet; damaged ones are removed."""
         for row in store.rows():
-            path = observation_path(store, row.index)
+            path = store.observation_path(row.index)
             if not row.held:
                 continue
             if not path.exists():
@@ -200,7 +195,7 @@ def render_episode(folder: Path, row: LoggedEpisode, shown: Shown, spec: Observa
     begin = time.process_time()
     arrays = observe(recording, shown, spec)
     cpu = time.process_time() - begin
-    path = observation_path(store, row.index)
+    path = store.observation_path(row.index)
     description = _description(store, row, spec) | {
         "language": shown.task.description,
         "robot": shown.robot,

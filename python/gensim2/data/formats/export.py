@@ -18,7 +18,6 @@ from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.to_lerobot import export_lerobot
 from gensim2.data.observation_file import read_observation
 from gensim2.data.record import DatasetRecord
-from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
 from gensim2.data.trajectory import Provenance, write_trajectory
@@ -121,7 +120,7 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
 
 
 def _observed(store: TaskStore, row: LoggedEpisode) -> dict[str, Array] | None:
-    path = observation_path(store, row.index)
+    path = store.observation_path(row.index)
     return read_observation(path, row.episode_digest).arrays if path.exists() else None
 
 
