@@ -20,7 +20,7 @@ from gensim2.objects.types import Instance
 from gensim2.robots import robot
 from gensim2.sim import original
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.physics import OURS, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.tasks.library import parse_task
@@ -38,19 +38,19 @@ def task_on(asset_class: str) -> TaskSpec:
     )
 
 
-def lane_on(asset_class: str, physics: Any = "original", instance: str = "0") -> Lane:
-    lane = Lane(task_on(asset_class), assets="builtin", instances=instance, physics=physics)
+def lane_on(asset_class: str, physics: Any = "original", instance: str = "0") -> HeadlessEnv:
+    lane = HeadlessEnv(task_on(asset_class), assets="builtin", instances=instance, physics=physics)
     lane.reset(0)
     return lane
 
 
-def articulation_in(lane: Lane) -> physx.PhysxArticulation:
+def articulation_in(lane: HeadlessEnv) -> physx.PhysxArticulation:
     (part,) = lane.parts.values()
     articulation: physx.PhysxArticulation = part.articulation
     return articulation
 
 
-def openness_in(lane: Lane) -> float:
+def openness_in(lane: HeadlessEnv) -> float:
     (openness,) = lane.measure().openness.values()
     return openness
 
@@ -100,7 +100,7 @@ def test_ours_stays_ours_beside_it() -> None:
 def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
     """In the environment as in the lane; the planner is told."""
     task = "PlaceGolfBallIntoBox"
-    lane = Lane(task, assets="builtin", physics="original")
+    lane = HeadlessEnv(task, assets="builtin", physics="original")
     lane.reset(0)
     env = GenSim2Env(task, assets="builtin", physics="original")
     env.reset(seed=0)
@@ -163,7 +163,7 @@ def test_rigid_objects_weigh_by_their_hulls(physics: str, density: float | None)
         assert shape.physical_material.restitution == pytest.approx(restitution)
 
 
-def _left_alone(lane: Lane, openness: float, seconds: float = 5.0) -> float:
+def _left_alone(lane: HeadlessEnv, openness: float, seconds: float = 5.0) -> float:
     lane.reset(0, {"openness": openness}, robot=False)
     for _ in range(round(seconds * 20)):
         lane.wait()
@@ -250,7 +250,7 @@ def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> 
         ("original", generated, own, "ours"),
     ]
     for physics, model, position, origin in cases:
-        lane = Lane(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
+        lane = HeadlessEnv(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
         lane.reset(0, still)
         thing = lane.setup.objects["object"]
         assert thing.position == pytest.approx(position)
@@ -267,7 +267,7 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
     place = generated.placement
     sunk = original.DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0)
     monkeypatch.setattr(original, "default_pose", lambda *_: sunk)
-    lane = Lane(
+    lane = HeadlessEnv(
         task_on("toaster_move"), assets=_Renamed(dataclasses.replace(generated, source="real")), physics="original"
     )
     lane.reset(0, {"offset": [0.0, 0.0, 0.0], "openness": 0.0}, robot=False)
@@ -291,7 +291,7 @@ def test_states_are_those_of_the_environment(
 ) -> None:
     library = crates(damping=damping, friction=0.35)
     env = GenSim2Env(crate_task, assets=library, physics=physics)
-    lane = Lane(crate_task, assets=library, physics=physics)
+    lane = HeadlessEnv(crate_task, assets=library, physics=physics)
     options = {"offset": [-0.02, 0.0, 0.0], "openness": 0.9}
     start = np.array([0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 1.0], dtype=np.float32)
     reach = np.array([0.0, 0.9, 0.0, -1.9, 0.0, 2.7, 0.785, -1.0], dtype=np.float32)
@@ -314,7 +314,7 @@ def test_states_are_those_of_the_environment(
 
 
 def test_an_unknown_physics_is_refused(crate_task: TaskSpec, crates: Callable[..., Any]) -> None:
-    for make in (Lane, GenSim2Env):
+    for make in (HeadlessEnv, GenSim2Env):
         with pytest.raises(InputError, match="physics: must be one of ours, original, is 'theirs'"):
             make(crate_task, assets=crates(), physics="theirs")
     assert named_physics("ours") is OURS

@@ -17,7 +17,7 @@ from gensim2.objects.types import Instance
 from gensim2.robots import robot
 from gensim2.sim.arguments import as_library, chosen_instances
 from gensim2.sim.footprint import hulls_in_root, keep_apart, outline, swept_points
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.options import read_options
 from gensim2.sim.setup import GAP, PlacementError, Setup, set_up
 from gensim2.tasks.parse import parse_task
@@ -207,7 +207,7 @@ def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., 
             "lemon": {"class": "lemon", "place": {"on": "box"}, **inside},
         }
     )
-    lane = Lane(task, assets=crates(friction=2.0))
+    lane = HeadlessEnv(task, assets=crates(friction=2.0))
     for seed in range(3):
         lane.reset(seed)
         placed = lane.setup.objects["ball"]

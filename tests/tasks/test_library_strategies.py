@@ -48,9 +48,9 @@ def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator
 def test_what_is_done_stays_done(name: str, physics: str, instance: str, seed: int) -> None:
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.run import run
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-    lane = Lane(name, assets="builtin", physics=physics, instances=instance)
+    lane = HeadlessEnv(name, assets="builtin", physics=physics, instances=instance)
     controller = ChainController(load_task(name), load_strategies(name), lane.profile)
     episode = run(lane, controller, seed=seed).episode
     assert episode.held, (episode.cause, episode.diagnosis)

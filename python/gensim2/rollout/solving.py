@@ -113,9 +113,9 @@ def solve(
         check_writable(Path(out) / "plan.json")
     given = read_task_input(task, seed=seed, **scene)
     # Only now what takes seconds to import.
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-    lane = Lane(
+    lane = HeadlessEnv(
         given.spec,
         assets=given.library,
         instances=given.instances,

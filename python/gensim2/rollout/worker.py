@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gensim2.rollout.controller import Controller
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.still import StillResult
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
 Result = TypeVar("Result")
 
@@ -34,7 +34,7 @@ PRELOAD: Sequence[str] = (
     "gensim2.rollout.chain",
     "gensim2.rollout.run",
     "gensim2.planning.steps",
-    "gensim2.sim.lane",
+    "gensim2.sim.headless",
 )
 
 #: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
@@ -60,12 +60,12 @@ def prepare(circumstances: Circumstances) -> None:
 
 
 @lru_cache(maxsize=2)
-def simulator(setting: Setting) -> Lane:
+def simulator(setting: Setting) -> HeadlessEnv:
     """Return the simulator of a setting; the last two are kept, since jobs come task by task."""
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
     given = setting.circumstances
-    return Lane(
+    return HeadlessEnv(
         setting.task,
         assets=given.assets,
         instances=dict(setting.instances) if isinstance(setting.instances, frozenset) else setting.instances,

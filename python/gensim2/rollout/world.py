@@ -86,7 +86,7 @@ class Setup(Protocol):
 
 
 class World(Protocol):
-    """One task's scene. :class:`gensim2.sim.lane.Lane` is one."""
+    """One task's scene. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
 
     task: TaskSpec
     seed: int

@@ -1,4 +1,4 @@
-"""The robot of a lane: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
+"""Robot of the headless environment: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
 
 from __future__ import annotations
 

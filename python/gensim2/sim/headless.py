@@ -1,8 +1,8 @@
-"""Episodes that nobody watches: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
+"""Physics-only environment: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
 
 Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
 environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
-observations that nobody asked for, and reading the same URDF at every reset: a file that changes under a process is
+observations that were not asked for, and reading the same URDF at every reset: a file that changes under a process is
 not read again.
 """
 
@@ -33,16 +33,16 @@ from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
 from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid
+from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.sim.scene_state import RobotReader, read_scene
 from gensim2.sim.setup import Placed, Setup, set_up
-from gensim2.sim.standing import Standing
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
-class Lane(Standing):
+class HeadlessEnv(SceneAccessMixin):
     """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
 
     Args:

@@ -1,4 +1,4 @@
-"""What an environment and a lane know of what stands in their scene."""
+"""Access to the robot and the objects of a built scene, shared by the registered and the headless environment."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from gensim2.sim.setup import Setup
 from gensim2.tasks.measurement import Measurement
 
 
-class Standing:
-    """Robot and objects of a scene that was built at a reset, whoever built it."""
+class SceneAccessMixin:
+    """Access to the robot and the objects of the scene of the last reset."""
 
     _setup: Setup | None = None
     _parts: Mapping[str, Part]
