@@ -111,7 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", default="builtin")
     parser.add_argument("--episodes", type=int, default=10, help="of each task")
-    parser.add_argument("--physics", default="ours")
+    parser.add_argument("--physics", default="default")
     parser.add_argument("--core", type=int, default=0)
     parser.add_argument("--tasks", nargs="*", default=None)
     options = parser.parse_args()

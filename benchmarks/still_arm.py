@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=12, help="of each task")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--assets", default="builtin")
-    parser.add_argument("--physics", choices=("ours", "original"), default="ours")
+    parser.add_argument("--physics", choices=("default", "original"), default="default")
     given = parser.parse_args()
     classes = open_library(given.assets).classes()
     counted, differ, true, cost = 0, 0, 0, [0.0, 0.0]

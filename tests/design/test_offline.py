@@ -32,7 +32,7 @@ from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, Distance
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
-SETTINGS = Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours")
+SETTINGS = Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "default")
 
 
 def affordance(

@@ -17,7 +17,7 @@ from gensim2.robots import robot, robot_names
 from gensim2.sim.arm import Arm
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
-from gensim2.sim.physics import OURS
+from gensim2.sim.physics import DEFAULT
 from gensim2.sim.table import HALF_SIZE
 
 
@@ -73,8 +73,8 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
 def test_it_stands_clear_of_the_table(name: str) -> None:
     """Every hull lies above the table's top, below its board or behind its edge: planners look at what moves."""
     profile = robot(name)
-    scene = sapien.Scene([OURS.new_system(profile)])
-    arm = Arm(scene, profile, OURS)
+    scene = sapien.Scene([DEFAULT.new_system(profile)])
+    arm = Arm(scene, profile, DEFAULT)
     arm.put(profile.reset_qpos)
     count = 0
     for link in arm.articulation.links:

@@ -81,7 +81,7 @@ def test_a_still_arm_fails_where_the_object_stays(lane: HeadlessEnv) -> None:
 
 def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
     """The lid of a box without friction falls shut: closing it counts for nothing."""
-    from gensim2.sim.arguments import as_library
+    from gensim2.scenes.arguments import as_library
 
     library = as_library("builtin")
 

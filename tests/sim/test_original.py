@@ -18,10 +18,11 @@ from gensim2.errors import InputError
 from gensim2.objects import RigidObject, open_library
 from gensim2.objects.types import Instance
 from gensim2.robots import robot
+from gensim2.scenes.default_pose import DefaultPose, released_pose
 from gensim2.sim import original
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
-from gensim2.sim.physics import OURS, named_physics
+from gensim2.sim.physics import DEFAULT, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.tasks.library import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -84,7 +85,7 @@ def test_scene_settings_are_the_original_s() -> None:
 def test_ours_stays_ours_beside_it() -> None:
     """PhysX's settings and SAPIEN's default material belong to the process: the last scene's must not be taken."""
     lane_on("box_rotate", "original")
-    lane = lane_on("box_rotate", "ours")
+    lane = lane_on("box_rotate", "default")
     assert (lane._system.config.enable_tgs, lane._system.config.enable_pcm) == (True, True)
     articulation = articulation_in(lane)
     assert articulation.solver_position_iterations == 15
@@ -146,7 +147,7 @@ def test_a_class_that_the_original_has_not_takes_its_usual_values() -> None:
     assert (constants.density("desk_lamp"), constants.joint_friction("desk_lamp")) == (100.0, 0.1)
 
 
-@pytest.mark.parametrize(("physics", "density"), [("original", 100.0), ("ours", None)])
+@pytest.mark.parametrize(("physics", "density"), [("original", 100.0), ("default", None)])
 def test_rigid_objects_weigh_by_their_hulls(physics: str, density: float | None) -> None:
     rigid = open_library("builtin").load("golf_ball", "0")
     assert isinstance(rigid, RigidObject)
@@ -177,7 +178,7 @@ def _left_alone(lane: HeadlessEnv, openness: float, seconds: float = 5.0) -> flo
 def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(asset_class: str, end: float) -> None:
     """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/left_alone.py)."""
     assert _left_alone(lane_on(asset_class, "original"), 0.5) == pytest.approx(end, abs=0.02)
-    assert _left_alone(lane_on(asset_class, "ours"), 0.5) == pytest.approx(0.5, abs=0.01)
+    assert _left_alone(lane_on(asset_class, "default"), 0.5) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
@@ -203,16 +204,19 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
 
 
 def test_every_row_is_a_pose_and_none_stands_twice() -> None:
-    text = (files(original) / "default_poses.csv").read_text()
+    text = (files("gensim2.scenes") / "default_poses.csv").read_text()
+    box = dataclasses.replace(open_library("builtin").load("box_rotate", "0"), source="real")
+    assert isinstance(box, Instance)
     rows = list(csv.DictReader(text.splitlines()))
     assert len(rows) == len({(row["class"], row["id"]) for row in rows}) == 169
     for row in rows:
-        pose = original.default_pose(row["class"], row["id"])
+        pose = released_pose(dataclasses.replace(box, asset_class=row["class"], id=row["id"]))
         assert pose is not None
         assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0)
         assert np.abs(pose.position).max() < 0.65
         assert 0 <= pose.openness <= 1
-    assert original.default_pose("box_rotate", "no such box") is None
+    assert released_pose(dataclasses.replace(box, id="no such box")) is None
+    assert released_pose(dataclasses.replace(box, id="100141", source="generated")) is None
 
 
 class _Renamed:
@@ -240,14 +244,14 @@ def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> 
     released = dataclasses.replace(generated, source="real", id="100141")
     unknown = dataclasses.replace(generated, source="real", id="1")
     still = {"offset": [0.0, 0.0, 0.0]}
-    row = original.default_pose("box_rotate", "100141")
+    row = released_pose(released)
     assert row is not None
     own = generated.placement.position
     cases: list[tuple[Any, Instance, Any, str]] = [
         ("original", released, row.position, "original"),
-        ("ours", released, own, "ours"),
-        ("original", unknown, own, "ours"),
-        ("original", generated, own, "ours"),
+        ("default", released, own, "default"),
+        ("original", unknown, own, "default"),
+        ("original", generated, own, "default"),
     ]
     for physics, model, position, origin in cases:
         lane = HeadlessEnv(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
@@ -265,8 +269,8 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
     generated = lane_on("toaster_move").setup.objects["object"].model
     assert isinstance(generated, Instance)
     place = generated.placement
-    sunk = original.DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0)
-    monkeypatch.setattr(original, "default_pose", lambda *_: sunk)
+    sunk = DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0, "original")
+    monkeypatch.setattr("gensim2.scenes.default_pose.released_pose", lambda _: sunk)
     lane = HeadlessEnv(
         task_on("toaster_move"), assets=_Renamed(dataclasses.replace(generated, source="real")), physics="original"
     )
@@ -285,7 +289,7 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05])
-@pytest.mark.parametrize("physics", ["ours", "original"])
+@pytest.mark.parametrize("physics", ["default", "original"])
 def test_states_are_those_of_the_environment(
     crates: Callable[..., Any], crate_task: TaskSpec, physics: Any, damping: float
 ) -> None:
@@ -315,6 +319,6 @@ def test_states_are_those_of_the_environment(
 
 def test_an_unknown_physics_is_refused(crate_task: TaskSpec, crates: Callable[..., Any]) -> None:
     for make in (HeadlessEnv, GenSim2Env):
-        with pytest.raises(InputError, match="physics: must be one of ours, original, is 'theirs'"):
+        with pytest.raises(InputError, match="physics: no physics 'theirs' \\(one of default, original\\)"):
             make(crate_task, assets=crates(), physics="theirs")
-    assert named_physics("ours") is OURS
+    assert named_physics("default") is named_physics("ours") is DEFAULT

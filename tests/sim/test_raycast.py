@@ -203,7 +203,7 @@ def test_pictures_are_those_of_the_renderer() -> None:
     for _ in range(6):
         lane.step(HOLD + np.float32(0.4))
     recorded = states(lane)
-    pictures = StatePictures(lane.task, "builtin", "panda", "ours", ("depth", "segmentation"))
+    pictures = StatePictures(lane.task, "builtin", "panda", "default", ("depth", "segmentation"))
     instances = {name: model.id for name, model in models(lane).items()}
     pictures.show(instances, 6, {"instance": instances})
     images = pictures.at(recorded, 0)

@@ -41,7 +41,7 @@ def _resistance(part: Part) -> float:
     return float(joint.friction) or float(joint.force_limit)
 
 
-@pytest.mark.parametrize("physics", ["ours", "original"])
+@pytest.mark.parametrize("physics", ["default", "original"])
 def test_what_is_drawn_reaches_physics(physics: str) -> None:
     plain, wide = (
         HeadlessEnv(TASK, assets="builtin", physics=physics, randomization=name) for name in ("paper", "wide")
@@ -61,7 +61,7 @@ def test_what_is_drawn_reaches_physics(physics: str) -> None:
             assert _frictions(part) == pytest.approx(expected, rel=1e-5)
             seen.add(factors)
         drawer = wide.parts["drawer"].thing.factors
-        joint = drawer.joint_friction * (drawer.mass if physics == "ours" else 1.0)
+        joint = drawer.joint_friction * (drawer.mass if physics == "default" else 1.0)
         assert _resistance(wide.parts["drawer"]) == pytest.approx(joint * _resistance(plain.parts["drawer"]), rel=1e-5)
     assert len(seen) == 6
 

@@ -40,9 +40,9 @@ def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator
 @pytest.mark.parametrize(
     ("name", "physics", "instance", "seed"),
     [
-        ("PlaceCrackerBoxIntoRefrigerator", "ours", "0", 5),  # let go between fingers one above the other, it fell
+        ("PlaceCrackerBoxIntoRefrigerator", "default", "0", 5),  # let go between fingers one above the other, it fell
         ("OpenDrawer", "original", "12", 12),  # pulled fast, a drawer with little friction springs back from its stop
-        ("FillMugWithWater", "ours", "2", 2),  # the way that the grasp foresaw was not found again
+        ("FillMugWithWater", "default", "2", 2),  # the way that the grasp foresaw was not found again
     ],
 )
 def test_what_is_done_stays_done(name: str, physics: str, instance: str, seed: int) -> None:

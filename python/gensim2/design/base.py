@@ -34,7 +34,7 @@ class Settings:
         stroke: most that the fingers open, m between the pads.
         tool_keypoints: name to description.
         randomization: name of the preset that scenes are drawn with.
-        physics: whose, ``"ours"`` or ``"original"``.
+        physics: whose, ``"default"`` or ``"original"``.
     """
 
     robot: str

@@ -276,6 +276,6 @@ def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
 
 def _is_no_room(error: InputError) -> bool:
     """Whether a scene's objects found no room, which is the proposal's fault and ends no run."""
-    from gensim2.sim.setup import PlacementError  # here: refusing arguments needs no simulator
+    from gensim2.scenes.initial_state import PlacementError  # here: refusing arguments needs no simulator
 
     return isinstance(error, PlacementError)

@@ -52,7 +52,7 @@ class Placed(Protocol):
 
     @property
     def default_pose(self) -> str | None:
-        """Whose default pose it was put from, ``"ours"`` or ``"original"``; None: its pose was given."""
+        """Whose default pose it was put from, ``"default"`` or ``"original"``; None: its pose was given."""
         ...
 
     @property

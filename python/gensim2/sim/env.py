@@ -22,26 +22,17 @@ from gensim2.raycast.sensor import OBS_MODE as RAYCAST
 from gensim2.raycast.sensor import RaycastSensor
 from gensim2.robots import DEFAULT_ROBOT, robot_names
 from gensim2.robots import robot as robot_profile
+from gensim2.scenes.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
+from gensim2.scenes.initial_state import sample_initial_state
+from gensim2.scenes.physics import DEFAULT_PHYSICS
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.sim import agents, rendering
-from gensim2.sim.arguments import (
-    ObjectSource,
-    Words,
-    as_library,
-    as_task,
-    check_names,
-    check_one_of,
-    check_words,
-    checked_action,
-    checked_seed,
-    chosen_instances,
-)
+from gensim2.sim.arguments import check_one_of, check_words, checked_action, checked_seed
 from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RaycastObservations
-from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.scene_state import RobotReader, read_scene
-from gensim2.sim.setup import set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
@@ -67,7 +58,7 @@ class GenSim2Env(RaycastObservations):
             be one that the library lists: any number up to 10^6 is a generated object. It is said of the first object
             of whose class there are several; or of any, as a mapping from an object's name.
         robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
-        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
+        physics: ``"default"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
         obs_mode: ManiSkill's, or ``"raycast"``: the point cloud of :mod:`gensim2.observations`, ray-cast without a
             renderer, beside the robot's own state (docs/observations.md).
@@ -95,7 +86,7 @@ class GenSim2Env(RaycastObservations):
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
         robot_uids: str | None = None,
-        physics: str = "ours",
+        physics: str = DEFAULT_PHYSICS,
         randomization: str = DEFAULT_PRESET,
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
@@ -219,8 +210,8 @@ class GenSim2Env(RaycastObservations):
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
         given = read_options(options, tuple(self.task.objects))
-        setup = set_up(
-            self.task, self._library, self._instances, seed, given, self.profile, self.physics, self.randomization
+        setup = sample_initial_state(
+            self.task, self._library, self._instances, seed, given, self.profile, self.physics.name, self.randomization
         )
         self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())

@@ -24,18 +24,19 @@ from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as robot_profile
+from gensim2.scenes.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
+from gensim2.scenes.initial_state import InitialState, PlacedObject, sample_initial_state
+from gensim2.scenes.physics import DEFAULT_PHYSICS
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.seeding import check_seed
-from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
-from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
 from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid
 from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.sim.scene_state import RobotReader, read_scene
-from gensim2.sim.setup import Placed, Setup, set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
@@ -51,7 +52,7 @@ class HeadlessEnv(SceneAccessMixin):
         instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id is said
             of the first object of whose class there are several; or of any, as a mapping from an object's name.
         robot: name of its profile.
-        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
+        physics: ``"default"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
 
     Raises:
@@ -67,7 +68,7 @@ class HeadlessEnv(SceneAccessMixin):
         assets: str | Path | ObjectSource | None = None,
         instances: Words | Mapping[str, Words] = "all",
         robot: str = DEFAULT_ROBOT,
-        physics: str = "ours",
+        physics: str = DEFAULT_PHYSICS,
         randomization: str = DEFAULT_PRESET,
     ) -> None:
         self.physics = named_physics(physics)
@@ -77,7 +78,7 @@ class HeadlessEnv(SceneAccessMixin):
         check_names(self.task, self.profile)
         self._library = as_library(assets)
         self.instance_ids = chosen_instances(self._library, self.task, instances)
-        self._drawn: tuple[int, Setup] | None = None  # what the last seed drew by itself
+        self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
         self._arm: Arm | None = None
         self._parts: dict[str, Part] = {}
         self.seed = 0
@@ -107,14 +108,14 @@ class HeadlessEnv(SceneAccessMixin):
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
         if options or self._drawn is None or self._drawn[0] != self.seed:
-            setup = set_up(
+            setup = sample_initial_state(
                 self.task,
                 self._library,
                 self.instance_ids,
                 self.seed,
                 given,
                 self.profile,
-                self.physics,
+                self.physics.name,
                 self.randomization,
             )
             self._drawn = None if options else (self.seed, setup)
@@ -232,7 +233,7 @@ class HeadlessEnv(SceneAccessMixin):
         return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
 
 
-def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> Part:
+def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics) -> Part:
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
         part = RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gensim2.errors import GenSim2Error
+from gensim2.scenes.initial_state import InitialState
 from gensim2.sim.parts import Part
 from gensim2.sim.scene_state import RobotReader, measure
-from gensim2.sim.setup import Setup
 from gensim2.tasks.measurement import Measurement
 
 
 class SceneAccessMixin:
     """Access to the robot and the objects of the scene of the last reset."""
 
-    _setup: Setup | None = None
+    _setup: InitialState | None = None
     _parts: Mapping[str, Part]
     _robot: RobotReader
 
@@ -22,7 +22,7 @@ class SceneAccessMixin:
         """Refuse to go on with what was closed."""
 
     @property
-    def setup(self) -> Setup:
+    def setup(self) -> InitialState:
         """What stands on the table: what was drawn at the last reset."""
         self._require_open()
         if self._setup is None:

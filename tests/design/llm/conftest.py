@@ -45,7 +45,7 @@ def brief(library: Library) -> Brief:
         stroke=0.08,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
         randomization="paper",
-        physics="ours",
+        physics="default",
     )
     classes = {
         name: Affordance.of([library.load(name, library.instances(name)[0])], library.describe(name))

@@ -29,7 +29,7 @@ SETTING = Setting(TASK, "train", Circumstances("builtin"))
 THING = Affordance(
     "thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute"
 )
-BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours"), {"thing": THING})
+BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "default"), {"thing": THING})
 
 
 def candidate(label: str, n: float) -> Candidate:
