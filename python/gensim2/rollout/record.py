@@ -64,7 +64,7 @@ class ObjectRecord:
         yaw: rad that the randomization turned it by.
         openness_start, openness_end: of its joint; None of a rigid object, or where it is no number any more.
         pose_end: (7,) of a rigid object at the end; None of an articulated one or where it is no number any more.
-        default_pose: physics preset of the default pose that was randomized (earlier files call ``"default"`` ``"ours"``);
+        default_pose: physics preset of the default pose that was randomized (earlier files: ``"ours"``);
             None: its pose was given.
         mass_factor, contact_friction_factor, joint_friction_factor: by what its physics was multiplied.
     """
