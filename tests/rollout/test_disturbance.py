@@ -7,9 +7,9 @@ import pytest
 
 from gensim2.robots import robot
 from gensim2.rollout.chain import ChainController
+from gensim2.rollout.config import Disturbance
 from gensim2.rollout.disturbance import PUSHED, Disturbed
 from gensim2.rollout.run import run
-from gensim2.scenes.config import Disturbance
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
 

@@ -12,7 +12,7 @@ from gensim2.data.trajectory import env_kwargs
 from gensim2.robots import robot
 from gensim2.rollout.run import run
 from gensim2.rollout.still import StillController
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.parts import ArticulatedPart, Part
 from gensim2.sim.registration import env_id
@@ -92,7 +92,7 @@ def test_the_record_tells_every_draw() -> None:
 
 
 def test_a_wide_scene_is_replayed_by_what_travels_with_a_trajectory() -> None:
-    environment: dict[str, Any] = Circumstances("builtin", randomization="wide").environment
+    environment: dict[str, Any] = SceneOptions("builtin", randomization="wide").environment
     assert environment == {"randomization": "wide"}
     lane = HeadlessEnv(TASK, assets="builtin", randomization="wide")
     moves = np.random.default_rng(0).normal(0.0, 0.2, (40, 8)).astype(np.float32)

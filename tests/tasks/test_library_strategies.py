@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 pytest.importorskip("mani_skill")
@@ -20,14 +20,14 @@ NEEDED = 4
 @pytest.fixture(scope="module")
 def evaluator() -> Iterator[PoolEvaluator]:
     """On generated objects; two workers, which change nothing."""
-    with PoolEvaluator(Circumstances("builtin"), 2) as evaluator:
+    with PoolEvaluator(SceneOptions("builtin"), 2) as evaluator:
         yield evaluator
 
 
 @pytest.mark.parametrize("name", task_names("paper"))
 def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator) -> None:
     strategies = load_strategies(name)
-    setting = evaluator.setting(load_task(name), "all")
+    setting = evaluator.config(load_task(name), "all")
     ways = {step.name: {each: strategies[each] for each in step.strategies} for step in setting.task.steps}
     episodes = evaluator.episodes(setting, [(ways, seed) for seed in SEEDS])
     assert [episode.seed for episode in episodes] == list(SEEDS)

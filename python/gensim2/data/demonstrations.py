@@ -96,10 +96,10 @@ def collect(
     collection = _Collection(log, episodes, len(seeds))
     progress.start(f"{task.name}: demonstrations", episodes)
     progress.advance(min(collection.held, episodes))
-    setting = evaluator.setting(task, instances)
+    config = evaluator.config(task, instances)
     wanted = collection.wanted()
     jobs = (
-        Job(i, (setting, strategies, seeds[i], partial(keep_demonstration, files.path, i))) if i is not None else None
+        Job(i, (config, strategies, seeds[i], partial(keep_demonstration, files.path, i))) if i is not None else None
         for i in wanted
     )
     for index, (episode, digest) in evaluator.run(worker.record, jobs, f"{task.name}: demonstrations"):
@@ -121,10 +121,10 @@ def collect(
         Provenance(
             task=task,
             strategies=strategies,
-            assets=evaluator.circumstances.assets,
+            assets=evaluator.scene.assets,
             licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
-            environment=evaluator.circumstances.environment,
+            environment=evaluator.scene.environment,
             details={"versions": versions(), "attempts": len(entries)},
         ),
         {entry.index: entry.episode_digest for entry in kept},

@@ -29,14 +29,14 @@ class CollectionFolder:
         record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
             everything else must be as it was.
         resume: go on with a data set that is there.
-        circumstances: of this run alone (workers, for example), for ``run.json``.
+        process: facts of this run alone (workers, for example), for ``run.json``.
 
     Raises:
         InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
             process is at work in it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, record: DatasetRecord, resume: bool, circumstances: dict[str, Any]) -> None:
+    def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
         self._check(path, resume)
         self._lock = FolderLock(path)
         try:
@@ -51,7 +51,7 @@ class CollectionFolder:
                 "host": socket.gethostname(),
                 "platform": platform.platform(),
             }
-            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **circumstances}
+            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **process}
             self.note({})
         except BaseException:
             self._lock.release()

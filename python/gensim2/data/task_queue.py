@@ -139,8 +139,8 @@ class TaskQueue:
 
     def jobs(self, evaluator: PoolEvaluator, first: int) -> Iterator[Job]:
         """What is to come, numbered from ``first`` on."""
-        setting = evaluator.setting(self.given.spec, self.given.instances)
+        config = evaluator.config(self.given.spec, self.given.instances)
         for index in range(self.total):
             if not self.done[index]:
                 keep = partial(keep_episode, self.store.folder, index, self._record.keep_failures)
-                yield Job(first + index, (setting, self.given.strategies, self.seed(index), keep))
+                yield Job(first + index, (config, self.given.strategies, self.seed(index), keep))

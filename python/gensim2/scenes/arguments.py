@@ -95,3 +95,10 @@ def _words(words: object) -> Sequence[str]:
             remedy="use 'all': each reset draws one",
         )
     return words
+
+
+def check_words(**values: Any) -> None:
+    """Refuse arguments that are neither None nor text."""
+    for field, value in values.items():
+        if value is not None and not isinstance(value, str):
+            raise InputError(f"must be text, is {value!r}", field=field)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from gensim2.errors import InputError
 
@@ -26,3 +26,10 @@ def physics_name(word: object) -> PhysicsName:
     if name not in PHYSICS_NAMES:
         raise InputError(f"no physics {word!r}", field="physics", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
     return name
+
+
+def with_current_physics(record: Any) -> Any:
+    """Return the fields of a file with today's name of the physics, whatever release wrote them."""
+    if isinstance(record, dict) and isinstance(word := record.get("physics"), str):
+        return {**record, "physics": _FORMER.get(word, word)}
+    return record

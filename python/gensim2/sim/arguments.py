@@ -18,13 +18,6 @@ def check_one_of(value: Any, known: Sequence[str], field: str) -> None:
         raise InputError(f"must be one of {', '.join(known)}, is {value!r}", field=field)
 
 
-def check_words(**values: Any) -> None:
-    """Refuse arguments that are neither None nor text."""
-    for field, value in values.items():
-        if value is not None and not isinstance(value, str):
-            raise InputError(f"must be text, is {value!r}", field=field)
-
-
 def checked_seed(seed: Any) -> int | None:
     """The seed of a reset: a whole number, one in a list as vectorized environments give it, or None."""
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:

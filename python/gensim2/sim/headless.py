@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,10 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.robots import robot as robot_profile
-from gensim2.scenes.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
-from gensim2.scenes.initial_state import InitialState, PlacedObject, sample_initial_state
-from gensim2.scenes.physics import DEFAULT_PHYSICS
+from gensim2.scenes.config import SceneArguments
+from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
+from gensim2.scenes.sampler import SceneSampler
 from gensim2.seeding import check_seed
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.contacts import touched
@@ -39,7 +37,6 @@ from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.sim.scene_state import RobotReader, read_scene
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -48,12 +45,8 @@ class HeadlessEnv(SceneAccessMixin):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
-        instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id is said
-            of the first object of whose class there are several; or of any, as a mapping from an object's name.
-        robot: name of its profile.
-        physics: ``"default"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset draws one of ``instances``; an id is said of
+            the first object of whose class there are several, or of any, as a mapping from an object's name.
 
     Raises:
         InputError: an argument is wrong.
@@ -61,23 +54,10 @@ class HeadlessEnv(SceneAccessMixin):
 
     control_mode = "pd_joint_pos"
 
-    def __init__(
-        self,
-        task: str | TaskSpec | Mapping[str, Any],
-        *,
-        assets: str | Path | ObjectSource | None = None,
-        instances: Words | Mapping[str, Words] = "all",
-        robot: str = DEFAULT_ROBOT,
-        physics: str = DEFAULT_PHYSICS,
-        randomization: str = DEFAULT_PRESET,
-    ) -> None:
-        self.physics = named_physics(physics)
-        self.randomization = preset(randomization)
-        self.task = as_task(task)
-        self.profile = robot_profile(robot)
-        check_names(self.task, self.profile)
-        self._library = as_library(assets)
-        self.instance_ids = chosen_instances(self._library, self.task, instances)
+    def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
+        self._sampler = sampler = SceneSampler(task, **scene)
+        self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
+        self.physics, self.instance_ids = named_physics(sampler.physics), sampler.instances
         self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
         self._arm: Arm | None = None
         self._parts: dict[str, Part] = {}
@@ -103,21 +83,12 @@ class HeadlessEnv(SceneAccessMixin):
         Raises:
             InputError: a seed or an option cannot be used, or an object's files.
         """
-        given = read_options(options, tuple(self.task.objects))
+        read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
         if options or self._drawn is None or self._drawn[0] != self.seed:
-            setup = sample_initial_state(
-                self.task,
-                self._library,
-                self.instance_ids,
-                self.seed,
-                given,
-                self.profile,
-                self.physics.name,
-                self.randomization,
-            )
+            setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)
         else:
             setup = self._drawn[1]
