@@ -97,7 +97,7 @@ def test_resuming_starts_what_is_not_there_and_runs_nothing_twice(
     tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]
 ) -> None:
     assert gather(resume=True).status.ran == 16
-    with pytest.raises(InputError, match=r"holds a data set \(add --resume"):
+    with pytest.raises(InputError, match=r"holds a data set already \(add --resume"):
         gather()
     assert gather(resume=True).status.ran == 0
     assert_same(tmp_path / "set", undisturbed)

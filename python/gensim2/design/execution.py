@@ -245,7 +245,6 @@ class Execution:
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
-            self.notes.extend(collected.notes)
         if not verification.kept:
             self.folder.reject(task.name)
         held = f"{task.name}: {verification.tally.held} of {verification.tally.episodes} fresh episodes hold"

@@ -144,8 +144,6 @@ def demo(
             video=video,
             progress=progress,
         )
-        result = DemoResult(
-            spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s, collected.notes
-        )
+        result = DemoResult(spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s)
         folder.finish(result.to_dict())
     return result
