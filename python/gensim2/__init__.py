@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from gensim2.observations import Observation, ObservationSpec
     from gensim2.robots import robot, robot_names
     from gensim2.rollout import solve
-    from gensim2.sim import Lane, make_env
+    from gensim2.sim import HeadlessEnv, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
 
     __version__: str
 
 __all__ = [
     "DataSet",
-    "Lane",
+    "HeadlessEnv",
     "Library",
     "Observation",
     "ObservationSpec",
@@ -63,7 +63,7 @@ _of_rooms = lazy_names(
     __name__,
     {
         "DataSet": "gensim2.data",
-        "Lane": "gensim2.sim",
+        "HeadlessEnv": "gensim2.sim",
         "Library": "gensim2.objects",
         "Observation": "gensim2.observations",
         "ObservationSpec": "gensim2.observations",
@@ -85,12 +85,23 @@ _of_rooms = lazy_names(
     },
 )
 
+#: Names of the release before, kept for this one.
+_RENAMED = {"Lane": "HeadlessEnv"}
+
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("gensim2")
+    if name in _RENAMED:
+        import warnings
+
+        now = _RENAMED[name]
+        warnings.warn(
+            f"gensim2.{name} is gensim2.{now} now; the old name goes in 0.2", DeprecationWarning, stacklevel=2
+        )
+        return _of_rooms(now)
     return _of_rooms(name)
 
 

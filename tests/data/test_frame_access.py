@@ -19,7 +19,7 @@ from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec
 from gensim2.raycast.observer import Observer
 from gensim2.rollout.recording import Recorder, Recording
 from gensim2.sealed_file import Seal
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 
 SPEC = ObservationSpec(("pointcloud", "depth"), ("left",), CloudSettings(points=32, candidates=128, noise=DepthNoise()))
 STEPS = 3
@@ -30,7 +30,7 @@ def dataset(gather: Callable[..., Any], tmp_path: Path) -> DataSet:
     """Eight episodes in the folders of a collection in a made-up world, those that held with real states."""
     gather("OpenDrawer")
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     for row in list(store.rows()):
         lane.reset(seed=row.index)
         recorder = Recorder(lane)
@@ -60,7 +60,7 @@ def test_frames_are_those_of_the_episodes_whatever_the_order(dataset: DataSet) -
     assert len(frames) == STEPS * len(kept)
     assert frames.episodes == len(kept) > 1
     assert frames.spec == SPEC == dataset.observation_spec()
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     for index in np.random.default_rng(0).permutation(len(frames)).tolist():
         number, step = divmod(index, STEPS)
         recording, frame = kept[number], frames[index]

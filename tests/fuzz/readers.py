@@ -43,7 +43,7 @@ ARGUMENTS = {
     "command": "demo",
     "seed": 0,
     "assets": "builtin",
-    "physics": "ours",
+    "physics": "default",
     "robot": "panda",
     "open_loop": False,
     "randomization": "paper",

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gensim2.data.observing import Shown, observe
+from gensim2.data.observing import observe
 from gensim2.errors import InputError
 from gensim2.observations import CloudSettings, DepthNoise, Observation, ObservationSpec
 from gensim2.observations.columns import cloud_column
 from gensim2.robots import robot_names
 from gensim2.rollout.recording import Recorder
+from gensim2.scenes.config import SceneOptions
 from gensim2.seeding import rng
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 
 TASKS = ("OpenDrawer", "CloseBox", "TurnOnFaucet", "OpenLaptop", "PlaceGolfBallIntoDrawer")
 STATES = 10
@@ -48,7 +49,7 @@ def of_file(arrays: dict[str, Any], step: int) -> dict[str, Any]:
 def test_environment_headless_and_rendering_see_the_same(robot: str, task: str) -> None:
     draw = rng(5, f"{robot}/{task}")
     env = GenSim2Env(task, assets="builtin", robot=robot, obs_mode="raycast", observation=SPEC.to_dict())
-    lane = Lane(task, assets="builtin", robot=robot)
+    lane = HeadlessEnv(task, assets="builtin", robot=robot)
     seen, _ = env.reset(seed=3)
     lane.reset(seed=3)
     recorder = Recorder(lane)
@@ -64,15 +65,15 @@ def test_environment_headless_and_rendering_see_the_same(robot: str, task: str) 
         lane.step(action)
         recorder.add(action, lane.measure())
     env.close()
-    shown = Shown(lane.task, "builtin", robot, "ours")
-    rendered = observe(recorder.finish(), shown, SPEC)
+    scene = SceneOptions("builtin", robot=robot).with_task(lane.task)
+    rendered = observe(recorder.finish(), scene, SPEC)
     assert len(rendered["proprioception/qpos"]) == STATES + 1
     for step, observation in enumerate(found):
         assert as_bytes(of_file(rendered, step)) == as_bytes(observation)
 
 
 def test_the_tool_pose_is_in_the_base_frame_and_the_gripper_says_what_it_was_told() -> None:
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     lane.reset(seed=1)
     spec = ObservationSpec(modalities=())
     start = lane.observe(spec)

@@ -15,14 +15,15 @@ from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide
 from gensim2.observations import CloudSettings, Observation, ObservationSpec
 from gensim2.robots import robot
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, spec_of
 from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
 from gensim2.rollout.drive import drive
 from gensim2.rollout.record import Cause
 from gensim2.rollout.run import GOAL_STEPS, run
 from gensim2.rollout.settling import MAX_SETTLE_STEPS
-from gensim2.scenes.config import Circumstances, Setting
-from gensim2.sim.lane import Lane
+from gensim2.scenes.config import SceneOptions
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
 
 FILE = Path(__file__).with_name("controllers.py")
@@ -79,9 +80,9 @@ def test_what_a_controller_is_shown_is_what_the_world_gives_byte_for_byte() -> N
             super().act(observation)
             return None if observation.step == 4 else robot("panda").rest_action
 
-    controller, lane = Seeing(), Lane("OpenDrawer", assets="builtin")
+    controller, lane = Seeing(), HeadlessEnv("OpenDrawer", assets="builtin")
     run(lane, controller, seed=5)
-    again = Lane("OpenDrawer", assets="builtin")
+    again = HeadlessEnv("OpenDrawer", assets="builtin")
     again.reset(seed=5)
     for observation in controller.seen[1:]:
         mine = again.observe(spec)
@@ -95,9 +96,9 @@ def test_a_chain_made_by_name_is_the_same_as_any_other_controller() -> None:
     assert spec.target == CHAIN
     assert made.privileged
     assert spec_of(made) == PROPRIOCEPTIVE
-    setting = Setting(load_task("CloseBox"), "all", Circumstances("builtin"))
-    theirs = worker.evaluate(setting, spec, 3, "controller", None)
-    assert theirs == worker.episode(setting, load_strategies("CloseBox"), 3)
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    theirs = worker.evaluate(config, spec, 3, "controller", None)
+    assert theirs == worker.episode(config, load_strategies("CloseBox"), 3)
 
 
 def test_files_classes_and_modules_name_controllers() -> None:
@@ -135,16 +136,16 @@ def test_what_is_no_controller_is_one_line(target: str, arguments: dict[str, Any
     ],
 )
 def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words: str) -> None:
-    setting = Setting(load_task("CloseBox"), "all", Circumstances("builtin"))
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
     with pytest.raises(ControllerError, match=words) as told:
-        worker.evaluate(setting, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None)
+        worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None)
     assert "\n" not in str(told.value)
     assert "controllers.py" in str(told.value)
 
 
 def test_a_controller_that_looks_is_shown_clouds_and_its_actions_are_taken() -> None:
-    setting = Setting(load_task("CloseBox"), "all", Circumstances("builtin"))
-    episode = worker.evaluate(setting, ControllerSpec.of(f"{FILE}:Looks"), 3, "goal", None)
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    episode = worker.evaluate(config, ControllerSpec.of(f"{FILE}:Looks"), 3, "goal", None)
     assert episode.steps[0].plans == []
     assert episode.control_steps >= 3
 

@@ -26,7 +26,7 @@ from gensim2.processes import WorkerPool, enumerated
 from gensim2.rollout.record import Episode, ObjectRecord
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.run import run
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.rendering import can_render
 from gensim2.tasks.library import load_task
 from gensim2.tasks.parse import parse_task
@@ -199,7 +199,7 @@ def test_the_json_file_carries_where_the_data_comes_from(store: TaskStore) -> No
 
 
 def test_reset_options_are_recorded_so_that_a_replay_starts_alike() -> None:
-    lane = Lane(HALFWAY, assets="builtin")
+    lane = HeadlessEnv(HALFWAY, assets="builtin")
     options = {"openness": np.float32(0.25), "offset": np.array([0.01, 0.0, 0.1]), "instance": "3"}
     recording = run(lane, Actions(hold), seed=3, options=options, record=True).recording
     assert recording is not None

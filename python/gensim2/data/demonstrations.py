@@ -110,10 +110,10 @@ def collect(
         Provenance(
             task=task,
             strategies=strategies,
-            assets=evaluator.circumstances.assets,
+            assets=evaluator.scene.assets,
             licenses={name: run.record.licenses[name] for name in names},
             seed=seed,
-            environment=evaluator.circumstances.environment,
+            environment=evaluator.scene.environment,
             details={"versions": versions(), "attempts": len(entries)},
         ),
         [(store.path(entry.index), entry.episode_digest) for entry in kept],

@@ -29,14 +29,14 @@ class CollectionFolder(OwnedFolder):
         record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
             everything else must be as it was.
         resume: go on with a data set that is there.
-        circumstances: of this run alone (workers, for example), for ``run.json``.
+        process: facts of this run alone (workers, for example), for ``run.json``.
 
     Raises:
         InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
             process is at work in it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, record: DatasetRecord, resume: bool, circumstances: dict[str, Any]) -> None:
+    def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
         super().__init__(path, DATASET_JSON, "a data set", resume)
         with self.released_on_error():
             if (path / DATASET_JSON).exists():
@@ -48,7 +48,7 @@ class CollectionFolder(OwnedFolder):
                 "host": socket.gethostname(),
                 "platform": platform.platform(),
             }
-            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **circumstances}
+            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **process}
             self.note({})
 
     @property

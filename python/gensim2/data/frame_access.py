@@ -58,8 +58,8 @@ class FrameAccess:
 
     ``frames[i]`` is a mapping: what was seen, by the names of an :class:`~gensim2.observations.Observation`;
     ``action``, ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. A
-    file is read once as a whole, when it is first needed, to see that it is whole; from then on a frame is one chunk of it.
-    Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.
+    file is read once as a whole, when it is first needed, to see that it is whole; from then on a frame is one chunk of
+    it. Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.
 
     Args:
         dataset: whose.
@@ -83,7 +83,7 @@ class FrameAccess:
     ) -> None:
         if horizon < 1:
             raise InputError("must be at least 1", field="horizon")
-        self._profile = robot(dataset.record.circumstances.robot)
+        self._profile = robot(dataset.record.scene.robot)
         self._horizon = horizon
         self._episodes: list[_Episode] = []
         for number, name in enumerate(tasks or dataset.tasks):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -27,7 +26,7 @@ from gensim2.observations.columns import (
 from gensim2.raycast.observer import Observer, Photograph
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
-from gensim2.tasks.spec import TaskSpec
+from gensim2.scenes.config import SceneConfig
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -41,40 +40,21 @@ _OF_CAMERAS = {IMAGE: "rgb", DEPTH: "depth", SEGMENTATION: "segmentation"}
 """Names in files of observations: of what the robot knows of itself; of pictures, by what stands before the camera."""
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What the episodes of one task are shown with.
-
-    Attributes:
-        task: of the episodes.
-        assets, robot, physics: of their environment.
-    """
-
-    task: TaskSpec
-    assets: str
-    robot: str
-    physics: str
-
-    def __hash__(self) -> int:
-        """By the task's name: a spec holds mappings."""
-        return hash((self.task.name, self.assets, self.robot, self.physics))
-
-
-def observe(recording: Recording, shown: Shown, spec: ObservationSpec) -> Arrays:
+def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
     """Everything that the spec asks for, (T + 1, ...) an array; states of T steps, and the one before the first.
 
     Raises:
         InputError: an object's files cannot be used, or there is no renderer for ``rgb``.
         EmptyCloudError: the cameras see nothing of the workspace at some instant; it says at which.
     """
-    profile = robot_profile(shown.robot)
-    photograph = _photograph(recording, shown) if "rgb" in spec.modalities else None
+    profile = robot_profile(scene.robot)
+    photograph = _photograph(recording, scene) if "rgb" in spec.modalities else None
     observer = Observer(
         profile,
-        _objects(shown, recording.instances),
+        _objects(scene, recording.instances),
         spec,
         recording.seed,
-        shown.task.description,
+        scene.task.description,
         photograph,
     )
     frames: dict[str, list[npt.NDArray[Any]]] = {}
@@ -103,8 +83,8 @@ def _stored(observation: Observation) -> Arrays:
     return found
 
 
-def _photograph(recording: Recording, shown: Shown) -> Photograph:
-    pictures = _pictures(shown)
+def _photograph(recording: Recording, scene: SceneConfig) -> Photograph:
+    pictures = _pictures(scene)
     pictures.show(recording.instances, recording.seed, recording.reset_options)
     colors: Photograph = pictures.colors
     return colors
@@ -116,16 +96,16 @@ def _library(assets: str) -> Library:
 
 
 @lru_cache(maxsize=1)  # 2 GB each
-def _pictures(shown: Shown) -> Any:
+def _pictures(scene: SceneConfig) -> Any:
     from gensim2.sim.pictures import StatePictures
 
-    return StatePictures(shown.task, shown.assets, shown.robot, shown.physics)
+    return StatePictures(scene)
 
 
-def _objects(shown: Shown, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
-    library = _library(shown.assets)
+def _objects(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
+    library = _library(scene.assets)
     found: dict[str, ObjectModel] = {}
-    for name, spec in shown.task.objects.items():
+    for name, spec in scene.task.objects.items():
         if name not in instances:
             raise GenSim2Error(f"the recording does not say which {name} it was made with")
         found[name] = library.load(spec.asset_class, instances[name])

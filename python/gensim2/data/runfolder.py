@@ -13,6 +13,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,10 @@ from gensim2.errors import InputError
 from gensim2.files import write_atomic, write_json
 from gensim2.objects import Library, ObjectModel
 from gensim2.record_files import read_record
+from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
+from gensim2.scenes.config import SCENE_FIELDS
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 from gensim2.yaml_files import dump_yaml
@@ -32,18 +35,12 @@ from gensim2.yaml_files import dump_yaml
 FIXED_ARGUMENTS = (
     "command",
     "seed",
-    "assets",
-    "physics",
-    "robot",
-    "open_loop",
-    "disturbance",
-    "randomization",
-    "attempts",
+    *SCENE_FIELDS,
+    *(field.name for field in fields(RolloutOptions)),
     "designer",
     "target_task",
     "stored_tasks",
     "episodes",
-    "instances",
     "verify",
     "from_empty",
 )

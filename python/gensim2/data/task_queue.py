@@ -200,7 +200,7 @@ class TaskQueue:
         An episode is begun only while those that held and those under way, were all of them to hold, are too few. So
         the same indices are run with any number of workers, in whatever order they finish.
         """
-        setting = evaluator.setting(self.task, self.instances)
+        config = evaluator.config(self.task, self.instances)
         last = self._done.rfind(1)
         for index in range(self.quota.limit):
             if self._done[index]:
@@ -211,7 +211,7 @@ class TaskQueue:
                 yield None
             self._under_way.add(index)
             keep = partial(keep_episode, self.store.folder, index, self._keep_failures)
-            yield Job(first + index, (setting, self.strategies, self.seed(index), keep))
+            yield Job(first + index, (config, self.strategies, self.seed(index), keep))
 
 
 def run_queues(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -14,8 +14,8 @@ from gensim2.evaluation.running import run_episodes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
-from gensim2.rollout.inputs import SceneArguments, check_counts, check_workers, read_task_inputs
-from gensim2.scenes.config import DISTURBANCES, Disturbance, Setting
+from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RolloutArguments
+from gensim2.rollout.inputs import check_counts, check_workers, read_task_inputs
 from gensim2.tasks.strategies import Strategies
 
 
@@ -71,7 +71,7 @@ def benchmark(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> BenchmarkResult:
     """Run every task on random scenes; each episode is kept as soon as it is finished.
 
@@ -89,7 +89,7 @@ def benchmark(
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
         progress: listener.
-        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -110,12 +110,13 @@ def benchmark(
     from gensim2.rollout.identity import identity, versions
 
     library = given[0].library
-    circumstances = replace(given[0].circumstances, disturbance=disturbance, attempts=attempts)
+    options, rollout = given[0].scene.options, replace(given[0].rollout, disturbance=disturbance, attempts=attempts)
     arguments = {
         "seed": seed,
         "runs": runs,
         "episodes": episodes,
-        **asdict(circumstances),
+        **options.to_record(),
+        **rollout.to_record(),
         "instances": scene.get("instances", "all"),
     }
     with (
@@ -131,9 +132,10 @@ def benchmark(
             resume,
         ) as folder,
         PoolEvaluator(
-            circumstances,
+            options,
             workers,
             progress,
+            rollout=rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
@@ -142,13 +144,13 @@ def benchmark(
         rows, speeds = [], {}
         for one in given:
             name = one.spec.name
-            setting = evaluator.setting(one.spec, one.instances)
+            config = evaluator.config(one.spec, one.instances)
             found, speeds[name] = run_episodes(
                 one.spec,
                 folder.task(name).path,
                 evaluator,
                 worker.episode,
-                partial(_arguments, setting, one.strategies),
+                partial(_arguments, config, one.strategies),
                 runs=runs,
                 episodes=episodes,
                 seed=seed,
@@ -165,5 +167,5 @@ def benchmark(
     return result
 
 
-def _arguments(setting: Setting, strategies: Strategies, _: int, seed: int) -> tuple[Any, ...]:
-    return setting, strategies, seed
+def _arguments(config: EpisodeConfig, strategies: Strategies, _: int, seed: int) -> tuple[Any, ...]:
+    return config, strategies, seed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -14,17 +14,20 @@ from gensim2.evaluation.running import run_episodes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
-from gensim2.rollout.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.run import STOPS, Stop
-from gensim2.scenes.config import Setting
+from gensim2.scenes.config import SceneArguments
 
 if TYPE_CHECKING:
     from gensim2.data.runfolder import RunFolder
     from gensim2.rollout.evaluator import PoolEvaluator
+
+Keep = partial[Episode] | None
 
 
 @dataclass(frozen=True)
@@ -118,8 +121,6 @@ def evaluate(
     check_workers(time_limit, jobs_per_worker)
     if stop not in STOPS:
         raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
-    if scene.get("open_loop"):
-        raise InputError("is said of a planner", field="open_loop")
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
     spec = ControllerSpec.of(controller, arguments)
     about = _about(spec, given[0], data)
@@ -128,12 +129,13 @@ def evaluate(
     from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity, versions
 
+    options = given[0].scene.options
     asked = {
         "seed": seed,
         "runs": runs,
         "episodes": episodes,
         "stop": stop,
-        **asdict(given[0].circumstances),
+        **options.to_record(),
         "instances": scene.get("instances", "all"),
     }
     with (
@@ -144,7 +146,7 @@ def evaluate(
             resume,
         ) as folder,
         PoolEvaluator(
-            given[0].circumstances,
+            options,
             workers,
             progress,
             time_limit=time_limit,
@@ -160,7 +162,7 @@ def evaluate(
                 files,
                 evaluator,
                 _episode,
-                partial(_arguments, evaluator.setting(one.spec, one.instances), spec, stop, files, videos),
+                partial(_arguments, evaluator.config(one.spec, one.instances), spec, stop, files, videos),
                 runs=runs,
                 episodes=episodes,
                 seed=seed,
@@ -189,7 +191,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     """
     from gensim2.robots import robot
 
-    made = spec.make(given.spec, robot(given.circumstances.robot))
+    made = spec.make(given.spec, robot(given.scene.robot))
     seen = spec_of(made)
     if data is not None:
         from gensim2.data.store import DataSet
@@ -199,16 +201,18 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
 
 
 def _arguments(
-    setting: Setting, spec: ControllerSpec, stop: Stop, folder: Path, videos: int, index: int, seed: int
+    config: EpisodeConfig, spec: ControllerSpec, stop: Stop, folder: Path, videos: int, index: int, seed: int
 ) -> tuple[Any, ...]:
-    return setting, spec, seed, stop, partial(_keep, folder, index) if index < videos else None
+    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None
 
 
-def _episode(setting: Setting, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None) -> Episode:
+def _episode(
+    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None
+) -> Episode:
     """One episode; called in a worker."""
     from gensim2.rollout import worker
 
-    return worker.evaluate(setting, spec, seed, stop, keep)
+    return worker.evaluate(config, spec, seed, stop, keep)
 
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
@@ -242,10 +246,10 @@ def _film(
     provenance = Provenance(
         task=task,
         strategies={},
-        assets=evaluator.circumstances.assets,
+        assets=evaluator.scene.assets,
         licenses=folder.record.licenses,
         seed=seed,
-        environment=evaluator.circumstances.environment,
+        environment=evaluator.scene.environment,
         details={"versions": versions()},
         controller=spec.target,
     )

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from gensim2.rollout.config import Disturbance
 from gensim2.rollout.controller import (
     ACTUATION,
     Action,
@@ -20,7 +21,6 @@ from gensim2.rollout.controller import (
     turn_of,
 )
 from gensim2.rollout.record import StepRecord
-from gensim2.scenes.config import Disturbance
 from gensim2.seeding import rng
 from gensim2.tasks.spec import TaskSpec
 

@@ -53,7 +53,7 @@ class Placed(Protocol):
 
     @property
     def default_pose(self) -> str | None:
-        """Whose default pose it was put from, ``"ours"`` or ``"original"``; None: its pose was given."""
+        """Whose default pose it was put from, ``"default"`` or ``"original"``; None: its pose was given."""
         ...
 
     @property
@@ -115,7 +115,7 @@ class Body(Protocol):
 
 
 class World(Body, Protocol):
-    """One task's scene: a body, and what only a simulator knows. :class:`gensim2.sim.lane.Lane` is one."""
+    """One task's scene: a body, and what only a simulator knows. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
 
     task: TaskSpec
     seed: int

@@ -14,14 +14,14 @@ from gensim2.observations.columns import TOOL_POSE
 from gensim2.observations.proprioception import tool_pose
 from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile
-from gensim2.sim.standing import Standing
+from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.tasks.spec import TaskSpec
 
 RAYCAST = "raycast"
 """Observation mode: :class:`~gensim2.observations.Observation`, without a renderer."""
 
 
-class RaycastObservations(Standing, BaseEnv):  # type: ignore[misc]
+class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     """Adds ``obs_mode="raycast"`` to ManiSkill's; ``_seen`` is None in all others."""
 
     profile: RobotProfile

@@ -17,7 +17,7 @@ from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.errors import InputError, NotRunError
 from gensim2.rollout import worker
 from gensim2.rollout.record import Cause
-from gensim2.scenes.config import Setting
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.tasks.library import load_strategies
 from gensim2.tasks.strategies import Strategies
 
@@ -65,7 +65,7 @@ def test_the_number_of_workers_changes_nothing(
 
 
 def test_it_gives_up_after_enough_tries(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(setting: Setting, strategies: Strategies, seed: int) -> tuple[Any, None]:
+    def hopeless(setting: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Any, None]:
         episode, _ = fake_world.demonstrate(setting, strategies, seed)
         return dataclasses.replace(episode, held=False, strict=False, cause=Cause.NO_CONTACT), None
 
@@ -171,7 +171,7 @@ def json_lines(undisturbed: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(setting: Setting, strategies: Strategies, seed: int) -> Any:
+    def refuse(setting: EpisodeConfig, strategies: Strategies, seed: int) -> Any:
         episode, recording = fake_world.demonstrate(setting, strategies, seed)
         if episode.seed == lines_of[0]["seed"]:
             raise InputError("has no mesh", file="drawer/0/mobility.urdf")
