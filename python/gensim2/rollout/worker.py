@@ -212,9 +212,8 @@ def _rollout(
         controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, seed)
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
-        return run(
-            env, controller, seed=seed, record=record, stop=stop, still=lambda: still_episode(config.scene, seed)
-        )
+        still = partial(still_episode, config.scene, seed)
+        return run(env, controller, seed=seed, record=record, stop=stop, still=still)
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording
