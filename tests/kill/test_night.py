@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="fi
 
 
 def night(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    words = ["--world", "fake", "--tasks", "1", "--episodes", "40", "--kills", "2", "--out", str(out), *more]
+    words = ["--world", "fake", "--tasks", "1", "--episodes", "30", "--kills", "1", "--out", str(out), *more]
     return subprocess.run([sys.executable, str(SCRIPT), *words], capture_output=True, text=True, check=False)
 
 
@@ -28,8 +28,7 @@ def test_a_night_is_gone_on_with_where_it_was_cut(tmp_path: Path) -> None:
     assert last.stdout.splitlines()[-1].startswith("0 of ")
     kept = json.loads((tmp_path / "night.json").read_text())
     assert kept["stretches"] == 2
-    # One kill in each half of the run, by what was finished.
-    assert [2 * finished // 40 for _, finished in kept["kills"]] == [0, 1]
+    assert len(kept["kills"]) == 1
     other = night(tmp_path, "--seed", "9")
     assert other.returncode == 1
     assert "was begun with" in other.stderr

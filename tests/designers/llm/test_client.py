@@ -26,7 +26,8 @@ from llm_server import (
 )
 
 from gensim2.designers.llm import Model, ModelOptions
-from gensim2.designers.llm.client import MOST_BYTES, Client
+from gensim2.designers.llm.boundary import MOST_BYTES
+from gensim2.designers.llm.client import Client
 from gensim2.designers.llm.ledger import BudgetSpent
 from gensim2.designers.llm.questions import Message, Question
 from gensim2.designers.pictures import Picture
