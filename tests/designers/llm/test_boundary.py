@@ -28,7 +28,10 @@ from gensim2.designers.llm.extraction import mappings
 from gensim2.designers.llm.questions import Answer, Message, Question
 from gensim2.designers.llm.secret import HIDDEN, Secret
 from gensim2.designers.llm.store import AnswerStore
+from gensim2.designers.llm.templating import Prompts
 from gensim2.errors import InputError, ModelError
+from gensim2.pipeline.designing import model_designer
+from gensim2.pipeline.setting import Circumstances
 
 KEY = "sk-proj-Zq8vT1mWx3nRk5Lb7Yc9"
 QUESTION = Question("test", "thing", (Message("user", "how are you?"),), {"type": "object"})
@@ -532,6 +535,30 @@ def test_a_damaged_record_is_one_error(serve: Serve, tmp_path: Path, field: str,
 
     with pytest.raises(InputError, match=field):
         read()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["{{ 1 / 0 }}", "{% include 'system.md.j2' %}", "{{ 'a' * 10**13 }}", "{{ range(10**9) }}", "{{ [1] < 'a' }}"],
+)
+def test_prompts_of_ones_own_that_cannot_be_filled_in_are_one_error(tmp_path: Path, text: str) -> None:
+    (tmp_path / "system.md.j2").write_text(text)
+    with pytest.raises(InputError, match=r"system\.md\.j2: cannot be filled in: \S"):
+        Prompts(tmp_path).text("system")
+
+
+def test_a_pipe_among_prompts_is_never_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "system.md.j2")
+    with pytest.raises(InputError, match="is not a regular file"):
+        Prompts(tmp_path)
+
+
+def test_a_run_is_replayed_with_its_own_prompts_only(serve: Serve, tmp_path: Path) -> None:
+    Model(options(serve(reply(completion()))), Prompts().digest, record=tmp_path / "tape")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "system.md.j2").write_text("Be brief.")
+    with pytest.raises(InputError, match=r"tape: was recorded with other prompts .*--prompts"):
+        model_designer(None, Asking(), Circumstances("builtin"), prompts=tmp_path / "own", replay=tmp_path / "tape")
 
 
 def test_the_boundary_leaves_plain_data_as_it_is() -> None:

@@ -247,7 +247,7 @@ class Reader:
         if isinstance(node.value, str):
             if (odd := NOT_IN_TEXT.search(node.value)) is not None:
                 raise Refused(node, f"a character that no text has ({odd[0]!r})")
-        elif type(node.value) in (int, float):
+        elif isinstance(node.value, (int, float)):
             check_number(node, node.value)
 
     def look_at_Dict(self, node: ast.Dict, parent: ast.AST | None) -> None:
@@ -280,7 +280,7 @@ class Reader:
             found = -found if isinstance(node.op, ast.USub) else found
         elif isinstance(node, ast.BinOp) and isinstance(node.op, OPERATORS):
             found = computed(node, self.number(node.left), self.number(node.right))
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
             found = node.value
         else:  # pi, or what is refused where it stands
             found = math.pi
