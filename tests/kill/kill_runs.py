@@ -75,7 +75,7 @@ COMMANDS = (
 def child(world: str, arguments: list[str]) -> int:
     """Run the command line as it is, but for a search that takes seconds, and for the world."""
     from gensim2.cli.main import run
-    from gensim2.pipeline import search
+    from gensim2.design import search
 
     small = search.Budget(
         screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.3, enough_episodes=3
@@ -158,7 +158,8 @@ class Disturbed:
     def _logged(self) -> int:
         """Episodes that are finished."""
         logs = sum(path.read_bytes().count(b"\n") for path in self.out.glob("*/*/attempts.jsonl"))
-        return logs + sum(1 for folder in ("episodes", "failures") for _ in self.out.glob(f"*/{folder}/[0-9]*.h5"))
+        files = (f"{depth}/{folder}/[0-9]*.h5" for depth in ("*", "*/*") for folder in ("episodes", "failures"))
+        return logs + sum(1 for pattern in files for _ in self.out.glob(pattern))
 
     def _collecting(self) -> bool:
         done = ("*/*/trajectory.json", "CloseBox/episodes.jsonl")
