@@ -181,7 +181,9 @@ def main() -> None:
     spent = [sum(row[name] for row in warm_rows) for name in ("cpu_before_s", "cpu_after_s")]
     same = sum(not row["differs"] for row in rows)
     print(f"{same} of {len(rows)} episodes are the same bit for bit; {sum(row['held'] for row in rows)} held")
-    print(f"CPU of {len(warm_rows)} of them: {spent[0]:.1f} s before, {spent[1]:.1f} s after, {spent[1] / spent[0]:.3f}")
+    print(
+        f"CPU of {len(warm_rows)} of them: {spent[0]:.1f} s before, {spent[1]:.1f} s after, {spent[1] / spent[0]:.3f}"
+    )
     if options.json:
         options.json.write_text(json.dumps({"rows": rows, "same": same, "cpu_ratio": spent[1] / spent[0]}, indent=1))
     sys.exit(same < len(rows))

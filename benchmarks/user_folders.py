@@ -94,10 +94,16 @@ def make_pool(where: Path, assets: Path | None) -> list[Path]:
     """Return the folders that objects are drawn from: exported generated ones, and real ones where there are some."""
     library = open_library("builtin")
     made = where / "generated"
-    chosen = [(name, library.instances(name)[0]) for name in library.classes("articulated")]
-    chosen += [(name, "0") for name in library.classes("rigid")[:12]]
-    export(library, chosen, made)
-    return [made] if assets is None else [made, assets]
+    for name in library.classes("articulated"):
+        for each in library.instances(name)[:2]:
+            export(library.load_articulated(name, each), made)
+    models = made / "rigidbody_objs" / "models"
+    if assets is None:  # rigid objects have no export: generated ones stand in for what a folder lacks
+        models.mkdir(parents=True)
+        return [made]
+    models.parent.mkdir(parents=True)
+    models.symlink_to(assets / "rigidbody_objs" / "models")
+    return [made, assets]
 
 
 class _Noted:
@@ -132,7 +138,11 @@ def command(words: list[str], seconds: float) -> dict[str, Any]:
     begin = time.monotonic()
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "gensim2", *words], capture_output=True, text=True, timeout=seconds, check=False
+            [str(Path(sys.executable).with_name("gensim2")), *words],
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return {"code": None, "said": "ran out of time", "s": seconds}
@@ -205,7 +215,9 @@ def main() -> None:
                 options.json.write_text(json.dumps(rows, indent=1, default=str))
     done = [row["whole"] for row in rows if "whole" in row and row["articulated"]]
     wrong = [row["path"] for row in rows if "traceback" in row]
-    commands = [each[name] for each in done for name in ("run-pipeline", "demo", "collect", "benchmark") if name in each]
+    commands = [
+        each[name] for each in done for name in ("run-pipeline", "demo", "collect", "benchmark") if name in each
+    ]
     print(f"{len(rows)} folders, {len(wrong)} with a traceback: {wrong}")
     print(f"median of proposals: {np.median([row.get('proposals', 0) for row in rows]):g}")
     print(f"of {len(done)} with a joint {sum(bool(each['kept']) for each in done)} have a task designed and kept")

@@ -64,7 +64,9 @@ def _recorded(config: EpisodeConfig, seed: int) -> tuple[Episode, Recording]:
     random = seeding.rng(seed, "episode")
     (name, thing), *rest = config.task.objects.items()
     library = open_library(config.scene.assets)
-    drawn = dict(config.scene.instances)[name] if isinstance(config.scene.instances, frozenset) else config.scene.instances
+    drawn = (
+        dict(config.scene.instances)[name] if isinstance(config.scene.instances, frozenset) else config.scene.instances
+    )
     words = (drawn,) if isinstance(drawn, str) else drawn
     listed = [each for word in words for each in library.choose(thing.asset_class, word)]
     model = library.load(thing.asset_class, listed[int(random.integers(len(listed)))])

@@ -14,7 +14,9 @@ from gensim2.cli.output import line, report
 
 @click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--episodes", type=options.count(), default=20, show_default=True, help="To verify a task of your own by.")
+@click.option(
+    "--episodes", type=options.count(), default=20, show_default=True, help="To verify a task of your own by."
+)
 @options.library
 @options.scenes
 @options.workers
@@ -86,7 +88,9 @@ def show_remembered(result: dict[str, Any]) -> None:
     for name, why in result["left_out"].items():
         line(f"left out {name}: {why}")
     if not result["added"] and not result["left_out"]:
-        line("nothing to add: no task was designed and kept" if result["library"] else "there is no library of your own")
+        line(
+            "nothing to add: no task was designed and kept" if result["library"] else "there is no library of your own"
+        )
     if result["added"]:
         line(f"in your library {result['library']}: {', '.join(result['added'])}")
 
