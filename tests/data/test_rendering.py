@@ -61,6 +61,9 @@ def test_every_episode_that_held_is_observed(store: TaskStore) -> None:
         found = read_observation(path, row.episode_digest)
         assert found.description["language"] == store.spec().description
         assert found.description["steps"] == 2
+        ids = found.description["segmentation_ids"]
+        assert {owner for owner, _ in ids.values()} == {"panda", "table", "drawer"}
+        assert {str(id) for id in np.unique(found.arrays["pointcloud/segmentation"])} <= set(ids)
         arrays = found.arrays
         assert arrays["pointcloud/xyz"].shape == (3, 64, 3)
         assert arrays["pointcloud/xyz"].dtype == np.float32

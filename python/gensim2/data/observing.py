@@ -47,16 +47,7 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
         InputError: an object's files cannot be used, or there is no renderer for ``rgb``.
         EmptyCloudError: the cameras see nothing of the workspace at some instant; it says at which.
     """
-    profile = robot_profile(scene.robot)
-    photograph = _photograph(recording, scene) if "rgb" in spec.modalities else None
-    observer = Observer(
-        profile,
-        _objects(scene, recording.instances),
-        spec,
-        recording.seed,
-        scene.task.description,
-        photograph,
-    )
+    observer = _observer(recording, scene, spec)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
     for observation in observer.recorded(recording.env_states, recording.actions):
         for name, array in _stored(observation).items():
@@ -66,6 +57,30 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
         arrays[f"cameras/{camera.name}/intrinsic"] = camera.intrinsic
         arrays[f"cameras/{camera.name}/T_base_camera"] = camera.T_base_camera
     return arrays
+
+
+def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
+    """Of each id in its segmentation (as JSON has keys) what it belongs to (an object's name, the robot, ``table``)
+    and the link; empty of a spec that casts no rays.
+
+    Raises:
+        InputError: an object's files cannot be used.
+    """
+    if not spec.casts:
+        return {}
+    names = _observer(recording, scene, ObservationSpec(("segmentation",), spec.cameras)).scene.names
+    return {str(id): [owner, link] for id, (owner, link) in names.items()}
+
+
+def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Observer:
+    return Observer(
+        robot_profile(scene.robot),
+        _objects(scene, recording.instances),
+        spec,
+        recording.seed,
+        scene.task.description,
+        _photograph(recording, scene) if "rgb" in spec.modalities else None,
+    )
 
 
 def _stored(observation: Observation) -> Arrays:

@@ -11,7 +11,7 @@ from typing import Any
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
-from gensim2.data.observing import observe
+from gensim2.data.observing import observe, segmentation_ids
 from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries
@@ -203,6 +203,7 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
         "steps": recording.steps,
         "seed": recording.seed,
         "instances": recording.instances,
+        "segmentation_ids": segmentation_ids(recording, scene, spec),
     }
     write_observation(path, description, arrays)
     return Rendered(recording.steps + 1, path.stat().st_size, cpu)
