@@ -36,7 +36,7 @@ impl Rows {
 /// The x at each station of the fastest motion, from `begin` at the first to 0 at the last; `None` where there is none.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
     let cells = grid.cells();
-    let ceilings = grid.ceilings(limits);
+    let ceilings = grid.ceilings(limits, begin);
     // In units in which x is about 1 on the way.
     let greatest = ceilings.iter().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
     let unit = if greatest > 0.0 { greatest } else { 1.0 };

@@ -25,8 +25,8 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// Where the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
-/// A motion that starts under way may exceed limits by this share, the rounding of its start.
-const ROUNDING: f64 = 5e-7;
+/// Share of a limit that the arithmetic of a cell rounds away, far below [`super::limits::TOLERANCE`].
+pub(crate) const ROUNDING: f64 = 1e-9;
 /// Cells that take less time than this (s) are not told apart.
 const SHORTEST: f64 = 1e-7;
 
@@ -65,13 +65,14 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
-            if fast > 1.0 {
+            if fast > 1.0 + ROUNDING {
                 grid.shares[cell][0] *= 0.9999 / fast;
+                kept = false;
             }
-            if hard > 1.0 {
+            if hard > 1.0 + ROUNDING {
                 grid.shares[cell][1] *= AIM / hard;
+                kept = false;
             }
-            kept &= fast <= 1.0 && hard <= 1.0;
         }
         if kept {
             return Some((nodes, grid));
@@ -82,8 +83,7 @@ pub(crate) fn drive(
     }
     if under_way {
         // The start cannot be slowed.
-        let close = worst.iter().all(|w| *w <= 1.0 + ROUNDING);
-        return close.then_some((nodes, grid));
+        return None;
     }
     let factor = worst[0].max(worst[1].sqrt());
     stretch(&mut nodes, factor);

@@ -99,11 +99,12 @@ impl Lead {
     }
 }
 
-/// The ways in which a motion can get from its start to where planning begins, within the joint limits, best first.
+/// The ways in which a motion can get from its start to where planning begins, within the joint limits, best first. The
+/// limits of `builder` are widened to the start, where rounding has it exceed them.
 ///
 /// # Errors
 /// No motion from there stays within the limits.
-pub(crate) fn leads(builder: &Builder, start: &Start, lower: &Row, upper: &Row) -> Result<Vec<Lead>, CannotStop> {
+pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &Row) -> Result<Vec<Lead>, CannotStop> {
     let limits = *builder.limits();
     let joints = limits.joints();
     let still = |row: &Row| row[..joints].iter().all(|v| *v == 0.0);
@@ -111,6 +112,8 @@ pub(crate) fn leads(builder: &Builder, start: &Start, lower: &Row, upper: &Row) 
         return Ok(vec![Lead::Resting(start.position)]);
     }
     stop::can_stop(&limits, lower, upper, &start.position, &start.velocity, &start.acceleration)?;
+    builder.admit(&start.velocity, &start.acceleration);
+    let limits = *builder.limits();
     let mut out = Vec::new();
     let nodes = stop::settle(&limits, &start.position, &start.velocity, &start.acceleration);
     if let Some(settled) = nodes.last() {

@@ -7,6 +7,10 @@ use crate::{KeypointProblem, ProblemError};
 /// Limits beyond this count as this much: a motion takes some time whatever the joints can do.
 const GREATEST: f64 = 1e6;
 
+/// Share of a limit by which a state may exceed it and still keep it. It stands for rounding, that of single precision
+/// included; every check of a start and of a motion uses it. Positions use it as rad or m.
+pub(crate) const TOLERANCE: f64 = 1e-6;
+
 /// Most that the averaging which bounds jerk takes a joint off its path (rad or m), at the greatest acceleration.
 const AVERAGING_DEVIATION: f64 = 1e-4;
 
@@ -80,6 +84,28 @@ impl Limits {
     #[must_use]
     pub fn joints(&self) -> usize {
         self.joints
+    }
+
+    /// Whether a value keeps a limit, up to [`TOLERANCE`].
+    pub(crate) fn keeps(value: f64, limit: f64) -> bool {
+        value.abs() <= limit * (1.0 + TOLERANCE)
+    }
+
+    /// Greatest speed that joint `v` comes to while its acceleration is ramped to zero.
+    pub(crate) fn settled_speed(&self, v: usize, velocity: f64, acceleration: f64) -> f64 {
+        let next = velocity + 0.5 * acceleration * acceleration.abs() / self.jerk[v];
+        velocity.abs().max(next.abs())
+    }
+
+    /// The limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them exactly.
+    pub(crate) fn admitting(&self, velocity: &Row, acceleration: &Row) -> Self {
+        let mut out = *self;
+        for v in 0..self.joints {
+            let (speed, gain) = (self.settled_speed(v, velocity[v], acceleration[v]), acceleration[v].abs());
+            out.velocity[v] = out.velocity[v].max(speed);
+            out.acceleration[v] = out.acceleration[v].max(gain);
+        }
+        out
     }
 
     /// Width (s) of the moving average that bounds jerk, and the limits that a motion keeps to before it is averaged.

@@ -89,7 +89,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         None => ([f64::NEG_INFINITY; MOST_JOINTS], [f64::INFINITY; MOST_JOINTS]),
     };
     let mut builder = Builder::new(*limits, options.method, 0.0);
-    let mut found = leads(&builder, &start, &lower, &upper)
+    let mut found = leads(&mut builder, &start, &lower, &upper)
         .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
     let lead = found.swap_remove(0);
     append(&mut builder, &lead, &start);
@@ -241,6 +241,37 @@ mod tests {
                     prop_assert!(stuck, "{e}");
                 }
             }
+        }
+
+        #[test]
+        fn starts_at_the_limit_are_driven(
+            waypoints in joint_lists(2..6),
+            (velocity, acceleration, jerk) in limit_lists(),
+            speed in prop::collection::vec(prop_oneof![-1.0..1.0f64, Just(1.0), Just(-1.0)], 3),
+            rounding in prop_oneof![Just(1.0), Just(1.0 + 9e-7), Just(1.0 - 1e-9)],
+            single in any::<bool>(),
+            share in 0.0..0.9f64,
+        ) {
+            let limits = Limits::new(&velocity, &acceleration, &jerk).unwrap();
+            let mut start: Vec<f64> = speed.iter().zip(&velocity).map(|(s, v)| s * v * rounding).collect();
+            if single {
+                start = start.iter().map(|v| f64::from(*v as f32)).collect();
+            }
+            let options = RetimeOptions { start_velocity: Some(start), ..RetimeOptions::default() };
+            let out = retime(&waypoints, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            check(&out.trajectory, &limits)?;
+            // From its own samples on, at the waypoints that are left.
+            let now = share * out.trajectory.end();
+            let sample = out.trajectory.sample(now);
+            let mut rest = vec![sample.position];
+            rest.extend(waypoints.iter().zip(&out.times).filter(|(_, t)| **t > now).map(|(w, _)| w.clone()));
+            let options = RetimeOptions {
+                start_velocity: Some(sample.velocity),
+                start_acceleration: Some(sample.acceleration),
+                ..RetimeOptions::default()
+            };
+            let again = retime(&rest, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            check(&again.trajectory, &limits)?;
         }
 
         #[test]

@@ -1,7 +1,7 @@
 //! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
 //! from at all.
 
-use super::limits::Limits;
+use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MOST_JOINTS, Row};
 
@@ -137,17 +137,14 @@ pub(crate) fn can_stop(
     velocity: &Row,
     acceleration: &Row,
 ) -> Result<(), CannotStop> {
-    const SLACK: f64 = 1e-6;
     let fail = |joint, reason| Err(CannotStop { joint, reason });
     for v in 0..limits.joints() {
-        let (now, gain) = (velocity[v], acceleration[v]);
-        // What the velocity comes to while the acceleration is taken away.
-        let next = now + 0.5 * gain * gain.abs() / limits.jerk[v];
-        let speed = now.abs().max(next.abs());
-        if speed > limits.velocity[v] * (1.0 + SLACK) {
+        let gain = acceleration[v];
+        let speed = limits.settled_speed(v, velocity[v], gain);
+        if !Limits::keeps(speed, limits.velocity[v]) {
             return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
         }
-        if gain.abs() > limits.acceleration[v] * (1.0 + SLACK) {
+        if !Limits::keeps(gain, limits.acceleration[v]) {
             let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
             return fail(v, reason);
         }
@@ -158,8 +155,8 @@ pub(crate) fn can_stop(
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);
-            if least < low - SLACK || most > high + SLACK {
-                let past = if least < low - SLACK { least } else { most };
+            if least < low - TOLERANCE || most > high + TOLERANCE {
+                let past = if least < low - TOLERANCE { least } else { most };
                 let reason = format!("braking as hard as it can takes it to {past:.4}, past [{low:.4}, {high:.4}]");
                 return fail(v, reason);
             }

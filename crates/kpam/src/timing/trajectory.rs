@@ -70,6 +70,12 @@ impl Builder {
         self.now
     }
 
+    /// Widens the limits to a start that keeps them up to rounding.
+    pub fn admit(&mut self, velocity: &Row, acceleration: &Row) {
+        self.limits = self.limits.admitting(velocity, acceleration);
+        (self.width, self.before) = self.limits.averaged();
+    }
+
     /// Limits of the motion.
     pub fn limits(&self) -> &Limits {
         &self.limits
