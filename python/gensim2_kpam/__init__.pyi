@@ -276,9 +276,12 @@ class KeypointProblem:
 
         ``options``: :class:`Options`; unknown keys raise ProblemError.
         """
-    def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
-        """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
-        time (s) on the motion's clock. Shares everything else."""
+    def with_start(
+        self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
+    ) -> KeypointProblem:
+        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero where
+        it is not given, and the time (s) on the motion's clock. A motion that goes on from a sample of another one is
+        continuous in position, velocity and acceleration where all three are given. Shares everything else."""
     @property
     def scene(self) -> Scene:
         """The scene that it is asked of; its joint is named "joint" there."""

@@ -15,6 +15,9 @@ pub struct CannotStop {
     pub reason: String,
 }
 
+/// An acceleration is ramped to zero in no less than this (s): shorter ramps are lost in rounding.
+const SHORTEST: f64 = 1e-6;
+
 /// A phase of constant jerk: its duration (s) and the jerk.
 type Phase = (f64, f64);
 
@@ -113,11 +116,12 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
 /// would gain too much speed by then loses its own at once.
 pub(crate) fn settle(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
     let joints = 0..limits.joints();
-    let time = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let least = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let time = if least > 0.0 { least.max(SHORTEST) } else { 0.0 };
     let phases: Vec<_> = joints
         .map(|v| {
             let fits = (velocity[v] + 0.5 * time * acceleration[v]).abs() <= limits.velocity[v];
-            let own = acceleration[v].abs() / limits.jerk[v];
+            let own = if acceleration[v] == 0.0 { 0.0 } else { (acceleration[v].abs() / limits.jerk[v]).max(SHORTEST) };
             settling_in(if fits { time } else { own }, acceleration[v])
         })
         .collect();
