@@ -2,7 +2,7 @@
 
 use super::conic;
 use super::grid::Grid;
-use super::limits::Limits;
+use super::limits::{Limits, START_ROUNDING};
 use super::motion::{Node, shares};
 use super::reachability;
 use super::spline::Spline;
@@ -25,8 +25,6 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// Where the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
-/// A motion that starts under way may exceed limits by this share, the rounding of its start.
-const ROUNDING: f64 = 5e-7;
 /// Cells that take less time than this (s) are not told apart.
 const SHORTEST: f64 = 1e-7;
 
@@ -73,7 +71,9 @@ pub(crate) fn drive(
             }
             kept &= fast <= 1.0 && hard <= 1.0;
         }
-        if kept {
+        // The start cannot be slowed: where no more than its rounding is too fast, nothing is to be taken away.
+        let close = under_way && worst.iter().all(|w| *w <= 1.0 + START_ROUNDING);
+        if kept || close {
             return Some((nodes, grid));
         }
         if !under_way && worst[0].max(worst[1].sqrt()) < NEGLIGIBLE {
@@ -81,9 +81,7 @@ pub(crate) fn drive(
         }
     }
     if under_way {
-        // The start cannot be slowed.
-        let close = worst.iter().all(|w| *w <= 1.0 + ROUNDING);
-        return close.then_some((nodes, grid));
+        return None;
     }
     let factor = worst[0].max(worst[1].sqrt());
     stretch(&mut nodes, factor);

@@ -7,6 +7,10 @@ use crate::{KeypointProblem, ProblemError};
 /// Limits beyond this count as this much: a motion takes some time whatever the joints can do.
 const GREATEST: f64 = 1e6;
 
+/// Share by which a start under way, and so the motion from it, may exceed a limit: the rounding of what was measured or
+/// stored in single precision. One figure for all who judge starts, or one would admit what another refuses.
+pub(crate) const START_ROUNDING: f64 = 5e-7;
+
 /// Most that the averaging which bounds jerk takes a joint off its path (rad or m), at the greatest acceleration.
 const AVERAGING_DEVIATION: f64 = 1e-4;
 

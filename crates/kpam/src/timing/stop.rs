@@ -1,7 +1,7 @@
 //! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
 //! from at all.
 
-use super::limits::Limits;
+use super::limits::{Limits, START_ROUNDING};
 use super::motion::{Node, range};
 use crate::model::{MOST_JOINTS, Row};
 
@@ -137,6 +137,7 @@ pub(crate) fn can_stop(
     velocity: &Row,
     acceleration: &Row,
 ) -> Result<(), CannotStop> {
+    /// Rounding of positions (rad or m).
     const SLACK: f64 = 1e-6;
     let fail = |joint, reason| Err(CannotStop { joint, reason });
     for v in 0..limits.joints() {
@@ -144,10 +145,10 @@ pub(crate) fn can_stop(
         // What the velocity comes to while the acceleration is taken away.
         let next = now + 0.5 * gain * gain.abs() / limits.jerk[v];
         let speed = now.abs().max(next.abs());
-        if speed > limits.velocity[v] * (1.0 + SLACK) {
+        if speed > limits.velocity[v] * (1.0 + START_ROUNDING) {
             return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
         }
-        if gain.abs() > limits.acceleration[v] * (1.0 + SLACK) {
+        if gain.abs() > limits.acceleration[v] * (1.0 + START_ROUNDING) {
             let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
             return fail(v, reason);
         }
