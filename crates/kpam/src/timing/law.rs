@@ -95,6 +95,7 @@ pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
     for node in nodes {
         node.time *= factor;
         node.velocity.iter_mut().for_each(|v| *v /= factor);
+        node.acceleration.iter_mut().flatten().for_each(|a| *a /= factor * factor);
     }
 }
 

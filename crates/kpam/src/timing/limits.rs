@@ -109,20 +109,21 @@ impl Limits {
     }
 
     /// Width (s) of the moving average that bounds jerk, and the limits that a motion keeps to before it is averaged.
+    /// `None` where the average would take a joint further off its path than [`AVERAGING_DEVIATION`].
     ///
     /// A moving average over `w` leaves bounds on velocity and acceleration as they are, and turns an acceleration within
     /// `a` into one whose rate is within `2 a / w`. It moves a joint by at most `a w^2 / 24`.
-    pub(crate) fn averaged(&self) -> (f64, Self) {
+    pub(crate) fn averaged(&self) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
-        let wished = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);
-        // Where a joint accelerates no more than jerk w / 2, it moves by at most jerk w^3 / 48.
-        let most =
-            rows.clone().map(|v| (48.0 * AVERAGING_DEVIATION / self.jerk[v]).cbrt()).fold(f64::INFINITY, f64::min);
-        let width = wished.min(most);
+        let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);
+        let deviation = rows.clone().map(|v| self.acceleration[v] * width * width / 24.0).fold(0.0, f64::max);
+        if deviation > AVERAGING_DEVIATION {
+            return None;
+        }
         let mut out = *self;
         for v in rows {
             out.acceleration[v] = self.acceleration[v].min(0.5 * self.jerk[v] * width);
         }
-        (width, out)
+        Some((width, out))
     }
 }

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::law::{Method, drive, stretch};
 use super::limits::Limits;
 use super::motion::{Node, Piece};
+use super::profile::Along;
+use super::smooth;
 use super::spline::Spline;
 use super::stop;
 use crate::ProblemError;
@@ -51,9 +53,9 @@ pub(crate) enum Refusal {
 #[derive(Debug, Clone)]
 pub(crate) struct Builder {
     limits: Limits,
-    /// Width of the moving average (s), and the limits that a motion keeps to before it.
-    width: f64,
-    before: Limits,
+    /// Width of the moving average (s), and the limits that a motion keeps to before it; none where jerk limits are too
+    /// low for one, and motions have a continuous acceleration of their own.
+    averaged: Option<(f64, Limits)>,
     method: Method,
     pieces: Vec<Piece>,
     now: f64,
@@ -61,8 +63,7 @@ pub(crate) struct Builder {
 
 impl Builder {
     pub fn new(limits: Limits, method: Method, start: f64) -> Self {
-        let (width, before) = limits.averaged();
-        Self { limits, width, before, method, pieces: Vec::new(), now: start }
+        Self { limits, averaged: limits.averaged(), method, pieces: Vec::new(), now: start }
     }
 
     /// Time so far (s).
@@ -73,7 +74,7 @@ impl Builder {
     /// Widens the limits to a start that keeps them up to rounding.
     pub fn admit(&mut self, velocity: &Row, acceleration: &Row) {
         self.limits = self.limits.admitting(velocity, acceleration);
-        (self.width, self.before) = self.limits.averaged();
+        self.averaged = self.limits.averaged();
     }
 
     /// Limits of the motion.
@@ -104,14 +105,28 @@ impl Builder {
     pub fn ahead(&self, position: &Row, velocity: &Row) -> Row {
         let mut out = *position;
         for v in 0..self.limits.joints() {
-            out[v] += 0.5 * self.width * velocity[v];
+            out[v] += 0.5 * self.width() * velocity[v];
         }
         out
     }
 
     /// Time (s) in which all joints together come to rest along a line, from a velocity.
     pub fn braking_time(&self, velocity: &Row) -> f64 {
-        (0..self.limits.joints()).map(|v| velocity[v].abs() / self.before.acceleration[v]).fold(0.0, f64::max)
+        let time = |v: usize| match &self.averaged {
+            Some((_, before)) => velocity[v].abs() / before.acceleration[v],
+            None => {
+                let limits = &self.limits;
+                let most =
+                    Along { velocity: limits.velocity[v], acceleration: limits.acceleration[v], jerk: limits.jerk[v] };
+                most.ramp_time(velocity[v].abs())
+            }
+        };
+        (0..self.limits.joints()).map(time).fold(0.0, f64::max)
+    }
+
+    /// Width (s) of the moving average.
+    fn width(&self) -> f64 {
+        self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
     /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
@@ -124,33 +139,43 @@ impl Builder {
         end: Option<f64>,
         marks: &[usize],
     ) -> Result<Vec<f64>, Refusal> {
-        let (mut nodes, grid) = drive(self.method, &self.before, path, slowest, velocity).ok_or(Refusal::TooSharp)?;
+        let (mut nodes, of_knot) = match &self.averaged {
+            Some((_, before)) => {
+                let (nodes, grid) = drive(self.method, before, path, slowest, velocity).ok_or(Refusal::TooSharp)?;
+                (nodes, grid.station_of)
+            }
+            None => smooth::drive(&self.limits, path, slowest, velocity).ok_or(Refusal::TooSharp)?,
+        };
+        let width = self.width();
         let least = nodes[nodes.len() - 1].time;
+        let last = nodes.len() - 1;
         if let Some(end) = end {
             let allowed = end - self.now;
-            if allowed < least + self.width {
-                return Err(Refusal::TooLong(least + self.width));
+            if allowed < least + width {
+                return Err(Refusal::TooLong(least + width));
             }
             let resting = velocity[..self.limits.joints()].iter().all(|v| *v == 0.0);
             if resting && least > 0.0 {
-                stretch(&mut nodes, (allowed - self.width) / least);
+                stretch(&mut nodes, (allowed - width) / least);
             } else if let Some(mut last) = nodes.last().copied() {
                 // A start under way cannot be slowed; the end is waited for.
-                last.time = allowed - self.width;
+                last.time = allowed - width;
                 nodes.push(last);
             }
         }
-        let places: Vec<usize> = marks.iter().map(|w| grid.station_of[path.knot_of(*w)]).collect();
+        let places: Vec<usize> = marks.iter().map(|w| of_knot[path.knot_of(*w)]).collect();
         if nodes.len() < 2 {
             return Ok(vec![self.now; marks.len()]);
         }
-        let piece = Piece::averaged(self.now, self.width, self.limits.joints(), &nodes, &places);
+        let joints = self.limits.joints();
+        let piece = match self.averaged {
+            Some(_) => Piece::averaged(self.now, width, joints, &nodes, &places),
+            None => Piece::smooth(self.now, joints, &nodes, &places),
+        };
         let end = piece.end();
-        let last = grid.stations.len() - 1;
         // What passes at the end is at rest there.
-        let passed =
-            |station: usize| if station == last { end } else { self.now + nodes[station].time + 0.5 * self.width };
-        let times = places.iter().map(|station| passed(*station)).collect();
+        let passed = |node: usize| if node == last { end } else { self.now + nodes[node].time + 0.5 * width };
+        let times = places.iter().map(|node| passed(*node)).collect();
         self.append(piece);
         Ok(times)
     }
