@@ -10,6 +10,8 @@ use crate::model::{MOST_JOINTS, Row};
 const ROOM: f64 = 1.02;
 /// Turns are tried about places this many braking times away.
 const TURNS: [f64; 3] = [1.0, 1.6, 2.6];
+/// Lines shorter than this (rad or m) are no paths.
+const SHORTEST: f64 = 1e-8;
 /// Waypoints of a turn.
 const PARTS: usize = 8;
 
@@ -126,7 +128,9 @@ pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &R
         let within = |x: &Row| {
             (0..joints).all(|v| x[v] >= lower[v].min(start.position[v]) && x[v] <= upper[v].max(start.position[v]))
         };
-        if within(&settled.position) && within(&brake) {
+        // A line too short to be a path is left to the stop.
+        let long = still(&settled.velocity) || distance(joints, &begin, &brake) > SHORTEST;
+        if long && within(&settled.position) && within(&brake) {
             let lead = if still(&settled.velocity) {
                 Lead::Resting(settled.position)
             } else {

@@ -63,7 +63,7 @@ fn paces(path: &Spline, slowest: &[f64]) -> Vec<f64> {
 }
 
 /// Limits of s where all joints move at their rates of `slope` to it.
-fn along(limits: &Limits, slope: &Row) -> Along {
+pub(crate) fn along(limits: &Limits, slope: &Row) -> Along {
     let least = |row: &Row| (0..limits.joints()).map(|v| row[v] / slope[v].abs()).fold(f64::INFINITY, f64::min);
     Along { velocity: least(&limits.velocity), acceleration: least(&limits.acceleration), jerk: least(&limits.jerk) }
 }
@@ -111,7 +111,8 @@ fn stations(limits: &Limits, path: &Spline) -> (Vec<(usize, f64)>, Vec<usize>) {
     let near = |interval: usize, s: f64| {
         let most = along(limits, &path.derivatives(interval, s)[1]);
         let ramp = most.acceleration.powi(3) / (6.0 * most.jerk * most.jerk);
-        ramp.min(whole / 12.0) / RAMP
+        let inside = path.knots[interval + 1] - path.knots[interval];
+        (ramp.min(whole / 12.0) / RAMP).min(0.5 * (whole / CELLS).min(inside / LEAST))
     };
     let last = path.intervals() - 1;
     let ends = [near(0, 0.0), near(last, whole)];
@@ -195,4 +196,30 @@ fn curved(limits: &Limits, path: &Spline, paces: &[f64], begin: f64) -> Option<(
     }
     super::law::stretch(&mut nodes, factor);
     Some((nodes, of_knot))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(values: [f64; 3]) -> Row {
+        let mut out = [0.0; MOST_JOINTS];
+        out[..3].copy_from_slice(&values);
+        out
+    }
+
+    #[test]
+    fn a_path_that_hardly_bends_takes_little_longer_than_a_straight_one() {
+        for (acceleration, jerk) in [(10.0, 300.0), (5.0, 50.0), (2.0, 10.0)] {
+            let limits = Limits::new(&[2.0; 3], &[acceleration; 3], &[jerk; 3]).unwrap();
+            let time = |bend: f64| {
+                let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
+                let path = Spline::through(3, &waypoints, None);
+                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS]).unwrap();
+                nodes[nodes.len() - 1].time
+            };
+            let (straight, bent) = (time(0.0), time(1e-4));
+            assert!((bent / straight - 1.0).abs() < 0.02, "{bent} {straight} at ({acceleration}, {jerk})");
+        }
+    }
 }

@@ -16,7 +16,7 @@ pub struct CannotStop {
 }
 
 /// An acceleration is ramped to zero in no less than this (s): shorter ramps are lost in rounding.
-const SHORTEST: f64 = 1e-6;
+const SHORTEST: f64 = 1e-8;
 
 /// A phase of constant jerk: its duration (s) and the jerk.
 type Phase = (f64, f64);

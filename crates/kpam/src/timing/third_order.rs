@@ -2,13 +2,12 @@
 //!
 //! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c a cell, so that x and the second
 //! derivative w = d²s/dt² = x'/2 are continuous and linear in c, and so is each joint's acceleration q' w + q'' x. Its
-//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). With the bound divided by sqrt(x), rows are |linear| <= j / sqrt(x),
-//! whose right side is convex. An interior-point method with a logarithmic barrier minimises the time; each row holds
+//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time; each row holds
 //! three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five diagonals. At rest, the
 //! first and last cells are driven at a constant jerk of s, which ties their coefficients to the next ones.
 
 use super::limits::Limits;
-use super::profile::Pace;
+use super::profile::{Along, Pace, at_place};
 use crate::model::Row;
 
 /// A place on the path, with the third derivative of the cell that follows.
@@ -32,8 +31,8 @@ pub(crate) struct Course<'a> {
     pub begin: f64,
 }
 
-/// Share of the time within which the optimum is met.
-const GAP: f64 = 2e-3;
+/// Greatest share of the time that the barrier may cost; it costs a twentieth of that.
+const GAP: f64 = 0.06;
 /// Factor by which the weight of the time grows, and most Newton steps at one weight and in all.
 const GROWTH: f64 = 12.0;
 const STEPS: usize = 12;
@@ -57,7 +56,7 @@ impl Form {
     }
 }
 
-/// |row| <= limit / sqrt(x) where `x` is given, |row| <= limit otherwise.
+/// |row| sqrt(x) <= limit where the station of `x` is given, |row| <= limit otherwise.
 struct Bound {
     row: Form,
     limit: f64,
@@ -72,8 +71,8 @@ struct Problem {
     w: Vec<Form>,
     ceilings: Vec<f64>,
     bounds: Vec<Bound>,
-    /// x at the middle of each cell but the last, and the first where it starts at rest.
-    middles: Vec<(Form, f64)>,
+    /// The time is the sum of factors over roots of linear forms: steps and x at the middle of cells.
+    times: Vec<(Form, f64)>,
     /// The first and last c are these shares of their neighbours, plus `fixed` at the first.
     ends: [f64; 2],
     fixed: f64,
@@ -120,11 +119,16 @@ impl Problem {
             w,
             ceilings,
             bounds: Vec::new(),
-            middles: Vec::new(),
+            times: Vec::new(),
             ends,
             fixed: course.begin * course.begin,
         };
         out.collect(course, moving);
+        // The end cells take 3 Δs / sqrt(x).
+        out.times.push((out.x[last], 3.0 * out.steps[last]));
+        if !moving {
+            out.times.push((out.x[1], 3.0 * out.steps[0]));
+        }
         out
     }
 
@@ -164,7 +168,7 @@ impl Problem {
             change[own] -= 2.0 / (step * step);
             let mut middle = [0, 1, 2].map(|i| 0.25 * (start[i] + end[i]));
             middle[own] += 0.5;
-            self.middles.push((Form { at, of: middle }, step));
+            self.times.push((Form { at, of: middle }, step));
             for (k, x) in [(cell, start), (cell + 1, end)] {
                 if k == 0 {
                     continue;
@@ -230,21 +234,18 @@ impl Problem {
         }
         let roots = self.roots(c);
         for bound in &self.bounds {
-            let most = slack * bound.x.map_or(1.0, |k| roots[k]);
-            let value = bound.row.value(c) / bound.limit;
-            if !(log(most - value) && log(most + value)) {
+            let value = bound.row.value(c) / bound.limit * bound.x.map_or(1.0, |k| roots[k]);
+            if !(log(slack - value) && log(slack + value)) {
                 return None;
             }
         }
         out -= product.ln();
-        let time: f64 = self.middles.iter().map(|(form, step)| step / form.value(c).sqrt()).sum();
+        let time: f64 = self.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum();
         Some(out + weight * time)
     }
 
     fn roots(&self, c: &[f64]) -> Vec<f64> {
-        (0..=self.cells)
-            .map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt().recip() })
-            .collect()
+        (0..=self.cells).map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt() }).collect()
     }
 
     /// The Newton step of the free coefficients, and the decrement.
@@ -271,29 +272,21 @@ impl Problem {
         }
         let roots = self.roots(c);
         for bound in &self.bounds {
-            let value = bound.row.value(c) / bound.limit;
             let at = bound.row.at;
-            let Some(k) = bound.x else {
-                let (below, above) = ((slack - value).recip(), (slack + value).recip());
-                let of = bound.row.of.map(|f| f / bound.limit);
-                add(at, &of, below - above, below * below + above * above);
-                continue;
-            };
-            let most = slack * roots[k];
-            let (below, above) = ((most - value).recip(), (most + value).recip());
-            // What the right side changes with x.
-            let change = -0.5 * most * roots[k] * roots[k];
-            let mut of = [[0.0; 3]; 2];
-            for i in 0..3 {
-                let x = self.x[k];
-                let share = if at + i >= x.at && at + i < x.at + 3 { x.of[at + i - x.at] } else { 0.0 };
-                let row = bound.row.of[i] / bound.limit;
-                (of[0][i], of[1][i]) = (change * share - row, change * share + row);
+            let mut value = bound.row.value(c) / bound.limit;
+            let mut of = bound.row.of.map(|f| f / bound.limit);
+            if let Some(k) = bound.x {
+                let (x, root) = (self.x[k], roots[k]);
+                for i in 0..3 {
+                    let share = if at + i >= x.at && at + i < x.at + 3 { x.of[at + i - x.at] } else { 0.0 };
+                    of[i] = root * of[i] + 0.5 * value / root * share;
+                }
+                value *= root;
             }
-            add(at, &of[0], -below, below * below);
-            add(at, &of[1], -above, above * above);
+            let (below, above) = ((slack - value).recip(), (slack + value).recip());
+            add(at, &of, below - above, below * below + above * above);
         }
-        for (form, step) in &self.middles {
+        for (form, step) in &self.times {
             let middle = form.value(c);
             let root = middle.sqrt().recip();
             let slope = -0.5 * weight * step * root / middle;
@@ -366,12 +359,16 @@ pub(crate) fn fastest(course: &Course<'_>) -> Option<Vec<Pace>> {
     let moving = course.begin > 0.0;
     let mut slack = if moving { 1.1 * worst(&problem, &c).max(1.0) } else { 1.0 };
     let count = (2 * problem.bounds.len() + problem.cells) as f64;
-    let time = |c: &[f64]| problem.middles.iter().map(|(form, step)| step / form.value(c).sqrt()).sum::<f64>();
-    let mut weight = 0.02 * count / time(&c);
+    let time = |c: &[f64]| problem.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum::<f64>();
+    let mut weight = 0.1 * count / time(&c);
     let mut left = MOST_STEPS;
     loop {
         for _ in 0..STEPS {
-            let (step, decrement) = problem.newton(&c, weight, slack)?;
+            // Where rounding ends the descent, the course so far stands: it is within the limits.
+            let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
+                left = 0;
+                break;
+            };
             if decrement < 1e-2 || left == 0 {
                 break;
             }
@@ -414,25 +411,35 @@ fn worst(problem: &Problem, c: &[f64]) -> f64 {
     problem.usage(c).into_iter().fold(0.0, f64::max)
 }
 
-/// A slow course to begin with.
+/// A slow course to begin with: an S-curve within limits that hold all along the path.
 fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
     let whole = course.stations.last()?.s;
-    let power = |share: f64| share.powf(4.0 / 3.0);
-    let mut c: Vec<f64> = course
-        .stations
-        .windows(2)
-        .map(|pair| {
-            let at = 0.5 * (pair[0].s + pair[1].s) / whole;
-            let end = power(1.0 - at);
-            if course.begin > 0.0 { problem.fixed * end } else { (power(at).recip() + end.recip()).recip() }
-        })
-        .collect();
+    let limits = course.limits;
+    let mut most = Along { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
+    for (station, pace) in course.stations.iter().zip(course.pace) {
+        most.velocity = most.velocity.min(*pace);
+        for v in 0..limits.joints() {
+            let [first, second, third] = [station.first[v], station.second[v], station.third[v]].map(f64::abs);
+            let (velocity, acceleration, jerk) = (limits.velocity[v], limits.acceleration[v], limits.jerk[v]);
+            let speed = (velocity / first).min((0.5 * acceleration / second).sqrt()).min((0.3 * jerk / third).cbrt());
+            most.velocity = most.velocity.min(speed);
+            most.acceleration = most.acceleration.min(0.5 * acceleration / first);
+            most.jerk = most.jerk.min(0.4 * jerk / first);
+        }
+    }
+    let mut c: Vec<f64> = if course.begin > 0.0 {
+        let end = |s: f64| (1.0 - s / whole).powf(4.0 / 3.0);
+        course.stations.windows(2).map(|pair| problem.fixed * end(0.5 * (pair[0].s + pair[1].s))).collect()
+    } else {
+        let profile = most.profile(whole, 0.0)?;
+        course.stations.windows(2).map(|pair| at_place(&profile, 0.5 * (pair[0].s + pair[1].s)).speed.powi(2)).collect()
+    };
     problem.spread(&mut c);
     if course.begin > 0.0 {
         return Some(c);
     }
     let [velocity, acceleration, jerk] = problem.usage(&c);
-    let factor = (0.5 / velocity).min(0.5 / acceleration).min((0.5 / jerk).powf(2.0 / 3.0));
+    let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0));
     c.iter_mut().for_each(|c| *c *= factor);
     Some(c)
 }

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use super::law::{Method, drive, stretch};
 use super::limits::Limits;
 use super::motion::{Node, Piece};
-use super::profile::Along;
 use super::smooth;
 use super::spline::Spline;
 use super::stop;
@@ -112,16 +111,13 @@ impl Builder {
 
     /// Time (s) in which all joints together come to rest along a line, from a velocity.
     pub fn braking_time(&self, velocity: &Row) -> f64 {
-        let time = |v: usize| match &self.averaged {
-            Some((_, before)) => velocity[v].abs() / before.acceleration[v],
-            None => {
-                let limits = &self.limits;
-                let most =
-                    Along { velocity: limits.velocity[v], acceleration: limits.acceleration[v], jerk: limits.jerk[v] };
-                most.ramp_time(velocity[v].abs())
+        match &self.averaged {
+            Some((_, before)) => {
+                let time = |v: usize| velocity[v].abs() / before.acceleration[v];
+                (0..self.limits.joints()).map(time).fold(0.0, f64::max)
             }
-        };
-        (0..self.limits.joints()).map(time).fold(0.0, f64::max)
+            None => smooth::along(&self.limits, velocity).ramp_time(1.0),
+        }
     }
 
     /// Width (s) of the moving average.
