@@ -6,6 +6,7 @@ use super::limits::Limits;
 use super::motion::{Node, shares};
 use super::reachability;
 use super::spline::Spline;
+use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
 /// How the speed along a path is found.
@@ -32,13 +33,14 @@ const SHORTEST: f64 = 1e-7;
 
 /// The fastest motion along a path, from `velocity` along its tangent to rest; at most `slowest` (s) is gained on each
 /// interval between waypoints. Nodes lie at the stations of the grid. `None` where the path cannot be followed from
-/// that velocity.
+/// that velocity, or the caller has cancelled.
 pub(crate) fn drive(
     method: Method,
     limits: &Limits,
     path: &Spline,
     slowest: &[f64],
     velocity: &Row,
+    cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Grid)> {
     let joints = limits.joints();
     let mut grid = Grid::new(joints, path, slowest);
@@ -55,9 +57,12 @@ pub(crate) fn drive(
         cell[1] = AIM;
     }
     for _ in 0..ROUNDS {
+        if cancel.is_some_and(Cancel::is_cancelled) {
+            return None;
+        }
         let squares = match method {
             Method::Reachability => reachability::fastest(&grid, limits, speed * speed)?,
-            Method::Conic => conic::fastest(&grid, limits, speed * speed)?,
+            Method::Conic => conic::fastest(&grid, limits, speed * speed, cancel)?,
         };
         nodes = in_time(&grid, &squares, velocity)?;
         worst = [1.0; 2];

@@ -1,5 +1,7 @@
 //! What the joints can do.
 
+use serde::{Deserialize, Serialize};
+
 use crate::default_limits::default_limits;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::{KeypointProblem, ProblemError};
@@ -15,7 +17,7 @@ pub(crate) const TOLERANCE: f64 = 1e-6;
 const AVERAGING_DEVIATION: f64 = 1e-4;
 
 /// Velocity, acceleration and jerk limits of the moving joints.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     joints: usize,
     /// rad/s or m/s.
@@ -78,6 +80,12 @@ impl Limits {
             out.jerk[v] = (o.acceleration_scale * jerk[v]).min(GREATEST);
         }
         out
+    }
+
+    /// Whether they are positive numbers of at most [`MOST_JOINTS`] joints.
+    pub(crate) fn is_sound(&self) -> bool {
+        let rows = [&self.velocity, &self.acceleration, &self.jerk];
+        (1..=MOST_JOINTS).contains(&self.joints) && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
     }
 
     /// Number of joints.

@@ -18,6 +18,7 @@ mod retime;
 mod smooth;
 mod spline;
 mod stop;
+mod stream;
 mod third_order;
 mod trajectory;
 

@@ -158,6 +158,8 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
 pub(crate) struct Piece {
     /// Time of the trajectory at which it begins (s).
     pub start: f64,
+    /// Time from which on it counts, no earlier than `start` (s).
+    pub counts: f64,
     width: f64,
     joints: usize,
     /// Local times of the nodes (s), the first at `-width`.
@@ -166,7 +168,7 @@ pub(crate) struct Piece {
     states: Vec<f64>,
     /// Accelerations right after the nodes, joint by joint; empty where they follow from the states.
     accelerations: Vec<f64>,
-    /// Places among the nodes that a reader should not miss.
+    /// Places among the nodes that a reader should not miss, in order.
     marks: Vec<usize>,
     /// Whether quintics join the nodes, which meet the accelerations of both.
     smooth: bool,
@@ -219,7 +221,7 @@ impl Piece {
             states.extend_from_slice(&node.velocity[..joints]);
         }
         let times = nodes.iter().map(|n| n.time).collect();
-        Self { start, width, joints, times, states, accelerations, marks: marks.to_vec(), smooth: false }
+        Self { start, counts: start, width, joints, times, states, accelerations, marks: marks.to_vec(), smooth: false }
     }
 
     /// Number of joints.
@@ -236,7 +238,8 @@ impl Piece {
             && self.states.len() == 2 * joints * nodes
             && !(self.smooth && self.accelerations.is_empty() && nodes > 1)
             && (self.accelerations.is_empty() || self.accelerations.len() == joints * nodes)
-            && finite(&[self.start, self.width])
+            && finite(&[self.start, self.counts, self.width])
+            && self.start <= self.counts
             && self.width >= 0.0
             && [&self.times, &self.states, &self.accelerations].into_iter().all(|list| finite(list))
             && self.times.windows(2).all(|pair| pair[0] <= pair[1])
@@ -264,7 +267,7 @@ impl Piece {
         let mut out = vec![self.start];
         for node in 0..self.times.len() {
             let time = self.time_of(node);
-            let marked = self.marks.contains(&node);
+            let marked = self.marks.binary_search(&node).is_ok();
             let last = out[out.len() - 1];
             if time > last && (marked || (time - last >= spacing && self.end() - time >= 0.5 * spacing)) {
                 out.push(time);

@@ -7,6 +7,7 @@ use super::motion::{Node, peaks};
 use super::profile::{Along, Pace, at_place};
 use super::spline::Spline;
 use super::third_order::{Course, Station, fastest};
+use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
 /// Cells of a path of few waypoints, beside those near its ends; at least so many between two waypoints.
@@ -30,6 +31,7 @@ pub(crate) fn drive(
     path: &Spline,
     slowest: &[f64],
     velocity: &Row,
+    cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Vec<usize>)> {
     let n = limits.joints();
     let knots = &path.knots;
@@ -46,7 +48,7 @@ pub(crate) fn drive(
     if straight && paces.windows(2).all(|pair| pair[0] == pair[1]) {
         return along_line(limits, path, paces[0], begin);
     }
-    curved(limits, path, &paces, begin)
+    curved(limits, path, &paces, begin, cancel)
 }
 
 /// Greatest ds/dt on each interval between knots, by the least time that intervals between waypoints may take.
@@ -146,7 +148,13 @@ fn stations(limits: &Limits, path: &Spline) -> (Vec<(usize, f64)>, Vec<usize>) {
 }
 
 /// A motion along a path that bends.
-fn curved(limits: &Limits, path: &Spline, paces: &[f64], begin: f64) -> Option<(Vec<Node>, Vec<usize>)> {
+fn curved(
+    limits: &Limits,
+    path: &Spline,
+    paces: &[f64],
+    begin: f64,
+    cancel: Option<&Cancel>,
+) -> Option<(Vec<Node>, Vec<usize>)> {
     let n = limits.joints();
     let (places, of_knot) = stations(limits, path);
     let list: Vec<Station> = places
@@ -169,7 +177,7 @@ fn curved(limits: &Limits, path: &Spline, paces: &[f64], begin: f64) -> Option<(
     let mut nodes = Vec::new();
     let mut factor = 1.0;
     for _ in 0..ROUNDS {
-        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin })?;
+        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin, cancel })?;
         nodes = places.iter().zip(&found).map(|((i, _), pace)| node(n, path, *i, pace)).collect::<Vec<Node>>();
         factor = 1.0_f64;
         let mut kept = true;
@@ -215,7 +223,7 @@ mod tests {
             let time = |bend: f64| {
                 let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
                 let path = Spline::through(3, &waypoints, None);
-                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS]).unwrap();
+                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS], None).unwrap();
                 nodes[nodes.len() - 1].time
             };
             let (straight, bent) = (time(0.0), time(1e-4));

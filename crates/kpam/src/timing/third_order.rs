@@ -8,6 +8,7 @@
 
 use super::limits::Limits;
 use super::profile::{Along, Pace, at_place};
+use crate::Cancel;
 use crate::model::Row;
 
 /// A place on the path, with the third derivative of the cell that follows.
@@ -29,6 +30,7 @@ pub(crate) struct Course<'a> {
     pub shares: &'a [[f64; 2]],
     /// ds/dt at the start; d²s/dt² is 0 there.
     pub begin: f64,
+    pub cancel: Option<&'a Cancel>,
 }
 
 /// Greatest share of the time that the barrier may cost; it costs a twentieth of that.
@@ -364,6 +366,9 @@ pub(crate) fn fastest(course: &Course<'_>) -> Option<Vec<Pace>> {
     let mut left = MOST_STEPS;
     loop {
         for _ in 0..STEPS {
+            if course.cancel.is_some_and(Cancel::is_cancelled) {
+                return None;
+            }
             // Where rounding ends the descent, the course so far stands: it is within the limits.
             let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
                 left = 0;

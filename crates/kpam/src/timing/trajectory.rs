@@ -8,9 +8,9 @@ use super::motion::{Node, Piece};
 use super::smooth;
 use super::spline::Spline;
 use super::stop;
-use crate::ProblemError;
 use crate::checked::checked_when_read;
 use crate::model::{JointMap, MOST_JOINTS, Row};
+use crate::{Cancel, ProblemError};
 
 /// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
 /// velocity, acceleration and jerk are known exactly at every time.
@@ -20,6 +20,8 @@ pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
+    /// What it keeps to, of the joints that move.
+    limits: Limits,
 }
 
 checked_when_read!(Trajectory);
@@ -46,6 +48,8 @@ pub(crate) enum Refusal {
     TooSharp,
     /// It takes at least this long (s).
     TooLong(f64),
+    /// The caller has cancelled it.
+    Cancelled,
 }
 
 /// What a trajectory is built from.
@@ -56,13 +60,24 @@ pub(crate) struct Builder {
     /// low for one, and motions have a continuous acceleration of their own.
     averaged: Option<(f64, Limits)>,
     method: Method,
+    cancel: Option<Cancel>,
     pieces: Vec<Piece>,
     now: f64,
 }
 
 impl Builder {
     pub fn new(limits: Limits, method: Method, start: f64) -> Self {
-        Self { limits, averaged: limits.averaged(), method, pieces: Vec::new(), now: start }
+        Self { limits, averaged: limits.averaged(), method, cancel: None, pieces: Vec::new(), now: start }
+    }
+
+    /// Gives up where the flag is set.
+    pub fn cancelled_by(mut self, cancel: Option<Cancel>) -> Self {
+        self.cancel = cancel;
+        self
+    }
+
+    fn refusal(&self) -> Refusal {
+        if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) { Refusal::Cancelled } else { Refusal::TooSharp }
     }
 
     /// Time so far (s).
@@ -137,10 +152,12 @@ impl Builder {
     ) -> Result<Vec<f64>, Refusal> {
         let (mut nodes, of_knot) = match &self.averaged {
             Some((_, before)) => {
-                let (nodes, grid) = drive(self.method, before, path, slowest, velocity).ok_or(Refusal::TooSharp)?;
+                let (nodes, grid) = drive(self.method, before, path, slowest, velocity, self.cancel.as_ref())
+                    .ok_or_else(|| self.refusal())?;
                 (nodes, grid.station_of)
             }
-            None => smooth::drive(&self.limits, path, slowest, velocity).ok_or(Refusal::TooSharp)?,
+            None => smooth::drive(&self.limits, path, slowest, velocity, self.cancel.as_ref())
+                .ok_or_else(|| self.refusal())?,
         };
         let width = self.width();
         let least = nodes[nodes.len() - 1].time;
@@ -185,7 +202,7 @@ impl Builder {
             times.append(&mut more);
         }
         times.push(self.now);
-        Trajectory { pieces: self.pieces, joints: joints.clone(), times }
+        Trajectory { pieces: self.pieces, joints: joints.clone(), times, limits: self.limits }
     }
 }
 
@@ -193,11 +210,12 @@ impl Trajectory {
     /// What is read is a motion: times that increase, and pieces that follow each other.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
-        let follow = self.pieces.windows(2).all(|pair| pair[0].start <= pair[1].start);
+        let follow = self.pieces.windows(2).all(|pair| pair[0].counts <= pair[1].counts);
         let times = !self.times.is_empty()
             && self.times.iter().all(|t| t.is_finite())
             && self.times.windows(2).all(|pair| pair[0] <= pair[1]);
-        if times && follow && self.joints.is_sound() && self.pieces.iter().all(fits) {
+        let limits = self.limits.is_sound() && self.limits.joints() == self.joints.indices().len();
+        if times && follow && limits && self.joints.is_sound() && self.pieces.iter().all(fits) {
             return Ok(());
         }
         Err(ProblemError::new("trajectory", "is damaged"))
@@ -240,8 +258,9 @@ impl Trajectory {
     }
 
     /// The variables at a time, with their velocities and accelerations.
-    fn moving_with_rates(&self, t: f64) -> [Row; 3] {
-        let at = self.pieces.partition_point(|p| p.start <= t).saturating_sub(1);
+    pub(crate) fn moving_with_rates(&self, t: f64) -> [Row; 3] {
+        let t = t.max(self.start());
+        let at = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         match self.pieces.get(at) {
             Some(piece) => piece.at(t),
             None => [self.joints.pick(self.joints.rest()), [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]],
@@ -252,6 +271,35 @@ impl Trajectory {
     #[must_use]
     pub fn positions(&self) -> Vec<Vec<f64>> {
         self.times.iter().map(|t| self.sample(*t).position).collect()
+    }
+
+    /// Limits of the joints that move.
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// How all joints follow from those that move.
+    pub(crate) fn map(&self) -> &JointMap {
+        &self.joints
+    }
+
+    pub(crate) fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// Pieces from a time on; the first counts from there.
+    pub(crate) fn from(&self, t: f64) -> Vec<Piece> {
+        let first = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
+        let mut out: Vec<Piece> = self.pieces.get(first..).unwrap_or_default().to_vec();
+        if let Some(piece) = out.first_mut() {
+            piece.counts = piece.counts.max(t);
+        }
+        out
+    }
+
+    /// A motion of the same joints of other pieces.
+    pub(crate) fn with(&self, pieces: Vec<Piece>, times: Vec<f64>, limits: Limits) -> Self {
+        Self { pieces, joints: self.joints.clone(), times, limits }
     }
 
     /// The moving joints at a time, for checks.
