@@ -75,7 +75,10 @@ def run(minutes: float, rate: float, deadline: float, seed: int) -> dict[str, An
         else:
             state = motion.sample(seam)
         if problem is None or idle:
-            problem, former = question(robot, bodies, state[0], draw.uniform([0.35, -0.4, 0.15], [0.65, 0.4, 0.6])), None
+            problem, former = (
+                question(robot, bodies, state[0], draw.uniform([0.35, -0.4, 0.15], [0.65, 0.4, 0.6])),
+                None,
+            )
             counts["goals"] += 1
         start = problem.with_start(state[0], state[1], seam, acceleration=state[2])
         plan = kpam.plan(start, former=former)

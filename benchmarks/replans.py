@@ -31,9 +31,7 @@ def again(question: kpam.KeypointProblem, plan: kpam.Plan, share: float, *, movi
     now = float(times[0] + share * plan.trajectory.duration)
     q, velocity, acceleration = plan.trajectory.sample(now)
     label = next(frame["label"] for frame in plan.keyframes if frame["time"] is not None and frame["time"] > now)
-    start = question.with_start(
-        q, velocity if moving else None, now, acceleration=acceleration if moving else None
-    )
+    start = question.with_start(q, velocity if moving else None, now, acceleration=acceleration if moving else None)
     return kpam.plan(start, former=plan, resume=label)
 
 

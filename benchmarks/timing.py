@@ -168,7 +168,9 @@ def worst_share(motion: kpam.Trajectory, acceleration: Array, jerk: Array) -> fl
 
 def at_gentle_limits(count: int, seed: int) -> None:
     """Print durations over Ruckig's on straight motions and over toppra's on curved ones, limit by limit."""
-    print("duration by acceleration and jerk limits: straight over Ruckig's, curved over toppra's (which knows no jerk):")
+    print(
+        "duration by acceleration and jerk limits: straight over Ruckig's, curved over toppra's (which knows no jerk):"
+    )
     paths = random_paths(count, seed)
     for acceleration, jerk in GENTLE:
         label = "Franka's" if acceleration is ACCELERATION else f"({acceleration[0]:g}, {jerk[0]:g})"

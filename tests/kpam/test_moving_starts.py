@@ -43,10 +43,21 @@ def gantry_problem(robot: kpam.Robot, q: Array, goal: Array) -> kpam.KeypointPro
             "post_actuation_motions": [["translate_z", 0.1]],
         }
     )
-    points = {"tool_head": [0.0, 0, 0], "tool_tail": [0.0, 0, 0.1], "tool_side": [0, 0.1, 0.0], "tip": [0.05, 0.02, 0.0]}
+    points = {
+        "tool_head": [0.0, 0, 0],
+        "tool_tail": [0.0, 0, 0.1],
+        "tool_side": [0, 0.1, 0.0],
+        "tip": [0.05, 0.02, 0.0],
+    }
     options: kpam.Options = {"workspace": None}
     return kpam.KeypointProblem(
-        robot, config, q, tool_keypoints=points, object_keypoints={"goal": goal}, T_base_object=np.eye(4), options=options
+        robot,
+        config,
+        q,
+        tool_keypoints=points,
+        object_keypoints={"goal": goal},
+        T_base_object=np.eye(4),
+        options=options,
     )
 
 
@@ -86,7 +97,10 @@ def test_plans_go_on_from_their_own_samples(tmp_path: Path) -> None:
     draw = np.random.default_rng(2)
     again = 0
     for _ in range(60):
-        q, goal = draw.uniform([-0.5, -0.4, 0.2, -2], [0.5, 0.4, 0.8, 2]), draw.uniform([-0.4, -0.4, 0.2], [0.4, 0.4, 0.7])
+        q, goal = (
+            draw.uniform([-0.5, -0.4, 0.2, -2], [0.5, 0.4, 0.8, 2]),
+            draw.uniform([-0.4, -0.4, 0.2], [0.4, 0.4, 0.7]),
+        )
         question = gantry_problem(robot, q, goal)
         plan = kpam.plan(question)
         if plan.status != "solved":
