@@ -279,8 +279,8 @@ class KeypointProblem:
     def with_start(
         self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
     ) -> KeypointProblem:
-        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero where
-        it is not given, and the time (s) on the motion's clock. A motion that goes on from a sample of another one is
+        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero
+        where it is not given, and the time (s) on the motion's clock. A motion that goes on from a sample of another one is
         continuous in position, velocity and acceleration where all three are given. Shares everything else."""
     @property
     def scene(self) -> Scene:
@@ -300,8 +300,8 @@ class Trajectory:
     def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
     def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
-        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,) without allocation,
-        for control loops. Raises ProblemError where an array does not fit."""
+        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
+        loops: nothing is allocated. Raises ProblemError where an array does not fit."""
     def brake(self, t: float) -> Trajectory:
         """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits.
 
