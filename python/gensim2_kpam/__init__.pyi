@@ -280,7 +280,8 @@ class KeypointProblem:
         self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
     ) -> KeypointProblem:
         """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero
-        where it is not given, and the time (s) on the motion's clock. A motion that goes on from a sample of another one is
+        where it is not given, and the time (s) on the motion's clock.
+        A motion that goes on from a sample of another one is
         continuous in position, velocity and acceleration where all three are given. Shares everything else."""
     @property
     def scene(self) -> Scene:
