@@ -17,23 +17,23 @@ import h5py
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
+from gensim2.data.attempt_log import LoggedEpisode, log_line
+from gensim2.data.episode_file import read_recording
 from gensim2.data.formats.export import NATIVE, Format
-from gensim2.data.formats.frames import Frames, frames_of
+from gensim2.data.formats.frames import EPISODE_COLUMNS, Frames, frames_of
 from gensim2.data.formats.replay_zarr import zarr_frames
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.record import DatasetRecord
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import ROWS, DataSet, TaskStore
-from gensim2.episodes.episode_file import read_recording
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
-from gensim2.episodes.trajectory import H5_NAME, JSON_NAME
+from gensim2.data.trajectory import H5_NAME, JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing
-from gensim2.pipeline.attempts import LoggedEpisode, log_line
-from gensim2.pipeline.reading import parse_record, read_record
-from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import parse_record, read_record
 from gensim2.robots import robot
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 from gensim2.tasks.parse import parse_task
 
 _REMEDY = "give a folder that `gensim2 data export` wrote"
@@ -88,7 +88,7 @@ def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Prog
     count = 0
     for ours, theirs in zip_longest(_own(dataset), found):
         same = ours is not None and theirs is not None and ours.sentence == theirs.sentence
-        if not same or any(not np.array_equal(theirs.columns[name], each) for name, each in ours.columns.items()):
+        if not same or any(not np.array_equal(theirs.columns[name], ours.columns[name]) for name in EPISODE_COLUMNS):
             message = f"episode {count} is not that of {NATIVE}/: one of them was changed"
             raise InputError(message, file=path, remedy="export again")
         count += 1
@@ -97,7 +97,7 @@ def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Prog
 
 
 def _own(dataset: DataSet) -> Iterator[Frames]:
-    profile = robot(dataset.record.circumstances.robot)
+    profile = robot(dataset.record.scene.robot)
     for name in dataset.tasks:
         store = dataset.task(name)
         sentence = store.spec().description
