@@ -3,7 +3,7 @@
     python benchmarks/replan_stream.py [--minutes 10] [--rate 10] [--deadline-ms 20] [--seed 0] [--json OUT]
 
 A Panda moves among boxes to one random pose after the other. Each tick plans anew from the state that the motion will
-have a deadline later, and splices the new motion in there. Where planning takes longer (CPU time of the planning thread) the
+have a deadline later, and splices the new motion in there. Where planning takes longer (CPU time of its thread) the
 tick is a miss and the old motion goes on. Prints misses, times, and the greatest jumps at seams; ends with 1 where a
 deadline was missed or a seam jumps by more than 1e-6.
 """
