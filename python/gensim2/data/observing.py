@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.formats.columns import camera_array
 from gensim2.episodes.recording import Recording
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import Library, ObjectModel, open_library
@@ -94,8 +95,8 @@ def observe(recording: Recording, shown: Shown, plan: Plan) -> Arrays:
     observer = Observer(profile, _objects(shown, recording.instances), plan.cloud, recording.seed, cameras)
     arrays: Arrays = {}
     for camera in cameras:
-        arrays[f"cameras/{camera.name}/intrinsic"] = camera.intrinsic
-        arrays[f"cameras/{camera.name}/T_base_camera"] = camera.T_base_camera
+        arrays[camera_array(camera.name, "intrinsic")] = camera.intrinsic
+        arrays[camera_array(camera.name, "T_base_camera")] = camera.T_base_camera
     arrays |= _proprioception(recording, observer, profile)
     if plan.casts:
         arrays |= _cast(recording, observer, plan)
@@ -146,10 +147,10 @@ def _stored_cloud(cloud: PointCloud) -> Arrays:
 def _stored_view(view: View, plan: Plan) -> Arrays:
     found: Arrays = {}
     if "depth" in plan.modalities:
-        found[f"cameras/{view.camera.name}/depth"] = np.rint(1000.0 * view.depth).astype(np.uint16)
+        found[camera_array(view.camera.name, "depth")] = np.rint(1000.0 * view.depth).astype(np.uint16)
     if "segmentation" in plan.modalities:
         assert view.segmentation is not None
-        found[f"cameras/{view.camera.name}/segmentation"] = view.segmentation
+        found[camera_array(view.camera.name, "segmentation")] = view.segmentation
     return found
 
 
@@ -159,7 +160,7 @@ def _photographed(recording: Recording, shown: Shown, plan: Plan) -> Arrays:
     frames: dict[str, list[npt.NDArray[Any]]] = {}
     for step in range(recording.steps + 1):
         images = pictures.at(recording.env_states, step)
-        _append(frames, {f"cameras/{name}/rgb": images[name]["rgb"] for name in plan.cameras})
+        _append(frames, {camera_array(name, "rgb"): images[name]["rgb"] for name in plan.cameras})
     return {name: np.stack(rows) for name, rows in frames.items()}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from gensim2.pipeline.setting import Circumstances
 from gensim2.seeding import scene_seeds
@@ -13,6 +13,10 @@ from gensim2.seeding import scene_seeds
 DATASET_SCHEMA: Literal[1] = 1
 
 Count = Annotated[int, Field(ge=0)]
+TaskName = Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
+"""A task's name is its folder's, too; the same rule as in :class:`~gensim2.tasks.spec.TaskSpec`."""
+
+_CIRCUMSTANCES = TypeAdapter(Circumstances)
 
 
 class _Record(BaseModel):
@@ -72,11 +76,20 @@ class DatasetRecord(_Record):
     seed: Count
     episodes: Annotated[int, Field(ge=1)]
     keep_failures: bool
-    tasks: dict[str, TaskRecord]
+    tasks: dict[TaskName, TaskRecord]
     listings: dict[str, str]
     versions: dict[str, str]
     objects: dict[str, ObjectUsed] = {}
     complete: bool = False
+
+    @model_validator(mode="after")
+    def _usable(self) -> DatasetRecord:
+        """Let no arguments in that episodes cannot follow from."""
+        missing = [each.name for each in fields(Circumstances) if each.name not in self.arguments]
+        if missing:
+            raise ValueError(f"arguments lack {missing[0]!r}")
+        _CIRCUMSTANCES.validate_python({each.name: self.arguments[each.name] for each in fields(Circumstances)})
+        return self
 
     @property
     def circumstances(self) -> Circumstances:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.data.record import DatasetRecord
+from gensim2.data.recorded import check_recording
 from gensim2.episodes.episode_file import (
     DamagedEpisodeError,
     EpisodeRow,
@@ -25,14 +26,18 @@ from gensim2.episodes.episode_file import (
 )
 from gensim2.episodes.record import Episode
 from gensim2.episodes.recording import Recording
-from gensim2.errors import InputError
+from gensim2.errors import InputError, brief
 from gensim2.files import replacing, write_json
+from gensim2.foreign.tree import ForeignTree, open_regular, why
 from gensim2.pipeline.attempts import LoggedEpisode, log_line, parse_line
 from gensim2.pipeline.reading import read_record
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
 DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+
+LAST_INDEX = 999_999_999
+MOST_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -101,25 +106,48 @@ class TaskStore:
             InputError: the file is not there, because the collection is not complete, or it cannot be read.
         """
         path = self.folder / ROWS
+        last = -1
         try:
-            with path.open("rb") as stream:
-                for number, line in enumerate(stream, 1):
-                    yield parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
+            with open_regular(self._inside(path)) as stream:
+                number = 0
+                while line := stream.readline(MOST_LINE + 1):
+                    number += 1
+                    if len(line) > MOST_LINE:
+                        wrong = f"has over {MOST_LINE // 2**20} MiB"
+                        raise InputError(wrong, file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
+                    row = parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
+                    if not last < row.index <= LAST_INDEX:
+                        wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
+                        raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
+                    last = row.index
+                    yield row
         except OSError as error:
-            remedy = "finish the collection with --resume"
-            raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+            raise InputError(why(error), file=path, remedy="finish the collection with --resume") from error
 
     def read(self, row: LoggedEpisode) -> StoredEpisode:
         """Return the whole of an episode.
 
         Raises:
-            InputError: its file is gone, damaged or not the one that the row is of.
+            InputError: its file is gone, damaged or not the one that the row is of, or its recording is none of the
+                episode (:func:`~gensim2.data.recorded.check_recording`), or one that held has none.
         """
-        path = self.path(row.index, row.held)
+        path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
-        if stored.row.digest != row.episode_digest:
+        if stored.row.digest != row.episode_digest or stored.row.episode != row.episode:
             raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
+        if stored.recording is not None:
+            check_recording(stored.recording, row, path)
+        elif row.held:
+            raise DamagedEpisodeError("holds no states", file=path, remedy="delete it and resume")
         return stored
+
+    def _inside(self, path: Path) -> Path:
+        """A file of the task, or of nothing else.
+
+        Raises:
+            InputError: a link leads out of the folder.
+        """
+        return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
     def found(self) -> Iterator[Found]:
         """All files of episodes that there are, damaged ones too.
@@ -184,7 +212,8 @@ class DataSet:
             InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
         """
         file = path / DATASET_JSON
-        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
+        record = read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set")
+        return DataSet(path, record)
 
     def save(self) -> None:
         """Write ``dataset.json``."""
@@ -203,4 +232,4 @@ class DataSet:
         """
         if name not in self.record.tasks:
             raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
-        return TaskStore(self.path / name)
+        return TaskStore(ForeignTree(self.path).inside(name))

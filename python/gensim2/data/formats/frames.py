@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.formats.columns import CLOUD, column_of
 from gensim2.episodes.recording import Recording
+from gensim2.errors import InputError
 from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[Any]
@@ -17,9 +19,6 @@ Array = npt.NDArray[Any]
 CONTROL_STEPS_PER_SECOND = 20
 FIRST_JOINT = 13
 """Column of the first joint in ManiSkill's states: before it the root's pose (7) and velocities (6)."""
-
-CLOUD, IMAGE, DEPTH = "point_cloud", "image_", "depth_"
-"""Names of observations, the last two before a camera's."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,21 @@ def frames_of(
 
     Args:
         observation: (T + 1, ...) arrays of its file of observations (docs/data.md); the last belongs to no action.
+
+    Raises:
+        InputError: it is of another robot, or its observations are not of its steps.
     """
     steps = recording.steps
-    robot = recording.env_states["articulations"][profile.agent]
+    robot = recording.env_states.get("articulations", {}).get(profile.agent)
     joints = len(profile.model.joint_names)
+    if robot is None or robot.shape[1] != FIRST_JOINT + 2 * joints:
+        raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
+    if recording.actions.shape[1] != len(profile.arm_joints) + 1:
+        raise InputError(f"has {recording.actions.shape[1]} numbers, not those of {profile.name}", field="actions")
     seen = {} if observation is None else _seen(observation)
+    for name, values in seen.items():
+        if len(values) != steps + 1:
+            raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
     return Frames(
         sentence,
         {
@@ -72,8 +81,5 @@ def _seen(observation: Mapping[str, Array]) -> dict[str, Array]:
         if colours is not None:
             parts.append(colours.astype(np.float32) / 255)
         found[CLOUD] = np.concatenate(parts, axis=-1)
-    for name, values in observation.items():
-        camera, _, what = name.rpartition("/")
-        if camera != "pointcloud" and what in ("rgb", "depth"):
-            found[(IMAGE if what == "rgb" else DEPTH) + camera] = values
+    found |= {column: values for name, values in observation.items() if (column := column_of(name)) is not None}
     return found
