@@ -181,6 +181,19 @@ def write_output(path: Path, data: str | bytes) -> None:
     write_atomic(path, data)
 
 
+def append(path: Path, text: str) -> None:
+    """Add text to a log.
+
+    Raises:
+        WriteError: it cannot be written to, or no room is left.
+    """
+    try:
+        with path.open("a", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        raise WriteError(f"cannot write: {error.strerror}", file=path, remedy="make room, and go on") from error
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as indented JSON, atomically. NaN is refused: JSON has none."""
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")

@@ -31,6 +31,11 @@ Result = TypeVar("Result")
 FRUGAL = {"MIMALLOC_ARENA_RESERVE": str(32 * 2**10)}
 """KiB that Arrow's allocator takes in advance: it takes 1 GiB otherwise, which counts although it is not used."""
 
+EXIT_LIMIT = 5.0
+"""Seconds in which a reader that has said its last word must be gone."""
+
+_LAST = ("result", "error", "memory", "bug")
+
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
@@ -96,6 +101,8 @@ def isolated(
                 kind, *told = pickle.loads(ours.recv_bytes())
             except (EOFError, OSError):
                 raise _death(process, source, bounds) from None
+            if kind in _LAST:
+                process.join(timeout=EXIT_LIMIT)  # killed, it would leave semaphores, of which Python complains
             if kind == "result":
                 result: Result = told[0]
                 return result

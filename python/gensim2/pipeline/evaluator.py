@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from gensim2.designers.base import StepStrategies
 from gensim2.episodes.record import Episode
+from gensim2.files import append
 from gensim2.pipeline import worker
 from gensim2.pipeline.setting import Circumstances, Drawn, Setting
 from gensim2.processes import (
@@ -133,8 +134,7 @@ class PoolEvaluator:
         if self._log is None:
             return
         self._log.parent.mkdir(parents=True, exist_ok=True)
-        with self._log.open("a", encoding="utf-8") as stream:
-            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-            stream.write(
-                f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
-            )
+        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        append(
+            self._log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
+        )
