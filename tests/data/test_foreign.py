@@ -103,9 +103,11 @@ def test_a_strategy_is_written_nowhere_but_into_its_task(dataset: DataSet, name:
 @pytest.mark.parametrize("name", ["../../x", "OpenBox/x", "open", "."])
 def test_a_task_has_a_name_that_is_one(dataset: DataSet, name: str) -> None:
     out = exported(dataset, "zarr")
-    edited(
-        out / NATIVE / "dataset.json", lambda document: document["tasks"].update({name: document["tasks"]["CloseBox"]})
-    )
+
+    def rename(document: Any) -> None:
+        document["tasks"][name] = document["tasks"]["CloseBox"]
+
+    edited(out / NATIVE / "dataset.json", rename)
     assert "dataset.json: tasks" in refused(out, "zarr")
 
 
@@ -238,7 +240,7 @@ def test_hdf5_points_nowhere_and_claims_no_more_than_fits(dataset: DataSet, what
         elif what == "a soft link":
             group["actions"] = h5py.SoftLink("/traj_0/actions")
         elif what == "another file's numbers":
-            group.create_dataset("actions", (8, 8), "f4", external=[("/etc/passwd", 0, 4096)])
+            group.create_dataset("actions", (8, 8), "f4", external=[(str(out / "README.md"), 0, 4096)])
         elif what == "1e12 rows":
             group.create_dataset("actions", (10**12, 8), "f4", chunks=True)
         else:
@@ -358,6 +360,7 @@ def test_every_file_of_an_export_is_compared(dataset: DataSet, to: Format) -> No
     assert there == listed | {"README.md", MANIFEST}
     (out / "README.md").write_text("mine")
     assert import_(out, out.parent / "back", to) > 0
+    shutil.rmtree(out.parent / "back")
     assert f"is an export to {to}, not" in refused(out, "zarr" if to != "zarr" else "lerobot")
 
 

@@ -20,6 +20,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,9 @@ PIXELS, POINTS = 8, 16
 #: How an export is told of its damage: not at all, by a manifest made anew, or by none, as older ones.
 MANIFESTS = ("kept", "made anew", "removed")
 
+
+#: What no export may lead to; nothing writes to it.
+OUTSIDE = Path(tempfile.gettempdir()) / "gensim2-fuzz-outside"
 
 #: Imported once for all processes; this module, too, which holds the function that they run.
 MODULES = ("__main__", *PRELOAD, "pyarrow.parquet")
@@ -96,18 +100,23 @@ def good_exports(folder: Path) -> dict[Format, Path]:
 def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
     """One to three damages to an export; which they were."""
     manifest = MANIFESTS[int(generator.integers(3))]
+    assert folder == Path(os.path.realpath(folder)), "a folder of its own"
     told = [f"manifest {manifest}"]
     for _ in range(int(generator.integers(1, 4))):
         files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+        files = [path for path in files if Path(os.path.realpath(path)).is_relative_to(folder)]  # nothing else is hurt
         if not files:
             break
         ways: tuple[Callable[[Path, list[Path], np.random.Generator], str], ...]
-        ways = (_bits, _bits, _structure, _structure, _structure, _replaced, _size)
+        ways = (_bits, _bits, _structure, _structure, _structure, partial(_replaced, folder), _size)
         path = _pick([p for p in files if generator.random() < 0.5 or p.suffix != ".mp4"] or files, generator)
         way = ways[int(generator.integers(len(ways)))]
         told.append(f"{path.relative_to(folder)}: {way(path, files, generator)}")
     if manifest != "kept":
-        (folder / MANIFEST).unlink(missing_ok=True)
+        path = folder / MANIFEST
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        path.unlink(missing_ok=True)
     if manifest == "made anew":
         try:
             write_manifest(folder, kind, int(generator.integers(1, 8)) if generator.random() < 0.1 else _count(folder))
@@ -127,6 +136,8 @@ def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
 
 def _bits(path: Path, _: list[Path], generator: np.random.Generator) -> str:
     """Bytes flipped, cut, doubled, moved; in an episode's file also behind a seal that fits."""
+    if path.stat().st_size > 2**24:  # made so before
+        os.truncate(path, 1000)
     data = path.read_bytes()
     if path.suffix == ".h5" and data.startswith(b"gensim2-episode") and generator.random() < 0.7:
         _reseal(path, damaged(data[HEADER_SIZE:], "binary", generator))
@@ -140,7 +151,10 @@ def _reseal(path: Path, body: bytes) -> None:
     digest = Seal("gensim2-episode", 1, "", "", InputError).write(path, body)
     rows = path.parents[1] / "episodes.jsonl"
     if rows.is_file():
-        lines = [json.loads(line) for line in rows.read_bytes().splitlines() if line.startswith(b"{")]
+        try:
+            lines = [json.loads(line) for line in rows.read_bytes().splitlines()]
+        except ValueError:  # damaged before
+            return
         for row in lines:
             if row.get("index") == int(path.stem):
                 row["episode_digest"] = digest
@@ -160,7 +174,7 @@ def _structure(path: Path, files: list[Path], generator: np.random.Generator) ->
             return _hdf5(path, generator)
         if path.suffix == ".parquet":
             return _table(path, generator)
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, pyarrow.ArrowException):
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, pyarrow.ArrowException):
         return _bits(path, files, generator)  # damaged already: nothing could be changed in its own terms
     return _bits(path, files, generator)
 
@@ -180,9 +194,9 @@ def _hdf5(path: Path, generator: np.random.Generator) -> str:
             "a group in its place": lambda: parent.create_group(word),
             "a circle": lambda: parent.__setitem__(word, file["/"]),
             "a soft link to itself": lambda: parent.__setitem__(word, h5py.SoftLink(f"/{name}")),
-            "a link to another file": lambda: parent.__setitem__(word, h5py.ExternalLink("/etc/passwd", "/")),
-            "data in /etc/passwd": lambda: parent.create_dataset(
-                word, (8,), "u1", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)]
+            "a link to another file": lambda: parent.__setitem__(word, h5py.ExternalLink(str(OUTSIDE), "/")),
+            "data outside": lambda: parent.create_dataset(
+                word, (8,), "u1", external=[(str(OUTSIDE), 0, h5py.h5f.UNLIMITED)]
             ),
             "1e12 rows": lambda: parent.create_dataset(word, (10**12, *values.shape[1:]), values.dtype, chunks=True),
             "a chunk of 1e9 rows": lambda: parent.create_dataset(word, (10**9, 4), "f4", chunks=(10**8, 4)),
@@ -206,7 +220,7 @@ def _hdf5(path: Path, generator: np.random.Generator) -> str:
 
 def _virtual(values: Any) -> h5py.VirtualLayout:
     layout = h5py.VirtualLayout(values.shape, "f4")
-    layout[...] = h5py.VirtualSource("/etc/passwd", "x", values.shape)
+    layout[...] = h5py.VirtualSource(str(OUTSIDE), "x", values.shape)
     return layout
 
 
@@ -237,7 +251,7 @@ def _table(path: Path, generator: np.random.Generator) -> str:
     return told
 
 
-def _replaced(path: Path, files: list[Path], generator: np.random.Generator) -> str:
+def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Generator) -> str:
     """A link, a special file, another file or a folder in the place of a file or of its folder."""
     other = _pick(files, generator)
 
@@ -252,20 +266,22 @@ def _replaced(path: Path, files: list[Path], generator: np.random.Generator) -> 
 
     whole = path.parent
     ways: dict[str, Callable[[], object]] = {
+        "a link up for its folder": lambda: (shutil.rmtree(whole), whole.symlink_to("..")),
         "gone": lambda: None,
         "a pipe": lambda: os.mkfifo(path),
         "a socket": bound,
         "a folder": path.mkdir,
         "a link to /dev/zero": lambda: path.symlink_to("/dev/zero"),
-        "a link to /etc/passwd": lambda: path.symlink_to("/etc/passwd"),
+        "a link to a file outside": lambda: path.symlink_to(OUTSIDE),
         "a link to itself": lambda: path.symlink_to(path.name),
         "a link to another file of it": lambda: path.symlink_to(other.resolve()),
         "another file of it": lambda: path.write_bytes(content),
-        "a link up for its folder": lambda: (shutil.rmtree(whole), whole.symlink_to("..")),
         "a link to / beside it": lambda: (path.write_bytes(mine), (whole / "rest").symlink_to("/")),
         "a name of the file system's longest": lambda: (path.write_bytes(mine), (whole / ("x" * 255)).touch()),
         "a name with a line break": lambda: (whole / "a\nb\x1b[31m").write_bytes(mine),
     }
+    if whole == root:
+        ways.pop("a link up for its folder")  # the export itself: what it leads to is not ours to damage
     content, mine = other.read_bytes(), path.read_bytes()
     told = _pick(list(ways), generator)
     path.unlink()
@@ -285,7 +301,7 @@ def _size(path: Path, _: list[Path], generator: np.random.Generator) -> str:
             stream.truncate(200 * 2**20)
         return "200 MiB"
     if way == 2:
-        (path.parent / "/".join(["d"] * 60)).mkdir(parents=True)
+        (path.parent / "/".join(["d"] * 60)).mkdir(parents=True, exist_ok=True)
         return "60 folders inside each other"
     if way == 3:
         for number in range(500):
@@ -411,6 +427,7 @@ class Tally:
 
 def prepare(folder: Path) -> dict[Format, Path]:
     """Good exports, and what they are imported as."""
+    OUTSIDE.write_text("of somebody else\n" * 100)
     good = good_exports(folder)
     for kind, path in good.items():
         back = folder / f"{kind}.back"

@@ -117,8 +117,8 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         "",
         f"# {episodes} demonstrations of {len(described)} manipulation tasks",
         "",
-        f"Made by gensim2 {_text_of(record.versions.get('gensim2', ''))}: planned by its keypoint solver, run and verified in",
-        f"simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
+        f"Made by gensim2 {_text_of(record.versions.get('gensim2', ''))}: planned by its keypoint solver, run and",
+        f"verified in simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
         "",
         *_table(
             ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),
