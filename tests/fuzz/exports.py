@@ -41,7 +41,6 @@ from gensim2.data.rendering import observation_path
 from gensim2.data.store import DataSet
 from gensim2.errors import InputError
 from gensim2.foreign.process import FRUGAL, Bounds, isolated
-from gensim2.foreign.tree import ForeignTree
 from gensim2.progress import NULL_PROGRESS
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
@@ -123,6 +122,10 @@ def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
         except (InputError, OSError):  # of a link or a pipe there is none to be made
             told.append("none could be made")
     return "; ".join(told)
+
+
+def nothing(_: Any) -> None:
+    """Do it."""
 
 
 def _count(folder: Path) -> int:
@@ -433,7 +436,7 @@ def prepare(folder: Path) -> dict[Format, Path]:
         back = folder / f"{kind}.back"
         back.mkdir()
         (folder / f"{kind}.count").write_text(str(read_export(path, back, kind, NULL_PROGRESS)))
-        ForeignTree(path).sizes()
+        isolated(nothing, (), path, Bounds.of(0), NULL_PROGRESS, MODULES)  # starts the server that forks
         assert (path / MANIFEST).is_file()
         assert kind == "maniskill" or (path / NATIVE).is_dir()
     return good

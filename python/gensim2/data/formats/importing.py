@@ -18,7 +18,7 @@ import numpy as np
 from gensim2.data.formats.columns import formerly_nested
 from gensim2.data.formats.export import NATIVE, check_apart
 from gensim2.data.formats.frames import Frames, frames_of
-from gensim2.data.formats.manifest import Format, check_manifest
+from gensim2.data.formats.manifest import Format, check_format, check_manifest
 from gensim2.data.formats.native import copy_native, read_back
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.formats.trajectory_reading import take_apart
@@ -82,9 +82,10 @@ def read_export(path: Path, folder: Path, of: Format, progress: Progress) -> int
 def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
     tree = ForeignTree(path)
     sizes = tree.sizes()
+    check_format(path, sizes, of)
     if of != "maniskill" and not (path / NATIVE).is_dir():
         raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=REMEDY)
-    manifest = check_manifest(path, sizes, of)
+    manifest = check_manifest(path, sizes)
     if manifest is None:
         progress.message(f"{path} was exported by an older gensim2: its clouds and pictures cannot be compared")
     if any(formerly_nested(name.split("/")[1]) for name in sizes if name.startswith("data/")):

@@ -76,27 +76,43 @@ def write_manifest(out: Path, kind: Format, episodes: int) -> None:
     )
 
 
-def check_manifest(path: Path, sizes: Mapping[str, int], kind: Format) -> Manifest | None:
+def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
+    """Refuse an export to another format than ``kind``; one without a manifest does not say.
+
+    Args:
+        sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
+
+    Raises:
+        InputError: it is one.
+    """
+    manifest = _read(path, sizes)
+    if manifest is not None and manifest.format != kind:
+        remedy = f"say --from {manifest.format}"
+        raise InputError(f"is an export to {manifest.format}, not {kind}", file=path, field="format", remedy=remedy)
+
+
+def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
     """Compare an export with its manifest, and return it; None where there is none.
 
     Args:
         sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
 
     Raises:
-        InputError: it is an export to another format, or a file is gone or not the one that was exported.
+        InputError: a file is gone or not the one that was exported.
     """
-    if MANIFEST not in sizes:
+    manifest = _read(path, sizes)
+    if manifest is None:
         return None
-    manifest = read_record(path / MANIFEST, Manifest, REMEDY)
-    if manifest.format != kind:
-        remedy = f"say --from {manifest.format}"
-        raise InputError(f"is an export to {manifest.format}, not {kind}", file=path, field="format", remedy=remedy)
     for name, record in manifest.files.items():
         if name not in sizes:
             raise InputError("lists a file that is not there", file=path / MANIFEST, field=name, remedy=REMEDY)
         if sizes[name] != record.size or _digest(path / name) != record.sha256:
             raise InputError("was changed since it was exported", file=path / name, remedy=REMEDY)
     return manifest
+
+
+def _read(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
+    return read_record(path / MANIFEST, Manifest, REMEDY) if MANIFEST in sizes else None
 
 
 def _digest(file: Path) -> str:
