@@ -69,7 +69,7 @@ class Bounds:
 
 
 def isolated(
-    function: Callable[[*tuple[Any, ...], Progress], Result],
+    function: Callable[..., Result],
     arguments: tuple[Any, ...],
     source: Path,
     bounds: Bounds,

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -34,8 +33,6 @@ from gensim2.robots import robot
 REMEDY = "give a folder that `gensim2 data export` wrote"
 
 PRELOAD = ("gensim2.data.formats.importing", "zarr")
-
-_END = object()
 
 
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
@@ -135,7 +132,7 @@ def _difference(ours: Frames, theirs: Frames) -> str | None:
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name, values in ours.columns.items():
-        other = cast("np.ndarray | None", theirs.columns.get(name))
+        other = theirs.columns.get(name)
         if other is None or other.dtype != values.dtype or not np.array_equal(other, values):
             return name
     steps = len(ours.columns["action"])
