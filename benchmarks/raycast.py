@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.data.observing import Shown
 from gensim2.data.store import DataSet
-from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
-from gensim2.observations import CloudSettings, DepthNoise
+from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec, View, point_cloud
+from gensim2.raycast.observer import Observer
 from gensim2.robots import robot as robot_profile
+from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneConfig
 from gensim2.sim.pictures import StatePictures
-from gensim2.sim.raycast.observer import Observer
 
 NEAR_M = 0.002
 """Within which depths count as equal."""
@@ -72,32 +72,36 @@ class Times:
         return 1e3 * self.seconds[part] / self.frames[part]
 
 
-def episodes(folders: list[Path]) -> Iterator[tuple[Shown, Recording]]:
+def episodes(folders: list[Path]) -> Iterator[tuple[SceneConfig, Recording]]:
     """Every episode that held."""
     for folder in folders:
         dataset = DataSet.open(folder)
-        circumstances = dataset.record.circumstances
+        options = dataset.record.scene
         for name in dataset.tasks:
             store = dataset.task(name)
-            shown = Shown(store.spec(), circumstances.assets, circumstances.robot, circumstances.physics)
+            shown = options.with_task(store.spec())
             for row in store.rows():
                 if row.held and (recording := store.read(row).recording) is not None:
                     yield shown, recording
 
 
-def observer(shown: Shown, recording: Recording, settings: CloudSettings) -> Observer:
+def observer(shown: SceneConfig, recording: Recording, settings: CloudSettings) -> Observer:
     library = open_library(shown.assets)
     objects = {
         name: library.load(spec.asset_class, recording.instances[name]) for name, spec in shown.task.objects.items()
     }
-    return Observer(robot_profile(shown.robot), objects, settings, recording.seed)
+    return Observer(robot_profile(shown.robot), objects, ObservationSpec(cloud=settings), recording.seed)
+
+
+def fused(seeing: Observer, views: tuple[View, ...]) -> None:
+    point_cloud(views, seeing.spec.cloud, seeing.scene.robot)
 
 
 def spread(count: int, wanted: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, count - 1, min(wanted, count))})
 
 
-def time_frames(shown: Shown, recording: Recording, wanted: int, times: Times) -> None:
+def time_frames(shown: SceneConfig, recording: Recording, wanted: int, times: Times) -> None:
     """Whole observations of successive instants, as `gensim2 render` makes them."""
     for part, settings in (
         ("cloud of 1,024 points", CloudSettings()),
@@ -106,13 +110,13 @@ def time_frames(shown: Shown, recording: Recording, wanted: int, times: Times) -
     ):
         begin = clock()
         seeing = observer(shown, recording, settings)
-        poses = seeing.poses(recording.env_states)
-        seeing.cloud(seeing.views(poses[0], 0))
+        poses = seeing.scene.poses(recording.env_states)
+        fused(seeing, seeing.views(poses[0], 0))
         times.add(f"{part}: start of an episode", clock() - begin)
         rows = range(1, min(wanted, len(poses)))
         begin = clock()
         for step in rows:
-            seeing.cloud(seeing.views(poses[step], step))
+            fused(seeing, seeing.views(poses[step], step))
         times.add(part, clock() - begin, len(rows))
         if settings == CloudSettings():
             begin = clock()
@@ -121,16 +125,18 @@ def time_frames(shown: Shown, recording: Recording, wanted: int, times: Times) -
             times.add("of it rays", clock() - begin, len(rows))
 
 
-def compare(shown: Shown, recording: Recording, wanted: int, agreement: Agreement, pictures: StatePictures) -> None:
+def compare(
+    shown: SceneConfig, recording: Recording, wanted: int, agreement: Agreement, pictures: StatePictures
+) -> None:
     seeing = observer(shown, recording, CloudSettings())
-    poses = seeing.poses(recording.env_states)
+    poses = seeing.scene.poses(recording.env_states)
     for step in spread(len(poses), wanted):
         images = pictures.at(recording.env_states, step)
         for view in seeing.views(poses[step], step):
             agreement.add(view, images[view.camera.name])
 
 
-def photograph(shown: Shown, recording: Recording, wanted: int, times: Times) -> None:
+def photograph(shown: SceneConfig, recording: Recording, wanted: int, times: Times) -> None:
     """RGB of recorded states, beside the renderer alone: the same scene drawn again and again."""
     pictures = StatePictures(shown.task, shown.assets, shown.robot, shown.physics)
     pictures.show(recording.instances, recording.seed, recording.reset_options)

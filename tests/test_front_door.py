@@ -14,7 +14,20 @@ import pytest
 
 import gensim2
 
-ROOMS = ("episodes", "inspection", "objects", "pipeline", "planning", "robots", "sim", "tasks")
+ROOMS = (
+    "data",
+    "design",
+    "envs",
+    "evaluation",
+    "inspection",
+    "objects",
+    "observations",
+    "planning",
+    "robots",
+    "rollout",
+    "sim",
+    "tasks",
+)
 HEAVY = ("h5py", "mani_skill", "numpy", "pydantic", "sapien", "scipy", "torch", "trimesh", "yaml")
 
 
@@ -33,7 +46,7 @@ def test_opening_a_library_brings_neither_simulator_nor_meshes() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("name", [name for name in gensim2.__all__ if name not in ("__version__", "Lane")])
+@pytest.mark.parametrize("name", [name for name in gensim2.__all__ if name not in ("__version__", "HeadlessEnv")])
 def test_every_name_is_that_of_its_room(name: str) -> None:
     found = getattr(gensim2, name)
     assert found.__module__.startswith("gensim2.")
@@ -58,6 +71,12 @@ def test_other_names_are_refused() -> None:
         getattr(gensim2, "open_librery")  # noqa: B009
 
 
+def test_the_name_of_the_release_before_still_works_and_says_the_new_one() -> None:
+    pytest.importorskip("mani_skill")
+    with pytest.warns(DeprecationWarning, match=r"gensim2\.HeadlessEnv"):
+        assert gensim2.Lane is gensim2.HeadlessEnv
+
+
 def test_version_is_the_installed_one() -> None:
     assert gensim2.__version__ == version("gensim2")
 
@@ -74,3 +93,13 @@ def test_make_env_takes_a_name_a_spec_or_its_fields() -> None:
         env = gensim2.make_env(asked, assets="builtin", obs_mode="state")
         assert env.unwrapped.task.name == name
         env.close()
+
+
+def test_importing_the_environments_registers_their_ids_and_no_simulator() -> None:
+    code = (
+        "import gensim2.envs, gymnasium, sys; assert 'GenSim2-OpenDrawer-v1' in gymnasium.registry\n"
+        "print(sorted({'mani_skill', 'sapien', 'torch'} & set(sys.modules)))"
+    )
+    pytest.importorskip("gymnasium")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

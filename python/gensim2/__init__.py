@@ -5,9 +5,14 @@ What most programs need is here, and imported when asked for: ``import gensim2``
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
     env = gensim2.make_env(task)                  # simulation: gensim2.sim
-    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.pipeline
+    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
+    gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
+    gensim2.render("night")                                        # what cameras would have seen
+    frames = gensim2.DataSet.open("night").frames()                # by number; frames.torch() for PyTorch
+    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # a controller of one's own: docs/controllers.md
+    result = gensim2.benchmark(["OpenDrawer"])                     # the planner, on the same scenes
     panda = gensim2.robot("panda")                # robots: gensim2.robots
 """
 
@@ -18,24 +23,35 @@ from typing import TYPE_CHECKING, Any
 from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from gensim2.data import DataSet, collect, render
+    from gensim2.design import demo, run_pipeline
+    from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
-    from gensim2.pipeline import demo, run_pipeline, solve
+    from gensim2.observations import Observation, ObservationSpec
     from gensim2.robots import robot, robot_names
-    from gensim2.sim import Lane, make_env
+    from gensim2.rollout import solve
+    from gensim2.sim import HeadlessEnv, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
 
     __version__: str
 
 __all__ = [
-    "Lane",
+    "DataSet",
+    "HeadlessEnv",
     "Library",
+    "Observation",
+    "ObservationSpec",
     "TaskSpec",
     "__version__",
+    "benchmark",
+    "collect",
     "demo",
+    "evaluate",
     "load_strategies",
     "load_task",
     "make_env",
     "open_library",
+    "render",
     "robot",
     "robot_names",
     "run_pipeline",
@@ -46,21 +62,31 @@ __all__ = [
 _of_rooms = lazy_names(
     __name__,
     {
-        "Lane": "gensim2.sim",
+        "DataSet": "gensim2.data",
+        "HeadlessEnv": "gensim2.sim",
         "Library": "gensim2.objects",
+        "Observation": "gensim2.observations",
+        "ObservationSpec": "gensim2.observations",
         "TaskSpec": "gensim2.tasks",
-        "demo": "gensim2.pipeline",
+        "benchmark": "gensim2.evaluation",
+        "collect": "gensim2.data",
+        "demo": "gensim2.design",
+        "evaluate": "gensim2.evaluation",
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",
         "open_library": "gensim2.objects",
+        "render": "gensim2.data",
         "robot": "gensim2.robots",
         "robot_names": "gensim2.robots",
-        "run_pipeline": "gensim2.pipeline",
-        "solve": "gensim2.pipeline",
+        "run_pipeline": "gensim2.design",
+        "solve": "gensim2.rollout",
         "task_names": "gensim2.tasks",
     },
 )
+
+#: Names of the release before, kept for this one.
+_RENAMED = {"Lane": "HeadlessEnv"}
 
 
 def __getattr__(name: str) -> Any:
@@ -68,6 +94,14 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("gensim2")
+    if name in _RENAMED:
+        import warnings
+
+        now = _RENAMED[name]
+        warnings.warn(
+            f"gensim2.{name} is gensim2.{now} now; the old name goes in 0.2", DeprecationWarning, stacklevel=2
+        )
+        return _of_rooms(now)
     return _of_rooms(name)
 
 

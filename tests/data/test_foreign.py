@@ -20,17 +20,19 @@ import zarr
 
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
-from gensim2.data.formats.columns import DEPTH, IMAGE, camera_array
+from gensim2.data.episode_file import write_episode
+from gensim2.data.formats.columns import camera_array
 from gensim2.data.formats.export import NATIVE, export
+from gensim2.data.formats.frames import EPISODE_COLUMNS
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.formats.zarr_reading import zarr_frames
 from gensim2.data.observation_file import read_observation, write_observation
-from gensim2.data.rendering import observation_path, render
+from gensim2.data.rendering import render
 from gensim2.data.store import DataSet
-from gensim2.episodes.episode_file import write_episode
 from gensim2.errors import InputError, WriteError
 from gensim2.files import new_folder
+from gensim2.observations.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
 
 Gather = Callable[..., CollectionResult]
 SmallDisk = Callable[..., AbstractContextManager[None]]
@@ -54,7 +56,7 @@ def dataset(gather: Gather) -> DataSet:
                     camera_array("left", "rgb"): draw.integers(0, 256, (frames, PIXELS, PIXELS, 3)).astype(np.uint8),
                     camera_array("left", "depth"): draw.integers(0, 9000, (frames, PIXELS, PIXELS)).astype(np.uint16),
                 }
-                write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
+                write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
     return dataset
 
 
@@ -114,10 +116,10 @@ def test_a_task_has_a_name_that_is_one(dataset: DataSet, name: str) -> None:
 def test_no_column_has_a_slash_and_pictures_and_depth_come_back(dataset: DataSet) -> None:
     out = exported(dataset, "zarr")
     names = set(zarr.open_group(out / "data", mode="r").array_keys())
-    assert names == {"state", "action", "reward", "success", "done", "point_cloud", IMAGE + "left", DEPTH + "left"}
+    assert {*PROPRIOCEPTION, *EPISODE_COLUMNS, CLOUD, IMAGE + "left", DEPTH + "left"} == names
     store = dataset.task(dataset.tasks[0])
     row = next(row for row in store.rows() if row.held)
-    seen = read_observation(observation_path(store, row.index)).arrays
+    seen = read_observation(store.observation_path(row.index)).arrays
     first = next(zarr_frames(out))
     assert np.array_equal(first.columns[IMAGE + "left"], seen["cameras/left/rgb"][:-1])
     assert np.array_equal(first.columns[DEPTH + "left"], seen["cameras/left/depth"][:-1])

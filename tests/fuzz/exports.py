@@ -37,7 +37,6 @@ from gensim2.data.formats.importing import PRELOAD, read_export
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format, write_manifest
 from gensim2.data.formats.native import read_back
 from gensim2.data.observation_file import write_observation
-from gensim2.data.rendering import observation_path
 from gensim2.data.store import DataSet
 from gensim2.errors import InputError
 from gensim2.foreign.process import FRUGAL, Bounds, isolated
@@ -88,7 +87,7 @@ def good_exports(folder: Path) -> dict[Format, Path]:
                     camera_array("left", "rgb"): draw.integers(0, 256, (frames, PIXELS, PIXELS, 3)).astype(np.uint8),
                     camera_array("left", "depth"): draw.integers(0, 9000, (frames, PIXELS, PIXELS)).astype(np.uint16),
                 }
-                write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
+                write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
     found: dict[Format, Path] = {}
     for kind in FORMATS:
         found[kind] = folder / kind

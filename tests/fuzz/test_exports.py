@@ -12,7 +12,7 @@ COUNT = 30
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> dict[exports.Format, Path]:
-    from gensim2.pipeline import worker
+    from gensim2.rollout import worker
 
     exports.MODULES = ("exports", *exports.PRELOAD)
     with pytest.MonkeyPatch.context() as patch:

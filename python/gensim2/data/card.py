@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.pipeline.attempts import LoggedEpisode
-from gensim2.pipeline.tally import interval
+from gensim2.rollout.tally import interval
 
 CARD = "README.md"
 
@@ -101,7 +101,7 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
 
 
 def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
-    record, circumstances = dataset.record, dataset.record.circumstances
+    record, scene = dataset.record, dataset.record.scene
     episodes, steps = sum(one.episodes for one in described), sum(one.steps for one in described)
     used = {f"{asset_class}/{id}" for one in described for asset_class, id in one.objects}
     licenses = sorted({record.objects[name].license for name in used if name in record.objects})
@@ -133,10 +133,10 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         *_table(
             ("", ""),
             [
-                ("robot", circumstances.robot),
-                ("objects", "generated" if circumstances.assets == "builtin" else "from a folder"),
-                ("physics", circumstances.physics),
-                ("randomization", circumstances.randomization),
+                ("robot", scene.robot),
+                ("objects", "generated" if scene.assets == "builtin" else "from a folder"),
+                ("physics", scene.physics),
+                ("randomization", scene.randomization),
                 ("seed", str(record.seed)),
                 ("episodes tried of each task", str(record.episodes)),
                 *((f"version of {name}", version) for name, version in sorted(record.versions.items())),

@@ -10,8 +10,9 @@ from typing import Any, Unpack
 
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
-from gensim2.pipeline.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -55,7 +56,7 @@ def collect(
     tasks: Sequence[str] = (),
     *,
     episodes: int,
-    out: Path,
+    out: Path | str,
     seed: int = 0,
     keep_failures: bool = False,
     workers: int | None = 2,
@@ -64,7 +65,7 @@ def collect(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     listener: Listener | None = None,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> CollectionResult:
     """Try episodes of tasks and keep each as soon as it is finished.
 
@@ -82,7 +83,7 @@ def collect(
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
         listener: is told how far it is.
-        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.
@@ -99,7 +100,7 @@ def collect(
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
     from gensim2.data.queue import Queue
-    from gensim2.pipeline.evaluator import PoolEvaluator
+    from gensim2.rollout.evaluator import PoolEvaluator
 
     listener = listener or NullListener()
     with CollectionFolder(
@@ -107,9 +108,10 @@ def collect(
     ) as folder:
         queue = Queue(folder, given, listener)
         with PoolEvaluator(
-            given[0].circumstances,
+            given[0].scene.options,
             workers,
             listener,
+            rollout=given[0].rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.path / ERRORS_LOG,
@@ -131,10 +133,10 @@ def _pool(ray: str | None) -> Any:
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
     """What ``dataset.json`` says before the first episode."""
-    from gensim2.pipeline.identity import digest, listings, versions
+    from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(
-        arguments=asdict(given[0].circumstances),
+        arguments={**given[0].scene.options.to_record(), **given[0].rollout.to_record()},
         seed=seed,
         episodes=episodes,
         keep_failures=keep_failures,

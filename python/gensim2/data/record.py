@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 
-from gensim2.pipeline.setting import Circumstances
+from gensim2.errors import InputError
+from gensim2.rollout.config import RolloutOptions
+from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.physics import with_current_physics
 from gensim2.seeding import scene_seeds
 
 DATASET_SCHEMA: Literal[1] = 1
@@ -16,7 +19,7 @@ Count = Annotated[int, Field(ge=0)]
 TaskName = Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
 """A task's name is its folder's, too; the same rule as in :class:`~gensim2.tasks.spec.TaskSpec`."""
 
-_CIRCUMSTANCES = TypeAdapter(Circumstances)
+_OPTIONS: tuple[TypeAdapter[Any], ...] = (TypeAdapter(SceneOptions), TypeAdapter(RolloutOptions))
 
 
 class _Record(BaseModel):
@@ -59,8 +62,8 @@ class DatasetRecord(_Record):
     """``dataset.json``.
 
     Attributes:
-        arguments: what all episodes follow from, as :class:`~gensim2.pipeline.setting.Circumstances` has it:
-            ``assets``, ``physics``, ``robot``, ``open_loop``, ``disturbance``, ``randomization`` and ``attempts``.
+        arguments: what all episodes follow from: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
+            :class:`~gensim2.rollout.config.RolloutOptions`.
         seed: of the collection.
         episodes: tried of each task.
         keep_failures: whether the states of failures are kept, too.
@@ -72,7 +75,7 @@ class DatasetRecord(_Record):
     """
 
     schema_version: Literal[1] = DATASET_SCHEMA
-    arguments: dict[str, Any]
+    arguments: Annotated[dict[str, Any], BeforeValidator(with_current_physics)]
     seed: Count
     episodes: Annotated[int, Field(ge=1)]
     keep_failures: bool
@@ -85,16 +88,23 @@ class DatasetRecord(_Record):
     @model_validator(mode="after")
     def _usable(self) -> DatasetRecord:
         """Let no arguments in that episodes cannot follow from."""
-        missing = [each.name for each in fields(Circumstances) if each.name not in self.arguments]
-        if missing:
-            raise ValueError(f"arguments lack {missing[0]!r}")
-        _CIRCUMSTANCES.validate_python({each.name: self.arguments[each.name] for each in fields(Circumstances)})
+        for kind, adapter in zip((SceneOptions, RolloutOptions), _OPTIONS, strict=True):
+            given = {each.name: self.arguments[each.name] for each in fields(kind) if each.name in self.arguments}
+            try:
+                adapter.validate_python(given)
+            except InputError as error:
+                raise ValueError(str(error)) from error
         return self
 
     @property
-    def circumstances(self) -> Circumstances:
-        """What all episodes follow from, beside their task."""
-        return Circumstances(**{field.name: self.arguments[field.name] for field in fields(Circumstances)})
+    def scene(self) -> SceneOptions:
+        """What the scenes of all tasks follow from."""
+        return SceneOptions.from_record(self.arguments)
+
+    @property
+    def rollout(self) -> RolloutOptions:
+        """What all episodes have in common beside their scenes."""
+        return RolloutOptions.from_record(self.arguments)
 
     def scene_seed(self, task: str, index: int) -> int:
         """Seed of an episode's reset: a function of the collection's seed, the task's name and the index alone."""

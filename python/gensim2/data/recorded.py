@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
 from gensim2.errors import InputError
 from gensim2.foreign.hdf5 import fits, shown_shape
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 
 MOST_STEPS = 100_000
 """Control steps of an episode: at 20 a second, 83 minutes. Tasks allow a few hundred."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 
@@ -76,8 +76,8 @@ class Selection:
         """Those whose clearance is at least ``least``; it does not stand in the record."""
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
-        circumstances = dataset.record.circumstances
-        meter = ClearanceMeter(robot(circumstances.robot), store.spec(), open_library(circumstances.assets))
+        scene = dataset.record.scene
+        meter = ClearanceMeter(robot(scene.robot), store.spec(), open_library(scene.assets))
         progress.start(f"{store.name}: clearance", len(rows))
         kept = []
         for row in rows:

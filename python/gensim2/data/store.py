@@ -9,13 +9,13 @@ for row in dataset.task("OpenBox").rows():          # every episode that was tri
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from gensim2.data.record import DatasetRecord
-from gensim2.data.recorded import check_recording
-from gensim2.episodes.episode_file import (
+from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
+from gensim2.data.episode_file import (
     DamagedEpisodeError,
     EpisodeRow,
     StoredEpisode,
@@ -24,17 +24,22 @@ from gensim2.episodes.episode_file import (
     read_row,
     write_episode,
 )
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
+from gensim2.data.record import DatasetRecord
+from gensim2.data.recorded import check_recording
 from gensim2.errors import InputError, brief
 from gensim2.files import replacing, write_json
 from gensim2.foreign.tree import ForeignTree, open_regular, why
-from gensim2.pipeline.attempts import LoggedEpisode, log_line, parse_line
-from gensim2.pipeline.reading import read_record
+from gensim2.observations import ObservationSpec
+from gensim2.record_files import read_record
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
-DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+if TYPE_CHECKING:
+    from gensim2.data.frame_access import FrameAccess
+
+DATASET_JSON, ROWS, OBSERVATIONS = "dataset.json", "episodes.jsonl", "observations"
 
 LAST_INDEX = 999_999_999
 MOST_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
@@ -86,6 +91,15 @@ class TaskStore:
         """Where the file of an episode lies."""
         return self.folder / ("episodes" if held else "failures") / f"{index:06d}.h5"
 
+    @property
+    def rows_path(self) -> Path:
+        """``episodes.jsonl``."""
+        return self.folder / ROWS
+
+    def observation_path(self, index: int) -> Path:
+        """Where the observations of an episode lie."""
+        return self.folder / OBSERVATIONS / f"{index:06d}.h5"
+
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode, whole or not at all, and return the digest of its file.
 
@@ -105,7 +119,7 @@ class TaskStore:
         Raises:
             InputError: the file is not there, because the collection is not complete, or it cannot be read.
         """
-        path = self.folder / ROWS
+        path = self.rows_path
         last = -1
         try:
             with open_regular(self._inside(path)) as stream:
@@ -123,6 +137,17 @@ class TaskStore:
                     yield row
         except OSError as error:
             raise InputError(why(error), file=path, remedy="finish the collection with --resume") from error
+
+    def logged(self) -> list[LoggedEpisode]:
+        """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.
+
+        Raises:
+            InputError: ``episodes.jsonl`` cannot be read, or another version of gensim2 wrote an episode.
+        """
+        if self.rows_path.exists():
+            return list(self.rows())
+        rows = [LoggedEpisode.of(each.row.episode, each.index, each.row.digest) for each in self.found() if each.row]
+        return sorted(rows, key=lambda row: row.index)
 
     def read(self, row: LoggedEpisode) -> StoredEpisode:
         """Return the whole of an episode.
@@ -184,7 +209,7 @@ class TaskStore:
         Raises:
             InputError: an episode is missing or damaged.
         """
-        with replacing(self.folder / ROWS) as path, path.open("wb") as stream:
+        with replacing(self.rows_path) as path, path.open("wb") as stream:
             for index in range(count):
                 held = self.path(index, True)
                 row = read_row(held if held.exists() else self.path(index, False))
@@ -205,19 +230,46 @@ class DataSet:
         self.path, self.record = path, record
 
     @staticmethod
-    def open(path: Path) -> DataSet:
+    def open(path: Path | str) -> DataSet:
         """Read what a collection left, finished or not.
 
         Raises:
             InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
         """
+        path = Path(path)
         file = path / DATASET_JSON
-        record = read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set")
-        return DataSet(path, record)
+        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
 
     def save(self) -> None:
         """Write ``dataset.json``."""
         write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
+        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
+
+        Args:
+            tasks, observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
+
+        Raises:
+            InputError: as there.
+        """
+        from gensim2.data.frame_access import FrameAccess
+
+        return FrameAccess(self, tasks, observations=observations, horizon=horizon)
+
+    def observation_spec(self) -> ObservationSpec:
+        """What its observations are of.
+
+        Raises:
+            InputError: it was not rendered, or a file of observations is damaged.
+        """
+        from gensim2.data.observation_file import read_description, spec_of_file
+
+        for name in self.tasks:
+            first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
+            if first is not None:
+                return spec_of_file(read_description(first), first)
+        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
 
     @property
     def tasks(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The robot of a lane: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
+"""Robot of the headless environment: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.errors import InputError
+from gensim2.observations.proprioception import tool_pose
 from gensim2.robots import RobotProfile, robot
+from gensim2.scenes.physics import PhysicsName
 from gensim2.sim.agents import urdf_config
-from gensim2.sim.objects import link_name
-from gensim2.sim.parts import Row, articulation_state, pose_row
-from gensim2.sim.physics import Physics, PhysicsName
+from gensim2.sim.parts import Row, articulation_state
+from gensim2.sim.physics import Physics
 from gensim2.sim.scene_state import RobotReader
 
 
@@ -47,7 +48,6 @@ class Arm:
                 joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
                 joint.set_friction(0.0)
         physics.prepare_robot(self.articulation, profile.gripper)
-        self._tool = next(link for link in self.articulation.links if link_name(link) == profile.tool_link)
         self.reader = RobotReader(profile, self.articulation)
 
     @property
@@ -80,8 +80,8 @@ class Arm:
         return articulation_state(self.articulation)
 
     def observed(self) -> list[Row]:
-        """What observations begin with: qpos, qvel, pose of the tool in the world (7,)."""
-        return [self.articulation.qpos, self.articulation.qvel, pose_row(self._tool.entity)]
+        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,)."""
+        return [self.articulation.qpos, self.articulation.qvel, tool_pose(self._profile, self.articulation.qpos)]
 
 
 def parsed(

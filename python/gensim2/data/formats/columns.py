@@ -2,11 +2,13 @@
 
 | observation file | column, and array in zarr | LeRobot |
 |---|---|---|
-| | ``state``, ``action`` | ``observation.state``, ``action`` |
+| ``proprioception/*`` | ``state``, ``velocity``, ``tool_pose``, ``gripper`` | ``observation.*`` |
+| | ``action`` | ``action`` |
 | | ``reward``, ``success``, ``done`` | ``next.*`` |
 | ``pointcloud/xyz``, ``pointcloud/rgb`` | ``point_cloud`` | ``observation.points`` |
 | ``cameras/<camera>/rgb`` | ``image_<camera>`` | ``observation.images.<camera>`` |
-| ``cameras/<camera>/depth`` | ``depth_<camera>`` | none |
+| ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
+| ``pointcloud/segmentation`` | ``point_segmentation`` | none |
 
 No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buffer take one for a folder.
 """
@@ -14,17 +16,15 @@ No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buf
 from __future__ import annotations
 
 from gensim2.foreign.names import checked_name
-
-CLOUD, IMAGE, DEPTH = "point_cloud", "image_", "depth_"
-"""Columns of observations; the last two stand before a camera's name."""
-
-NUMBERS = ("state", "action", "reward", "success", "done")
-"""Columns that follow from an episode alone."""
+from gensim2.observations.columns import CLOUD, DEPTH, GRIPPER, IMAGE, SEGMENTATION, STATE, TOOL_POSE, VELOCITY
 
 _CAMERAS = "cameras"
-_PREFIXES = {"rgb": IMAGE, "depth": DEPTH}
+_PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
 _LEROBOT = {
-    "state": "observation.state",
+    STATE: "observation.state",
+    VELOCITY: "observation.velocity",
+    TOOL_POSE: "observation.tool_pose",
+    GRIPPER: "observation.gripper",
     "action": "action",
     CLOUD: "observation.points",
     "reward": "next.reward",
@@ -52,8 +52,16 @@ def column_of(array: str) -> str | None:
     return _PREFIXES[what] + checked_name(camera, field=array)
 
 
+def array_of(column: str) -> str | None:
+    """The camera's array that becomes a column; None of other columns."""
+    for what, prefix in _PREFIXES.items():
+        if column.startswith(prefix):
+            return camera_array(column.removeprefix(prefix), what)
+    return None
+
+
 def lerobot_name(column: str) -> str | None:
-    """Name of a column in LeRobot's data sets; None of depth, for which they have no place."""
+    """Name of a column in LeRobot's data sets; None of depth and ids, for which they have no place."""
     if column.startswith(IMAGE):
         return _LEROBOT_IMAGES + column.removeprefix(IMAGE)
     return _LEROBOT.get(column)

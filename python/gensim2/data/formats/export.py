@@ -11,20 +11,20 @@ import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
-from gensim2.data.formats.frames import Array, Frames, frames_of
+from gensim2.data.formats.frames import Frames, frames_of
 from gensim2.data.formats.manifest import Format, write_manifest
 from gensim2.data.formats.replay_zarr import ZarrWriter
+from gensim2.data.formats.seen_table import SeenTable
 from gensim2.data.formats.to_lerobot import export_lerobot
-from gensim2.data.observation_file import read_observation
+from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.record import DatasetRecord
-from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
-from gensim2.episodes.trajectory import Provenance, write_trajectory
+from gensim2.data.trajectory import Provenance, write_trajectory
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing
-from gensim2.pipeline.attempts import LoggedEpisode, log_line
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
@@ -69,12 +69,14 @@ def export(
         if to == "maniskill":
             _export_maniskill(dataset, chosen, folder, progress)
         else:
-            frames = _frames(dataset, chosen, observations, progress)
+            seen = SeenTable()
+            frames = _frames(dataset, chosen, observations, seen, progress)
             if to == "lerobot":
-                export_lerobot(frames, folder, robot(dataset.record.circumstances.robot))
+                export_lerobot(frames, folder, robot(dataset.record.scene.robot))
             else:
                 _export_zarr(frames, folder)
             _copy_native(dataset, chosen, folder / NATIVE)
+            seen.write(folder / NATIVE)
         write_card(dataset, [Described.of(store, rows) for store, rows in chosen], folder, to)
         write_manifest(folder, to, count)
     return count
@@ -98,10 +100,10 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
         provenance = Provenance(
             task=spec,
             strategies=load_strategies_beside(store.folder, spec),
-            assets=record.circumstances.assets,
+            assets=record.scene.assets,
             licenses=licenses,
             seed=record.seed,
-            environment=record.circumstances.environment,
+            environment=record.scene.environment,
             details={"versions": record.versions, "dataset": record.model_dump(), "indices": [r.index for r in rows]},
         )
         write_trajectory(out / store.name, provenance, [(store.path(row.index), row.episode_digest) for row in rows])
@@ -109,13 +111,15 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
             progress.advance()
 
 
-def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Progress) -> Iterator[Frames]:
+def _frames(
+    dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
+) -> Iterator[Frames]:
     """Those of every episode, one at a time.
 
     Raises:
         InputError: some episodes have observations and others none.
     """
-    profile = robot(dataset.record.circumstances.robot)
+    profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:
         sentence = store.spec().description
@@ -127,13 +131,16 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
             if len(seen) > 1:
                 remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
                 raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
-            yield frames_of(recording, profile, sentence, observation)
+            if observation is not None:
+                table.add(store.name, row.index, observation)
+            arrays = None if observation is None else observation.arrays
+            yield frames_of(recording, profile, sentence, arrays)
             progress.advance()
 
 
-def _observed(store: TaskStore, row: LoggedEpisode) -> dict[str, Array] | None:
-    path = observation_path(store, row.index)
-    return read_observation(path, row.episode_digest).arrays if path.exists() else None
+def _observed(store: TaskStore, row: LoggedEpisode) -> ObservedEpisode | None:
+    path = store.observation_path(row.index)
+    return read_observation(path, row.episode_digest) if path.exists() else None
 
 
 def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from gensim2.data.formats.columns import formerly_nested
 from gensim2.data.formats.export import NATIVE, check_apart
-from gensim2.data.formats.frames import Frames, frames_of
+from gensim2.data.formats.frames import EPISODE_COLUMNS, Frames, frames_of
 from gensim2.data.formats.manifest import Format, check_format, check_manifest
 from gensim2.data.formats.native import copy_native, read_back
 from gensim2.data.formats.to_lerobot import lerobot_frames
@@ -107,7 +107,7 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
     Raises:
         InputError: they differ.
     """
-    profile = robot(dataset.record.circumstances.robot)
+    profile = robot(dataset.record.scene.robot)
     count = 0
     for store, row, stored in read_back(dataset, progress):
         assert stored.recording is not None  # of what was read back it always is
@@ -131,7 +131,8 @@ def _difference(ours: Frames, theirs: Frames) -> str | None:
     """What differs, if anything; of what episodes do not hold (clouds, pictures) only that it has all frames."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
-    for name, values in ours.columns.items():
+    for name in EPISODE_COLUMNS:
+        values = ours.columns[name]
         other = theirs.columns.get(name)
         if other is None or other.dtype != values.dtype or not np.array_equal(other, values):
             return name

@@ -16,7 +16,7 @@ from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
 from gensim2.errors import InputError
 from gensim2.foreign.library import read_by_library
 from gensim2.foreign.tree import ForeignTree
-from gensim2.pipeline.reading import parse_record
+from gensim2.record_files import parse_record
 
 Array = npt.NDArray[Any]
 

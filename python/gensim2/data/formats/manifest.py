@@ -17,7 +17,7 @@ from gensim2.data.card import CARD
 from gensim2.errors import InputError
 from gensim2.files import write_json
 from gensim2.foreign.tree import ForeignTree, open_regular, why
-from gensim2.pipeline.reading import read_record
+from gensim2.record_files import read_record
 
 Format = Literal["maniskill", "lerobot", "zarr"]
 FORMATS: tuple[Format, ...] = get_args(Format)

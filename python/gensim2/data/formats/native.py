@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.episode_file import StoredEpisode
+from gensim2.data.formats.seen_table import NAME as SEEN
 from gensim2.data.store import DATASET_JSON, ROWS, DataSet, TaskStore
-from gensim2.episodes.episode_file import StoredEpisode
 from gensim2.errors import InputError
 from gensim2.foreign.names import is_name
 from gensim2.foreign.tree import MOST_RECORD, ForeignTree
-from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.progress import Progress
 from gensim2.sealed_file import MOST_BYTES
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
@@ -32,6 +33,8 @@ def copy_native(source: Path, out: Path) -> None:
     tree = ForeignTree(source)
     dataset = DataSet.open(source)
     tree.copy(DATASET_JSON, out / DATASET_JSON, MOST_RECORD)
+    if tree.has(SEEN):
+        tree.copy(SEEN, out / SEEN, MOST_RECORD)
     for name in dataset.tasks:
         store = dataset.task(name)
         (out / name / STRATEGIES).mkdir(parents=True)

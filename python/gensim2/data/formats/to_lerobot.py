@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gensim2.data.formats.columns import CLOUD, IMAGE, column_in_lerobot, lerobot_name
+from gensim2.data.formats.columns import column_in_lerobot, lerobot_name
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
+from gensim2.observations.columns import CLOUD, GRIPPER, IMAGE, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import RobotProfile
 
 
@@ -16,7 +17,8 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
     """Write episodes as a LeRobot data set.
 
     Args:
-        episodes: at least one, all with the same columns; depth pictures, for which LeRobot has no place, are left out.
+        episodes: at least one, all with the same columns; depth and segmentation, for which LeRobot has no place, are
+            left out.
         out: folder.
         profile: of the robot.
 
@@ -24,7 +26,14 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
         InputError: episodes differ in their columns.
         MissingExtraError: pyarrow is not installed.
     """
-    names = {"state": profile.model.joint_names, "action": (*profile.arm_joints, "gripper")}
+    joints = profile.model.joint_names
+    names: dict[str, Sequence[str]] = {
+        STATE: joints,
+        VELOCITY: joints,
+        TOOL_POSE: ("x", "y", "z", "qw", "qx", "qy", "qz"),
+        GRIPPER: ("width", "command"),
+        "action": (*profile.arm_joints, "gripper"),
+    }
     writer: LeRobotWriter | None = None
     for frames in episodes:
         columns = {theirs: name for name in frames.columns if (theirs := lerobot_name(name)) is not None}

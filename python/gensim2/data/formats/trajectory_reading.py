@@ -1,4 +1,4 @@
-"""ManiSkill's trajectories that :func:`~gensim2.episodes.trajectory.write_trajectory` wrote, taken apart again."""
+"""ManiSkill's trajectories that :func:`~gensim2.data.trajectory.write_trajectory` wrote, taken apart again."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Annotated, Any
 import h5py
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from gensim2.data.attempt_log import LoggedEpisode, log_line
+from gensim2.data.episode_file import read_recording
 from gensim2.data.record import DatasetRecord
 from gensim2.data.recorded import MOST_STEPS, check_recording
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import LAST_INDEX, ROWS, DataSet, TaskStore
-from gensim2.episodes.episode_file import read_recording
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
-from gensim2.episodes.trajectory import H5_NAME, JSON_NAME
+from gensim2.data.trajectory import H5_NAME, JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import replacing
 from gensim2.foreign.hdf5 import group_in
 from gensim2.foreign.library import read_by_library
 from gensim2.foreign.tree import ForeignTree
-from gensim2.pipeline.attempts import LoggedEpisode, log_line
-from gensim2.pipeline.reading import parse_record, read_record
-from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.progress import Progress
+from gensim2.record_files import parse_record, read_record
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.parse import parse_task
 

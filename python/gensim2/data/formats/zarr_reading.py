@@ -22,7 +22,7 @@ from gensim2.errors import InputError
 from gensim2.foreign.library import read_by_library
 from gensim2.foreign.names import is_name
 from gensim2.foreign.tree import ForeignTree
-from gensim2.pipeline.reading import parse_record
+from gensim2.record_files import parse_record
 
 MOST_EPISODES = 10_000_000
 MOST_DESCRIPTION = 64 * 2**20  # bytes of a JSON file; the sentences of all tasks stand in one

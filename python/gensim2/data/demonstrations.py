@@ -1,0 +1,144 @@
+"""Collect demonstrations: episodes of fresh seeds in order, those that hold are kept, until there are enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gensim2.data.runfolder import RunFolder, TaskFolder
+from gensim2.data.store import TaskStore
+from gensim2.data.task_queue import Quota, TaskQueue, run_queues
+from gensim2.data.trajectory import Provenance, write_trajectory
+from gensim2.data.video import Replay, film
+from gensim2.errors import GenSim2Error
+from gensim2.objects import Library
+from gensim2.processes import Job
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.identity import versions
+from gensim2.rollout.record import Episode
+from gensim2.rollout.tally import Tally
+from gensim2.seeding import scene_seeds
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+#: Episodes tried for each demonstration that was asked for, before the collection gives up.
+TRIES_PER_DEMO = 5
+
+
+@dataclass(frozen=True)
+class Collected:
+    """What a collection left.
+
+    Attributes:
+        episodes: those that were run, by index.
+    """
+
+    episodes: tuple[Episode, ...]
+
+    @property
+    def demos(self) -> int:
+        """Number of demonstrations."""
+        return sum(episode.held for episode in self.episodes)
+
+    @property
+    def tally(self) -> Tally:
+        """What the episodes add up to."""
+        return Tally.of(self.episodes)
+
+
+def collect(
+    task: TaskSpec,
+    strategies: Strategies,
+    files: TaskFolder,
+    run: RunFolder,
+    evaluator: PoolEvaluator,
+    library: Library,
+    instances: str,
+    *,
+    episodes: int,
+    seed: int,
+    video: bool = True,
+    progress: Progress = NULL_PROGRESS,
+) -> Collected:
+    """Record demonstrations until ``episodes`` have held, and merge them.
+
+    Each is written when it is finished; of those that fail the record alone is kept. A second call makes what is
+    missing or damaged. Which episodes are run depends on the seed alone: those of the shortest run of indices from 0
+    that holds enough successes.
+
+    Args:
+        instances: which instances episodes draw from, one word.
+        episodes: demonstrations wanted.
+
+    Returns:
+        Fewer than ``episodes`` demonstrations where too many episodes failed.
+
+    Raises:
+        NotRunError: episodes could not be run; all others that may be needed are finished.
+        InputError: what an earlier run left cannot be used.
+    """
+    store = TaskStore(files.path)
+    seeds = scene_seeds(seed, task.name, "demos", TRIES_PER_DEMO * episodes)
+    queue = TaskQueue(task, strategies, instances, store, seeds.__getitem__, Quota(len(seeds), held=episodes))
+    progress.start(f"{task.name}: demonstrations", episodes)
+    if not queue.is_complete():
+        if damaged := queue.read():
+            progress.message(f"{task.name}: {damaged} episode files are damaged and are made again")
+        progress.advance(min(queue.held, episodes))
+        held = queue.held
+
+        def counted(queue: TaskQueue) -> None:
+            nonlocal held
+            progress.advance(queue.held - held)
+            held = queue.held
+
+        run_queues([queue], evaluator, counted)
+        queue.finish()
+    else:
+        progress.advance(episodes)
+    entries = list(store.rows())
+    run.add_episodes(library, entries, store.rows_path)
+    run.save()
+    kept = [entry for entry in entries if entry.held]
+    collected = Collected(tuple(entry.episode for entry in entries))
+    if not kept:
+        return collected
+    names = sorted({f"{thing.asset_class}/{thing.id}" for entry in kept for thing in entry.objects.values()})
+    write_trajectory(
+        files.path,
+        Provenance(
+            task=task,
+            strategies=strategies,
+            assets=evaluator.scene.assets,
+            licenses={name: run.record.licenses[name] for name in names},
+            seed=seed,
+            environment=evaluator.scene.environment,
+            details={"versions": versions(), "attempts": len(entries)},
+        ),
+        [(store.path(entry.index), entry.episode_digest) for entry in kept],
+    )
+    if video and not (files.path / "video.mp4").exists():
+        _film(files.path, task, evaluator, progress)
+    return collected
+
+
+def _film(folder: Path, task: TaskSpec, evaluator: PoolEvaluator, progress: Progress) -> None:
+    """Film the first demonstration in a worker; where no picture can be made, say so and go on."""
+    from gensim2.sim import rendering
+
+    if not rendering.can_render():
+        progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
+        return
+    progress.start(f"{task.name}: film", 1)
+    job = Job(0, (folder / "trajectory.h5", folder / "video.mp4", folder / "still.png"))
+    try:
+        for _ in evaluator.run(film_job, [job], f"{task.name}: film"):
+            progress.advance()
+    except GenSim2Error as error:
+        progress.message(f"{task.name}: no video: {error}")
+
+
+def film_job(trajectory: Path, video: Path, still: Path) -> int:
+    """Film the first episode; return the number of frames."""
+    return film(Replay.stored(trajectory), video, still=still).frames

@@ -1,0 +1,215 @@
+"""The one client for all endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
+
+Back-off and Retry-After are the ``openai`` library's. What comes in passes the ``boundary``. Added here: doing without
+what an endpoint does not know, and errors that a user can act on.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import logging
+from typing import Any
+
+from gensim2.design.llm.boundary import Boundary, guarded_client
+from gensim2.design.llm.options import ModelOptions
+from gensim2.design.llm.questions import Answer, Message, Question
+from gensim2.errors import InputError, MissingExtraError, ModelError, one_line
+
+#: Characters that make a token where an endpoint does not count them.
+CHARACTERS_A_TOKEN = 4
+
+#: Tokens that a picture is taken for where nobody counts.
+PICTURE_TOKENS = 1500
+
+#: Tokens beyond which a count of an endpoint is none.
+MOST_TOKENS = 10**9
+
+#: Characters of a refusal, and of the name of a model, that are told.
+LONGEST_REFUSAL = 300
+
+#: Fields of a request that some endpoints refuse; they are left out from then on.
+OPTIONAL = ("response_format", "temperature", "max_tokens")
+
+
+class Client:
+    """Asks one model.
+
+    Args:
+        options: which, and how.
+
+    Raises:
+        MissingExtraError: the ``openai`` library is not installed.
+        InputError: the address or the key cannot be used.
+    """
+
+    def __init__(self, options: ModelOptions) -> None:
+        self.options = options
+        self._openai, httpx = _load("openai"), _load("httpx2")
+        # Where debugging is on they would show requests, keys included, and replies that have not passed the boundary.
+        for name in ("openai", "httpx", "httpx2", "httpcore", "httpcore2"):
+            logging.getLogger(name).setLevel(logging.WARNING)
+        self._key = options.key
+        if self._key is not None and not self._key.can_be_sent:
+            raise InputError("holds no key: spaces, line breaks or odd characters", field=f"${options.key_variable}")
+        self._url = options.address
+        if self._key is None and self._url is None:
+            remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
+            raise InputError("is not set", field=f"${options.key_variable}", remedy=remedy)
+        self._without: set[str] = {"response_format"} if options.structured == "off" else set()
+        self._boundary = Boundary(self._key)
+        try:
+            line = guarded_client(httpx, self._boundary, options.timeout)
+            self._api = self._openai.OpenAI(
+                api_key=self._key.reveal() if self._key is not None else "none",
+                base_url=self._url,
+                timeout=options.timeout,
+                max_retries=options.retries,
+                http_client=line,
+            )
+        except (ValueError, TypeError, ImportError, self._openai.OpenAIError) as error:  # proxies of the environment
+            raise InputError(
+                f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
+            ) from None
+
+    @property
+    def endpoint(self) -> str:
+        """Its address."""
+        return str(self._api.base_url)
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._api.close()
+
+    def models(self) -> list[str]:
+        """Names of the models that the endpoint offers.
+
+        Raises:
+            ModelError: there is no answer.
+            InputError: the endpoint refuses the key.
+        """
+        try:
+            listed = self._api.with_options(max_retries=0).models.list()
+            return [one_line(str(model.id))[:LONGEST_REFUSAL] for model in listed.data]
+        except self._openai.OpenAIError as error:
+            raise self._in_words(error) from error
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ModelError(f"{self.endpoint}: lists its models in no way that can be read") from error
+
+    def ask(self, question: Question) -> Answer:
+        """One answer.
+
+        Raises:
+            ModelError: there is none, after all tries.
+            InputError: the endpoint refuses the key, the model or the question.
+        """
+        messages = [_message(message) for message in question.messages]
+        while True:
+            request = self._request(question)
+            try:
+                raw = self._api.chat.completions.with_raw_response.create(messages=messages, **request)
+                return self._answer(question, raw)
+            except self._openai.BadRequestError as error:
+                if (name := self._refused(request, str(error))) is None:
+                    raise self._in_words(error) from error
+                self._without.add(name)
+            except self._openai.OpenAIError as error:
+                raise self._in_words(error) from error
+
+    def _request(self, question: Question) -> dict[str, Any]:
+        given = self.options
+        request: dict[str, Any] = {"model": given.model}
+        if given.temperature is not None and "temperature" not in self._without:
+            request["temperature"] = given.temperature
+        limit = "max_completion_tokens" if "max_tokens" in self._without else "max_tokens"
+        request[limit] = given.max_tokens
+        if "response_format" not in self._without:
+            schema = {"name": question.stage, "schema": question.schema}
+            request["response_format"] = {"type": "json_schema", "json_schema": schema}
+        return request
+
+    def _refused(self, request: dict[str, Any], complaint: str) -> str | None:
+        """Which field of a request that can be done without the endpoint complains of."""
+        said = complaint.lower().replace("json_schema", "response_format").replace("response format", "response_format")
+        return next((name for name in OPTIONAL if name in said and name in request), None)
+
+    def _answer(self, question: Question, raw: Any) -> Answer:
+        try:
+            choice = raw.parse().choices[0]
+            text: Any = choice.message.content or ""
+            finish, usage = choice.finish_reason, raw.parse().usage
+            refusal = getattr(choice.message, "refusal", None)
+        except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
+            # No chat completion, or one that was cut off: whatever it was meant to say, nobody can tell.
+            return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
+        except self._openai.APIResponseValidationError:
+            return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
+        problem: str | None
+        if not isinstance(text, str):
+            text, problem = "", "it was no text"
+        elif not text.strip():
+            said = f" ({one_line(str(refusal))[:LONGEST_REFUSAL]})" if refusal else ""
+            problem = f"it was empty{said}"
+        else:
+            problem = "it was cut off because it was too long" if finish == "length" else None
+        return self._told(question, text, problem, usage, raw.retries_taken)
+
+    def _told(self, question: Question, text: str, problem: str | None, usage: Any, retries: int) -> Answer:
+        counts = (getattr(usage, "prompt_tokens", None), getattr(usage, "completion_tokens", None))
+        counted = all(type(count) is int and 0 <= count <= MOST_TOKENS for count in counts)
+        tokens_in, tokens_out = counts if counted else (estimated_tokens(question), len(text) // CHARACTERS_A_TOKEN)
+        assert isinstance(tokens_in, int)
+        assert isinstance(tokens_out, int)
+        cost = self.options.priced(tokens_in, tokens_out)
+        return Answer(text, problem, tokens_in, tokens_out, counted, retries, cost)
+
+    def _in_words(self, error: Exception) -> InputError | ModelError:
+        """The library's error as one of ours."""
+        library, given = self._openai, self.options
+        said = one_line(str(error))
+        if isinstance(error, library.AuthenticationError | library.PermissionDeniedError):
+            missing = "is not set" if self._key is None else "holds a key that is refused"
+            return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
+        if isinstance(error, library.NotFoundError):
+            return InputError(f"{self.endpoint} has no model {given.model!r}: {said}", field="designer")
+        if isinstance(error, library.APITimeoutError):
+            return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}")
+        if isinstance(error, library.APIConnectionError):
+            cause = one_line(str(error.__cause__ or error))
+            return ModelError(f"{self.endpoint}: cannot be reached, {self._tries()}: {cause}")
+        if isinstance(error, library.RateLimitError):
+            return ModelError(f"{self.endpoint}: asks to be left alone, {self._tries()}: {said}")
+        if isinstance(error, library.APIStatusError) and 300 <= error.status_code < 400:
+            remedy = "give the address itself with --base-url"
+            return InputError(f"{self.endpoint} sends on to another address", field="designer", remedy=remedy)
+        if isinstance(error, library.APIStatusError) and error.status_code < 500:
+            return InputError(f"{self.endpoint} refuses the question: {said}", field="designer")
+        return ModelError(f"{self.endpoint}: {said}, {self._tries()}")
+
+    def _tries(self) -> str:
+        tries = self.options.retries + 1
+        return f"tried {tries} times" if tries > 1 else "tried once"
+
+
+def estimated_tokens(question: Question) -> int:
+    """What a question is about as long as, in tokens."""
+    characters = sum(len(message.text) for message in question.messages)
+    pictures = sum(len(message.pictures) for message in question.messages)
+    return characters // CHARACTERS_A_TOKEN + PICTURE_TOKENS * pictures + 1
+
+
+def _message(message: Message) -> dict[str, Any]:
+    if not message.pictures:
+        return {"role": message.role, "content": message.text}
+    parts: list[dict[str, Any]] = [{"type": "text", "text": message.text}]
+    for picture in message.pictures:
+        data = base64.b64encode(picture.make()).decode()
+        parts.append({"type": "image_url", "image_url": {"url": f"data:image/png;base64,{data}"}})
+    return {"role": message.role, "content": parts}
+
+
+def _load(module: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(module, "llm") from error

@@ -1,0 +1,122 @@
+"""How a language model is asked: what a config file or the command line says of it. The key is no part of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gensim2.design.llm.secret import Secret
+from gensim2.errors import InputError
+from gensim2.yaml_files import read_yaml
+
+Price = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class ModelOptions(BaseModel):
+    """A model behind an endpoint that speaks the OpenAI protocol, and how it is asked.
+
+    Attributes:
+        model: its name at the endpoint.
+        base_url: of the endpoint; None: what ``OPENAI_BASE_URL`` says, else OpenAI's own.
+        key_variable: environment variable that holds the key; endpoints of one's own need none.
+        temperature: of its answers; None leaves it to the endpoint.
+        max_tokens: longest answer, tokens.
+        timeout: seconds for one try of one answer, from the first byte sent to the last received.
+        retries: further tries of a question after a failure of the endpoint or of the network.
+        concurrency: questions under way at once.
+        price_in, price_out: USD for a million tokens of questions and of answers; None: nobody knows.
+        budget: USD that a run may spend; None: any amount.
+        structured: whether answers are asked for by a JSON schema; ``"auto"``: until the endpoint refuses one.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
+
+    model: Annotated[str, Field(min_length=1, max_length=300)]
+    base_url: Annotated[str, Field(max_length=2000)] | None = None
+    key_variable: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=100)] = "OPENAI_API_KEY"
+    temperature: Annotated[float, Field(ge=0, le=2)] | None = None
+    max_tokens: Annotated[int, Field(ge=16, le=1_000_000)] = 4096
+    timeout: Annotated[float, Field(gt=0, le=3600)] = 120.0
+    retries: Annotated[int, Field(ge=0, le=20)] = 4
+    concurrency: Annotated[int, Field(ge=1, le=64)] = 4
+    price_in: Price | None = None
+    price_out: Price | None = None
+    budget: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    structured: Literal["auto", "off"] = "auto"
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.budget is not None and (self.price_in is None or self.price_out is None):
+            raise ValueError("budget: means nothing without price_in and price_out (USD for a million tokens)")
+        if self.base_url is not None:
+            problem = problem_of_address(self.base_url)
+            if problem is not None:
+                raise ValueError(f"base_url: {problem}")
+        return self
+
+    @property
+    def key(self) -> Secret | None:
+        """Return what the environment says."""
+        found = os.environ.get(self.key_variable)
+        return Secret(found) if found else None
+
+    @property
+    def address(self) -> str | None:
+        """Return the endpoint's address, ``OPENAI_BASE_URL`` where none is given; None: OpenAI's own.
+
+        Raises:
+            InputError: the variable holds no address, or more than one.
+        """
+        found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
+        problem = problem_of_address(found) if found is not None else None
+        if problem is not None:
+            raise InputError(problem, field="$OPENAI_BASE_URL")
+        return found
+
+    def priced(self, tokens_in: int, tokens_out: int) -> float | None:
+        """USD for so many tokens; None where no prices are known."""
+        if self.price_in is None or self.price_out is None:
+            return None
+        return (tokens_in * self.price_in + tokens_out * self.price_out) / 1e6
+
+
+def problem_of_address(address: str) -> str | None:
+    """Return what is wrong with the address of an endpoint; what it holds beside an address is not repeated."""
+    try:
+        parts = urlsplit(address)
+        _ = parts.port  # raises where it is none
+    except ValueError:
+        return "is no http or https address"
+    if parts.password or parts.username or parts.query or parts.fragment:
+        return "holds more than an address; the key comes from the environment"
+    if parts.scheme not in ("http", "https") or not parts.hostname or not (address.isascii() and address.isprintable()):
+        return f"{address!r} is no http or https address"
+    return None
+
+
+def model_options(config: Path | None = None, **given: Any) -> ModelOptions:
+    """Options from a YAML file of the fields of :class:`ModelOptions` and from ``given``, which go before it.
+
+    Args:
+        config: the file, or None.
+        **given: fields; None stands for not given.
+
+    Raises:
+        InputError: a field is unknown, missing or out of range; names file and field.
+    """
+    fields: Mapping[str, Any] = read_yaml(config) if config is not None else {}
+    try:
+        return ModelOptions.model_validate({**fields, **{k: v for k, v in given.items() if v is not None}})
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        message = str(first["ctx"]["error"]) if first["type"] == "value_error" else first["msg"].lower()
+        if first["type"] == "extra_forbidden":
+            message = "unknown field"
+        remedy = f"one of {', '.join(ModelOptions.model_fields)}" if first["type"] == "extra_forbidden" else None
+        raise InputError(message, file=config, field=field, remedy=remedy) from error

@@ -1,0 +1,338 @@
+"""What generated task code may be made of, looked up in its syntax tree. Needs Python only; runs inside the sandbox.
+
+Everything that is not listed is refused and named with its line: there is no list of what is bad.
+"""
+
+import ast
+import math
+import re
+from collections.abc import Collection, Iterable
+
+MODULE = "task_code"
+TOO_MANY_BITS = "a whole number of more than 64 bits"
+NOT_FINITE = "a number that is not finite"
+BASE = "Task"
+
+LONGEST_SOURCE = 100_000
+MOST_NODES = 5_000
+MOST_PROBLEMS = 10
+
+#: Of the tree's own bookkeeping, and what has no part that could be wrong.
+PLAIN = (
+    ast.Module,
+    ast.Expr,
+    ast.Pass,
+    ast.Load,
+    ast.Store,
+    ast.arguments,
+    ast.arg,
+    ast.keyword,
+    ast.List,
+    ast.Tuple,
+    ast.Dict,
+    ast.operator,
+    ast.unaryop,
+)
+OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.UAdd, ast.USub)
+CONSTANTS = (str, int, float, bool, type(None))
+#: Where the tree's own word is nobody's.
+SPOKEN = {
+    ast.JoinedStr: "an f-string",
+    ast.ListComp: "a list comprehension",
+    ast.SetComp: "a set comprehension",
+    ast.DictComp: "a dict comprehension",
+    ast.GeneratorExp: "a generator",
+    ast.AugAssign: "an assignment such as +=",
+    ast.AnnAssign: "an assignment with a type",
+    ast.NamedExpr: "an assignment inside an expression",
+    ast.Subscript: "an index",
+    ast.IfExp: "a conditional expression",
+}
+#: A whole number from here on is none that a task has a use for.
+LARGEST = 2**63
+#: Characters of a line that may be what is nested too deeply.
+LONG_LINE = 200
+NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+
+
+class Refused(Exception):
+    """A construct that is not on the list."""
+
+    def __init__(self, node: ast.AST | None, words: str) -> None:
+        super().__init__(words)
+        self.node, self.words = node, words
+
+
+def problems(source: str, offered: Iterable[str], methods: Iterable[str]) -> list[tuple[int, str]]:
+    """What in a program is not allowed, by line, at most ten; nothing: it may be run.
+
+    Args:
+        source: the program.
+        offered: names that may be imported.
+        methods: of ``self`` that may be called.
+
+    Returns:
+        Pairs of a line and a sentence.
+
+    Raises:
+        SyntaxError: it is no Python, or too long or too deep for it.
+    """
+    if len(source) > LONGEST_SOURCE:
+        raise SyntaxError(f"has {len(source)} characters, more than {LONGEST_SOURCE}")
+    if (odd := NOT_IN_TEXT.search(source)) is not None:
+        raise at_line(f"a character that no text has ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
+    try:
+        tree = ast.parse(source)
+    except SyntaxError as error:
+        if "integer string conversion" in str(error.msg):
+            raise at_line(TOO_MANY_BITS, error.lineno) from error
+        raise
+    except (RecursionError, MemoryError) as error:
+        raise at_line("cannot be parsed: it is nested too deeply", longest_line(source)) from error
+    except ValueError as error:
+        raise SyntaxError(f"cannot be parsed: {error}") from error
+    return Reader(frozenset(offered), frozenset(methods)).read(tree)
+
+
+def at_line(words: str, line: int | None) -> SyntaxError:
+    """A syntax error of our own at a line."""
+    return SyntaxError(words, (None, line, None, None))
+
+
+def longest_line(source: str) -> int | None:
+    """Number of the longest line, where one is long enough to be to blame for depth."""
+    lengths = [len(line) for line in source.split("\n")]
+    return lengths.index(max(lengths)) + 1 if max(lengths) > LONG_LINE else None
+
+
+class Reader:
+    """Looks at one program."""
+
+    def __init__(self, offered: Collection[str], methods: Collection[str]) -> None:
+        self.offered, self.methods = offered, methods
+        self.found: list[tuple[int, str]] = []
+        self.known = {"self"}
+        self.numbers: dict[ast.AST, int | float] = {}
+
+    def read(self, tree: ast.Module) -> list[tuple[int, str]]:
+        nodes, parents = self.listed(tree)
+        if len(nodes) > MOST_NODES:
+            return [(1, f"the program has more than {MOST_NODES} parts")]
+        for node in nodes:  # by line, so that a name is known after it was given
+            try:
+                self.look(node, parents.get(node))
+            except Refused as refused:
+                self.found.append((getattr(refused.node, "lineno", 1), refused.words))
+        classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+        if len(classes) != 1:
+            self.found.append((1, f"there must be one class, derived from {BASE}; there are {len(classes)}"))
+        return sorted(set(self.found))[:MOST_PROBLEMS]
+
+    def listed(self, tree: ast.Module) -> tuple[list[ast.AST], dict[ast.AST, ast.AST]]:
+        """All nodes in the order of the program, and their parents; no recursion, so that depth does no harm."""
+        nodes: list[ast.AST] = []
+        parents: dict[ast.AST, ast.AST] = {}
+        waiting: list[ast.AST] = [tree]
+        while waiting and len(nodes) <= MOST_NODES:
+            node = waiting.pop()
+            nodes.append(node)
+            children = list(ast.iter_child_nodes(node))
+            if isinstance(node, ast.Assign):  # what is given is read before the name that it is given to
+                children = [node.value, *node.targets]
+            for child in children:
+                parents.setdefault(child, node)
+            waiting.extend(reversed(children))
+        return nodes, parents
+
+    def look(self, node: ast.AST, parent: ast.AST | None) -> None:
+        method = getattr(self, f"look_at_{type(node).__name__}", None)
+        if method is not None:
+            method(node, parent)
+        elif isinstance(node, (ast.operator, ast.unaryop)) and not isinstance(node, OPERATORS):
+            raise Refused(parent, f"the operator {type(node).__name__} is not allowed")
+        elif not isinstance(node, PLAIN):
+            at = node if hasattr(node, "lineno") else parent
+            raise Refused(at, f"{_spoken(node)} is not allowed")
+
+    def look_at_ImportFrom(self, node: ast.ImportFrom, parent: ast.AST | None) -> None:
+        module = "." * node.level + (node.module or "")
+        if module != MODULE:
+            raise Refused(node, f"an import from {_short(module)} is not allowed, only from {MODULE}")
+        if not isinstance(parent, ast.Module):
+            raise Refused(node, "an import must stand at the top")
+        for alias in node.names:
+            if alias.name not in self.offered:
+                raise Refused(node, f"{MODULE} has no {_short(alias.name)}; it has {', '.join(sorted(self.offered))}")
+            if alias.asname is not None:
+                raise Refused(node, "an import under another name is not allowed")
+            self.known.add(alias.name)
+
+    def look_at_alias(self, node: ast.alias, parent: ast.AST | None) -> None:
+        if not isinstance(parent, ast.ImportFrom):
+            raise Refused(parent, f"import {_short(node.name)} is not allowed, only from {MODULE} import ...")
+
+    def look_at_Import(self, node: ast.Import, parent: ast.AST | None) -> None:
+        """Its names are told one by one."""
+
+    def look_at_ClassDef(self, node: ast.ClassDef, parent: ast.AST | None) -> None:
+        if not isinstance(parent, ast.Module):
+            raise Refused(node, "a class inside something else is not allowed")
+        if node.decorator_list:
+            raise Refused(node, "a decorator is not allowed")
+        if not CLASS_NAME.fullmatch(node.name):
+            raise Refused(node, f"a class must be called in CamelCase, in ASCII, not {_short(node.name)}")
+        bases = [base.id if isinstance(base, ast.Name) else None for base in node.bases]
+        if bases != [BASE] or node.keywords:
+            raise Refused(node, f"a class must be derived from {BASE} and from nothing else")
+
+    def look_at_FunctionDef(self, node: ast.FunctionDef, parent: ast.AST | None) -> None:
+        if not isinstance(parent, ast.ClassDef) or node.name != "__init__":
+            raise Refused(node, f"a function is not allowed but __init__ of the class, not {_short(node.name)}")
+        given = node.args
+        others = (given.posonlyargs, given.kwonlyargs, given.vararg, given.kwarg, given.defaults)
+        if [arg.arg for arg in given.args] != ["self"] or any(others):
+            raise Refused(node, "__init__ takes self and nothing else")
+        if node.decorator_list:
+            raise Refused(node, "a decorator is not allowed")
+
+    def look_at_Assign(self, node: ast.Assign, parent: ast.AST | None) -> None:
+        if not isinstance(parent, (ast.ClassDef, ast.FunctionDef)):
+            raise Refused(node, "an assignment outside the class is not allowed")
+        if len(node.targets) != 1 or not isinstance(node.targets[0], (ast.Name, ast.Attribute)):
+            raise Refused(node, "an assignment must be to one name")
+
+    def look_at_Attribute(self, node: ast.Attribute, parent: ast.AST | None) -> None:
+        if _is_super_init(node, parent):
+            return
+        if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
+            raise Refused(node, f"the attribute {_short(node.attr)} of anything but self is not allowed")
+        if not NAME.fullmatch(node.attr):
+            raise Refused(node, f"self.{_short(node.attr)} is not allowed: names have small ASCII letters")
+        if isinstance(node.ctx, ast.Store) and node.attr in self.methods:
+            raise Refused(node, f"self.{node.attr} cannot be assigned")
+
+    def look_at_Name(self, node: ast.Name, parent: ast.AST | None) -> None:
+        if isinstance(node.ctx, ast.Store):
+            if not NAME.fullmatch(node.id) or node.id in self.offered or node.id in ("self", "super"):
+                raise Refused(node, f"the name {_short(node.id)} cannot be assigned")
+            self.known.add(node.id)
+        elif node.id == "super" and isinstance(parent, ast.Call) and parent.func is node:
+            return  # the call says where it may stand
+        elif node.id not in self.known:
+            raise Refused(node, f"the name {_short(node.id)} is not allowed, or not imported from {MODULE}")
+
+    def look_at_Call(self, node: ast.Call, parent: ast.AST | None) -> None:
+        called = node.func
+        if any(keyword.arg is None for keyword in node.keywords):
+            raise Refused(node, "** in a call is not allowed")
+        if isinstance(called, ast.Name) and called.id == "super":
+            if not (isinstance(parent, ast.Attribute) and parent.attr == "__init__") or node.args or node.keywords:
+                raise Refused(node, "super is allowed in super().__init__() only")
+        elif isinstance(called, ast.Attribute):
+            if _is_super_init(called, node):
+                if node.args or node.keywords:
+                    raise Refused(node, "super().__init__() takes nothing")
+            elif called.attr not in self.methods:
+                raise Refused(node, f"a call of .{_short(called.attr)} is not allowed, only {self.offer()}")
+        elif not isinstance(called, ast.Name):
+            raise Refused(node, "a call of anything but a name is not allowed")
+        elif called.id not in self.offered or called.id == BASE:
+            raise Refused(node, f"a call of {_short(called.id)} is not allowed")
+
+    def look_at_Constant(self, node: ast.Constant, parent: ast.AST | None) -> None:
+        if type(node.value) not in CONSTANTS:
+            raise Refused(node, f"a constant of type {type(node.value).__name__} is not allowed")
+        if isinstance(node.value, str):
+            if (odd := NOT_IN_TEXT.search(node.value)) is not None:
+                raise Refused(node, f"a character that no text has ({odd[0]!r})")
+        elif isinstance(node.value, (int, float)):
+            check_number(node, node.value)
+
+    def look_at_Dict(self, node: ast.Dict, parent: ast.AST | None) -> None:
+        if not all(isinstance(key, ast.Constant) and isinstance(key.value, str) for key in node.keys):
+            raise Refused(node, "the keys of a dict must be text")
+
+    def look_at_UnaryOp(self, node: ast.UnaryOp, parent: ast.AST | None) -> None:
+        self.look_at_number(node)
+
+    def look_at_BinOp(self, node: ast.BinOp, parent: ast.AST | None) -> None:
+        self.look_at_number(node)
+
+    def look_at_number(self, node: ast.UnaryOp | ast.BinOp) -> None:
+        """Arithmetic is for numbers: text and lists grow when they are multiplied, and so do numbers."""
+        for part in (node.operand,) if isinstance(node, ast.UnaryOp) else (node.left, node.right):
+            number = isinstance(part, ast.Constant) and type(part.value) in (int, float)
+            if not (number or isinstance(part, (ast.UnaryOp, ast.BinOp)) or _is_name(part, "pi")):
+                raise Refused(node, "arithmetic with anything but numbers is not allowed")
+        try:
+            self.number(node)
+        except RecursionError as error:
+            raise Refused(node, "an expression is nested too deeply") from error
+
+    def number(self, node: ast.AST) -> int | float:
+        """What arithmetic comes to, within the bounds of numbers."""
+        if node in self.numbers:
+            return self.numbers[node]
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
+            found = self.number(node.operand)
+            found = -found if isinstance(node.op, ast.USub) else found
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, OPERATORS):
+            found = computed(node, self.number(node.left), self.number(node.right))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+            found = node.value
+        else:  # pi, or what is refused where it stands
+            found = math.pi
+        check_number(node, found)
+        self.numbers[node] = found
+        return found
+
+    def offer(self) -> str:
+        return ", ".join(f"self.{name}" for name in sorted(self.methods))
+
+
+def computed(node: ast.BinOp, left: int | float, right: int | float) -> int | float:
+    """One step of arithmetic."""
+    try:
+        if isinstance(node.op, ast.Div):
+            return left / right
+        if isinstance(node.op, ast.Mult):
+            return left * right
+        return left + right if isinstance(node.op, ast.Add) else left - right
+    except ZeroDivisionError as error:
+        raise Refused(node, "a division by zero") from error
+    except OverflowError as error:
+        raise Refused(node, NOT_FINITE) from error
+
+
+def check_number(node: ast.AST, number: int | float) -> None:
+    """Refuse what JSON cannot hold or nobody can use."""
+    if isinstance(number, float):
+        if not math.isfinite(number):
+            raise Refused(node, NOT_FINITE)
+    elif not -LARGEST <= number < LARGEST:
+        raise Refused(node, TOO_MANY_BITS)
+
+
+def _is_super_init(node: ast.Attribute, parent: ast.AST | None) -> bool:
+    """Whether it is the attribute in ``super().__init__()``."""
+    called = node.value
+    is_super = isinstance(called, ast.Call) and _is_name(called.func, "super")
+    return node.attr == "__init__" and is_super and isinstance(parent, ast.Call) and parent.func is node
+
+
+def _is_name(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
+def _spoken(node: ast.AST) -> str:
+    """A kind of node as people say it."""
+    if type(node) in SPOKEN:
+        return SPOKEN[type(node)]
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(node).__name__).lower()
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
+def _short(name: str) -> str:
+    return repr(name) if len(name) <= 60 else f"{name[:60]!r}..."

@@ -1,0 +1,163 @@
+"""What the loop needs: a body that acts and sees, and of a simulator what only it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects import ObjectModel
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.planning.scene import Scene
+from gensim2.robots import RobotProfile
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import TaskSpec
+
+Array = npt.NDArray[np.float64]
+Tree = dict[str, Any]
+"""Arrays by name, nested; leaves are numpy arrays."""
+
+
+class Factors(Protocol):
+    """By what an object's physics is multiplied; docs/simulation.md."""
+
+    @property
+    def mass(self) -> float: ...
+    @property
+    def contact_friction(self) -> float: ...
+    @property
+    def joint_friction(self) -> float: ...
+
+
+class Placed(Protocol):
+    """An object as a reset put it into the scene."""
+
+    @property
+    def model(self) -> ObjectModel: ...
+    @property
+    def position(self) -> Array:
+        """(3,) of its root in the world, m."""
+        ...
+
+    @property
+    def quaternion(self) -> Array:
+        """(4,) of its root in the world, (w, x, y, z)."""
+        ...
+
+    @property
+    def yaw(self) -> float:
+        """rad that the randomization turned it by."""
+        ...
+
+    @property
+    def default_pose(self) -> str | None:
+        """Whose default pose it was put from, ``"default"`` or ``"original"``; None: its pose was given."""
+        ...
+
+    @property
+    def factors(self) -> Factors:
+        """By what its physics is multiplied."""
+        ...
+
+
+class Setup(Protocol):
+    """What a reset drew."""
+
+    @property
+    def objects(self) -> Mapping[str, Placed]:
+        """By name, in the task's order."""
+        ...
+
+    @property
+    def draws(self) -> int:
+        """Draws until all stood apart and within reach."""
+        ...
+
+    @property
+    def start(self) -> Sequence[float]:
+        """(n,) all active joints of the robot."""
+        ...
+
+    @property
+    def randomization(self) -> str:
+        """Name of the preset that it was drawn with."""
+        ...
+
+
+class Body(Protocol):
+    """What acts: a simulated robot, or a real one.
+
+    Attributes:
+        profile: of the robot.
+        waits: it stands still while a controller thinks. One that does not must be given an action every control step.
+    """
+
+    profile: RobotProfile
+    waits: bool
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """Where an episode begins."""
+        ...
+
+    def step(self, action: npt.ArrayLike) -> None:
+        """One control step, (m + 1,)."""
+        ...
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        """What is seen now."""
+        ...
+
+    def close(self) -> None:
+        """Give up what it holds."""
+        ...
+
+
+class World(Body, Protocol):
+    """One task's scene: a body, and what only a simulator knows. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
+
+    task: TaskSpec
+    seed: int
+    elapsed_steps: int
+    control_mode: str
+
+    @property
+    def setup(self) -> Setup: ...
+    @property
+    def reset_options(self) -> Mapping[str, Any]:
+        """Options with which a reset to the same seed gives the same scene."""
+        ...
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
+        """A fresh scene; without the arm where ``robot`` is False."""
+        ...
+
+    def wait(self) -> None:
+        """One control step in which nothing is commanded."""
+        ...
+
+    def measure(self) -> Measurement:
+        """Everything that criteria and verdicts go by; without the arm as if it stood as at the start."""
+        ...
+
+    def scene_state(self) -> Scene:
+        """The scene as a planner sees it."""
+        ...
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot touches."""
+        ...
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether physics still gives numbers."""
+        ...
+
+    def state(self) -> Tree:
+        """ManiSkill's ``env_states`` of this instant."""
+        ...
+
+    def observation(self) -> npt.NDArray[np.float32]:
+        """(D,) the environment's state observation of this instant."""
+        ...

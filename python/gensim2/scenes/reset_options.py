@@ -1,0 +1,96 @@
+"""Reset options: what takes the place of what a seed would draw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gensim2.errors import InputError
+
+RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
+"""Reset options of ours; ManiSkill knows ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` besides."""
+FARTHEST = 10.0
+"""Metres from the world's origin at which an object may be put: far beyond the table, and no overflow."""
+
+_MANISKILL_OPTIONS = frozenset({"reconfigure", "env_idx", "reset_to_env_states"})
+_NUMBERS = {"offset": (3, "x, y, yaw"), "pose": (7, "x, y, z, qw, qx, qy, qz"), "openness": (0, "")}
+
+ObjectOptions = Mapping[str, Any]
+"""Of one object: option to value."""
+
+
+def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Mapping[str, ObjectOptions]:
+    """Reset options by object; ManiSkill's own are checked and left to it.
+
+    Args:
+        options: each option of ours is a mapping from an object's name to its value, or the value itself where there
+            is one object.
+        names: of the objects.
+
+    Raises:
+        InputError: an option or an object is unknown, or a value has the wrong form; names it.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"must be a mapping, is {options!r}", field="options")
+    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for option, value in (options or {}).items():
+        if option in _MANISKILL_OPTIONS:
+            _check_maniskill(option, value)
+            continue
+        if option not in RESET_OPTIONS:
+            known = ", ".join(sorted(RESET_OPTIONS))
+            raise InputError("unknown reset option", field=str(option), remedy=f"known: {known}")
+        if value is None:
+            continue
+        if isinstance(value, Mapping):
+            for name, own in value.items():
+                if name not in found:
+                    raise InputError(f"there is no object {name!r}", field=option, remedy=f"there are {_list(names)}")
+                if own is not None:
+                    _check(option, own, f"{option}.{name}")
+                    found[name][option] = own
+        elif len(names) == 1:
+            _check(option, value, option)
+            found[names[0]][option] = value
+        else:
+            raise InputError("must be a mapping from an object to its value", field=option, remedy=_list(names))
+    for given in found.values():
+        if "offset" in given and "pose" in given:
+            raise InputError("give either offset or pose", field="offset")
+    return found
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names)
+
+
+def _check_maniskill(option: str, value: Any) -> None:
+    if option == "env_idx" and value is not None and np.any(np.asarray(value) != 0):
+        raise InputError("there is one environment, 0", field="env_idx")
+    has_states = value is None or (isinstance(value, Mapping) and "env_states" in value)
+    if option == "reset_to_env_states" and not has_states:
+        raise InputError("must be a mapping with env_states", field="reset_to_env_states")
+
+
+def _check(option: str, given: Any, field: str) -> None:
+    if option == "instance":
+        if not isinstance(given, str):
+            raise InputError("must be the id of an instance, as a string", field=field)
+        return
+    size, what = _NUMBERS[option]
+    try:
+        value = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("must be numbers", field=field) from error
+    if value.shape != ((size,) if size else ()) or not np.isfinite(value).all():
+        raise InputError(f"must be {size} finite numbers ({what})" if size else "must be a finite number", field=field)
+    if option == "openness":
+        if not 0.0 <= float(value) <= 1.0:
+            raise InputError("must lie in 0..1", field=field)
+        return
+    if np.abs(value[:2] if option == "offset" else value[:3]).max() > FARTHEST:
+        raise InputError(f"must lie within {FARTHEST:g} m", field=field)
+    if option == "pose" and abs(np.linalg.norm(value[3:]) - 1.0) > 1e-3:
+        raise InputError("the quaternion (w, x, y, z) must have length 1", field=field)

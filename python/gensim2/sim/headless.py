@@ -1,0 +1,288 @@
+"""Physics-only environment: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
+
+Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
+environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
+observations that were not asked for, and reading the same URDF at every reset: a file that changes under a process is
+not read again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+import numpy.typing as npt
+import sapien
+from sapien.wrapper.articulation_builder import ArticulationBuilder
+
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.objects import RigidObject
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.planning.scene import Scene
+from gensim2.robots import OPEN
+from gensim2.scenes.config import SceneArguments, SceneOptions
+from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
+from gensim2.scenes.sampler import SceneSampler
+from gensim2.seeding import check_seed
+from gensim2.sim.arm import Arm, built, parsed
+from gensim2.sim.contacts import touched
+from gensim2.sim.objects import check_object
+from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
+from gensim2.sim.physics import Physics, named_physics, vary
+from gensim2.sim.rigid import build_rigid
+from gensim2.sim.scene_access import SceneAccessMixin
+from gensim2.sim.scene_state import RobotReader, read_scene
+from gensim2.sim.table import build_table
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.spec import TaskSpec
+
+if TYPE_CHECKING:
+    from gensim2.raycast.observer import Observer, Photograph
+    from gensim2.sim.pictures import StatePictures
+
+
+class HeadlessEnv(SceneAccessMixin):
+    """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
+
+    Args:
+        task: name of a library task, a :class:`TaskSpec`, or its fields.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset draws one of ``instances``; an id is said of
+            the first object of whose class there are several, or of any, as a mapping from an object's name.
+
+    Raises:
+        InputError: an argument is wrong.
+    """
+
+    control_mode = "pd_joint_pos"
+    waits = True
+
+    def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
+        self._sampler = sampler = SceneSampler(task, **scene)
+        self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
+        self.physics, self.instance_ids = named_physics(sampler.physics), sampler.instances
+        self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
+        self._arm: Arm | None = None
+        self._parts: dict[str, Part] = {}
+        self.seed = 0
+        self.elapsed_steps = 0
+        self.reset_options: dict[str, Any] = {}
+        self._observers: dict[ObservationSpec, Observer] = {}
+        self._pictures: StatePictures | None = None
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Control steps after which an episode is truncated."""
+        return self.task.max_episode_steps
+
+    # ------------------------------------------------------------------ scene
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None, *, robot: bool = True) -> None:
+        """Build a fresh scene.
+
+        Args:
+            seed: 0 to 2**32 - 1.
+            options: as in :class:`~gensim2.sim.env.GenSim2Env`.
+            robot: leave the arm out where False, to see what the objects do by themselves.
+
+        Raises:
+            InputError: a seed or an option cannot be used, or an object's files.
+        """
+        read_options(options, tuple(self.task.objects))
+        self.seed = check_seed(seed)
+        self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
+        # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
+        if options or self._drawn is None or self._drawn[0] != self.seed:
+            setup = self._sampler.sample(self.seed, options)
+            self._drawn = None if options else (self.seed, setup)
+        else:
+            setup = self._drawn[1]
+        self._system = self.physics.new_system(self.profile)
+        scene = self._scene = sapien.Scene([self._system])  # kept: what stands in it goes with it
+        # In the environment's order: PhysX solves contacts in the order in which bodies came.
+        self._arm = Arm(scene, self.profile, self.physics) if robot else None
+        build_table(scene, visible=False)
+        self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
+        if setup.has_rigid_objects:
+            arm = None if self._arm is None else self._arm.articulation
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile.gripper)
+        self._setup, self.elapsed_steps, self._command = setup, 0, OPEN
+        self._observers = {}
+        if self._arm is not None:
+            self._arm.put(setup.start)
+        for part in self._parts.values():
+            part.put()
+        self._robot = RobotReader(self.profile, None, setup.start) if self._arm is None else self._arm.reader
+
+    def _require_arm(self) -> Arm:
+        assert self.setup
+        if self._arm is None:
+            raise GenSim2Error("the scene was built without the robot")
+        return self._arm
+
+    # ------------------------------------------------------------------- time
+
+    def step(self, action: npt.ArrayLike) -> None:
+        """One control step (0.05 s).
+
+        Args:
+            action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
+
+        Raises:
+            InputError: the action has the wrong shape or is not finite.
+        """
+        self._require_arm().drive(action)
+        self._command = float(np.asarray(action, dtype=np.float32)[-1])
+        self._advance()
+
+    def wait(self) -> None:
+        """One control step in which nothing is commanded."""
+        assert self.setup
+        self._advance()
+
+    def _advance(self) -> None:
+        parts = self._parts.values()
+        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+            for part in parts:
+                part.before_substep()
+            self._system.step()
+        self.elapsed_steps += 1
+
+    def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
+        """Disturb an object, as a bump would: what the seed drew (``setup``) stays as it was.
+
+        Args:
+            name: of the object.
+            dx, dy: metres in the world.
+            dyaw: rad about the vertical through its root.
+
+        Raises:
+            InputError: there is no such object.
+        """
+        if name not in self.parts:
+            raise InputError(f"there is no object {name!r}", field="name", remedy=f"there are {', '.join(self.parts)}")
+        self._parts[name].nudge(dx, dy, dyaw)
+
+    # ------------------------------------------------------------ measurement
+
+    @property
+    def success(self) -> bool:
+        """Whether all of the task's goal holds now."""
+        return all_hold(self.task.success, self.measure())
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether physics still gives numbers for the robot and the objects."""
+        return bool(np.isfinite(self._robot.q).all()) and all(part.is_finite for part in self.parts.values())
+
+    def touched(self) -> frozenset[str]:
+        """Names of the objects that any part of the robot presses against."""
+        return touched(self._system, self._require_arm().reader.articulation, self._parts)
+
+    @property
+    def q(self) -> npt.NDArray[np.float64]:
+        """(n,) robot joints, rad and m."""
+        return self._require_arm().reader.q
+
+    @property
+    def qvel(self) -> npt.NDArray[np.float64]:
+        """(n,) velocities of the robot's joints, rad/s and m/s."""
+        return self._require_arm().reader.qvel
+
+    def scene_state(self) -> Scene:
+        """The scene as the planner sees it, in the robot base frame; geometry only."""
+        return read_scene(self._require_arm().reader, self._parts)
+
+    def state(self) -> dict[str, dict[str, Row]]:
+        """ManiSkill's ``env_states`` of this instant: root pose (7,) and velocities (6,) of each; of what has joints
+        also qpos and qvel (n,)."""
+        arm = self._require_arm()
+        found: dict[str, dict[str, Row]] = {"actors": {}, "articulations": {self.profile.agent: arm.state()}}
+        for name, part in self._parts.items():
+            found["actors" if isinstance(part, RigidPart) else "articulations"][name] = part.state()
+        return found
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        """What is seen of this instant; of one state, spec and seed always the same bytes.
+
+        Args:
+            spec: what is looked at. Colour pictures (``rgb``) cost a second scene with a renderer, 2 GB.
+
+        Raises:
+            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            InputError: an object's files cannot be used, or no renderer works for ``rgb``.
+            MissingExtraError: Embree is not installed.
+        """
+        if spec not in self._observers:
+            self._observers[spec] = self._observer(spec)
+        if spec.is_proprioceptive:  # no more of the state is looked at
+            return self._observers[spec].joints(self.q, self.qvel, self.elapsed_steps, self._command)
+        rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self.state().items()}
+        return self._observers[spec].observe(rows, self.elapsed_steps, self._command)
+
+    def _observer(self, spec: ObservationSpec) -> Observer:
+        from gensim2.raycast.observer import Observer  # here: most episodes look through no camera
+
+        photograph = None
+        models = {name: thing.model for name, thing in self.setup.objects.items()}
+        if "rgb" in spec.modalities:
+            photograph = self._photograph({name: model.id for name, model in models.items()})
+        return Observer(self.profile, models, spec, self.seed, self.task.description, photograph)
+
+    def _photograph(self, instances: dict[str, str]) -> Photograph:
+        from gensim2.sim.pictures import StatePictures
+
+        if self._pictures is None:
+            words = {"physics": self.physics.name, "robot": self.profile.name}
+            options = SceneOptions.of(assets=self._sampler.library, **words)
+            self._pictures = StatePictures(options.with_task(self.task))
+        self._pictures.show(instances, self.seed, {**self.reset_options, "instance": instances})
+        return self._pictures.colors
+
+    def close(self) -> None:
+        """Give up what it holds beside the scene."""
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
+
+    def observation(self) -> Row:
+        """(D,) the environment's state observation of this instant: qpos, qvel and tool pose of the robot, then of each
+        object in the task's order openness, qpos, pose of its root and of its moving link, or the pose alone of a
+        rigid one."""
+        arm = self._require_arm()
+        objects = [row for part in self._parts.values() for row in part.observed().values()]
+        return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
+
+
+def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics) -> Part:
+    pose = sapien.Pose(thing.position, thing.quaternion)
+    if isinstance(thing.model, RigidObject):
+        part = RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))
+        vary([part.body], thing.factors)
+        return part
+    model = thing.model
+    known = _known(model.urdf, model.content_hash, model.asset_class, physics.name)
+    articulation = built(known.builder, scene, pose)
+    if known.warnings is None:
+        known.warnings = check_object(articulation, model)
+    vary(articulation.links, thing.factors)
+    resistance = physics.resist(articulation, model, thing.factors)
+    return ArticulatedPart(name, thing, articulation, resistance, known.warnings)
+
+
+@dataclass
+class _Known:
+    """What one process has to find out once of an articulated object: its parsed URDF, and how it was cooked."""
+
+    builder: ArticulationBuilder
+    warnings: tuple[str, ...] | None = None
+
+
+@lru_cache(maxsize=256)
+def _known(urdf: Path, content_hash: str, asset_class: str, physics: str) -> _Known:
+    how = named_physics(physics)
+    return _Known(parsed(str(urdf), prepare=lambda loader: how.prepare_loader(loader, asset_class)))

@@ -1,0 +1,45 @@
+"""Access to the robot and the objects of a built scene, shared by the registered and the headless environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gensim2.errors import GenSim2Error
+from gensim2.scenes.initial_state import InitialState
+from gensim2.sim.parts import Part
+from gensim2.sim.scene_state import RobotReader, measure
+from gensim2.tasks.measurement import Measurement
+
+
+class SceneAccessMixin:
+    """Access to the robot and the objects of the scene of the last reset."""
+
+    _setup: InitialState | None = None
+    _parts: Mapping[str, Part]
+    _robot: RobotReader
+
+    def _require_open(self) -> None:
+        """Refuse to go on with what was closed."""
+
+    @property
+    def setup(self) -> InitialState:
+        """What stands on the table: what was drawn at the last reset."""
+        self._require_open()
+        if self._setup is None:
+            raise GenSim2Error("the environment has not been reset yet")
+        return self._setup
+
+    @property
+    def parts(self) -> Mapping[str, Part]:
+        """The objects as they stand in the scene, by name."""
+        assert self.setup
+        return self._parts
+
+    @property
+    def object_warnings(self) -> tuple[str, ...]:
+        """What building the objects lost, by object."""
+        return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
+
+    def measure(self) -> Measurement:
+        """What criteria and verdicts go by, this instant, in the world frame; without an arm, as if it stood still."""
+        return measure(self._robot, self.parts)
