@@ -53,11 +53,13 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     gensim2.collect(["CloseBox"], episodes=50, out=folder / "data", assets="builtin")
     gensim2.render(folder / "data", spec=SPEC)
     frames = gensim2.DataSet.open(folder / "data").frames(horizon=CHUNK).torch()
-    data = [torch.stack(each) for each in zip(*((f["point_cloud"], f["state"], f["action"]) for f in frames))]
+    data = [
+        torch.stack(each) for each in zip(*((f["point_cloud"], f["state"], f["action"]) for f in frames), strict=True)
+    ]
     net, draw = network(), np.random.default_rng(0)
     optimizer = torch.optim.AdamW(net.parameters(), 1e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 1200)
-    for step in range(1200):
+    for _ in range(1200):
         rows = draw.integers(len(frames), size=64)
         cloud, state, action = (each[rows] for each in data)
         arm, grip = foretold(net, cloud, state)
