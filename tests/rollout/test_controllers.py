@@ -18,7 +18,7 @@ from gensim2.rollout import worker
 from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, spec_of
 from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
-from gensim2.rollout.drive import drive
+from gensim2.rollout.driving import drive
 from gensim2.rollout.record import Cause
 from gensim2.rollout.run import GOAL_STEPS, run
 from gensim2.rollout.settling import MAX_SETTLE_STEPS

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.controller import Controller, Event, PrivilegedObservation
     from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
-    from gensim2.rollout.drive import drive
+    from gensim2.rollout.driving import drive
     from gensim2.rollout.record import Cause, Episode, StrictMiss
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import EpisodeResult
@@ -50,7 +50,7 @@ __getattr__ = lazy_names(
         "Body": "gensim2.rollout.world",
         "ControllerError": "gensim2.rollout.controller_spec",
         "ControllerSpec": "gensim2.rollout.controller_spec",
-        "drive": "gensim2.rollout.drive",
+        "drive": "gensim2.rollout.driving",
         "Recording": "gensim2.rollout.recording",
         "StillController": "gensim2.rollout.still",
         "StrictMiss": "gensim2.rollout.record",

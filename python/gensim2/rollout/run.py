@@ -26,7 +26,7 @@ from gensim2.rollout.controller import (
     turn_of,
 )
 from gensim2.rollout.diagnose import Outcome, diagnose
-from gensim2.rollout.drive import Asked
+from gensim2.rollout.driving import Asked
 from gensim2.rollout.motion import is_at_rest, is_stable
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
