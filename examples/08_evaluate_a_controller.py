@@ -34,9 +34,9 @@ class Policy:
         self.plan = []
 
     def act(self, observation):
-        if not self.plan:
-            cloud, state = (torch.from_numpy(observation[name])[None] for name in ("point_cloud", "state"))
-            self.plan = list(self.net(cloud, state)[0, : CHUNK // 2].detach().numpy())
+        if not self.plan:  # half of a chunk is executed before the network looks again
+            seen = (torch.from_numpy(observation[name])[None] for name in ("point_cloud", "state"))
+            self.plan = list(self.net(*seen)[0, : CHUNK // 2].detach().numpy())
         return self.plan.pop(0)
 
 
@@ -47,15 +47,14 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     gensim2.render(folder / "data", spec=SPEC)
     frames = gensim2.DataSet.open(folder / "data").frames(horizon=CHUNK).torch()
     data = [torch.stack([each[name] for each in frames]) for name in ("point_cloud", "state", "action")]
-    net, draw = Net(), np.random.default_rng(0)
-    optimizer = torch.optim.AdamW(net.parameters(), 1e-3)
+    optimizer, draw = torch.optim.AdamW((net := Net()).parameters(), 1e-3), np.random.default_rng(0)
     for _ in range(1200):
         rows = draw.integers(len(frames), size=64)
         cloud, state, action = (each[rows] for each in data)
         net.zero_grad()
         (net(cloud, state) - action).abs().mean().backward()
         optimizer.step()
-    torch.save(net.state_dict(), folder / "policy.pt")
-    given = {"arguments": {"weights": str(folder / "policy.pt")}, "data": folder / "data", "assets": "builtin"}
+    torch.save(net.state_dict(), weights := str(folder / "policy.pt"))
+    given = {"arguments": {"weights": weights}, "data": folder / "data", "assets": "builtin"}
     result = gensim2.evaluate(Policy, "CloseBox", episodes=10, videos=1, out=folder / "evaluation", **given)
     print(f"CloseBox: {result.held_mean:.2f} held, taught by {len(frames)} frames", *result.videos["CloseBox"])
