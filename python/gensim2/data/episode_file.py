@@ -187,6 +187,8 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
     for name in _ARRAYS:
         _write_array(group, name, getattr(recording, name))
     _write_tree(group.create_group("env_states"), recording.env_states)
+    if recording.reference:
+        _write_tree(group.create_group("reference"), recording.reference)
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
@@ -220,8 +222,14 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
         reset_options=recorded["reset_options"],
         instances=recorded["instances"],
         control_mode=recorded["control_mode"],
+<<<<<<< HEAD
         env_states=_read_tree(group_in(group, "env_states"), STATES_DEPTH),
         **{name: array_in(group, name, most=MOST_ARRAY) for name in _ARRAYS},
+=======
+        env_states=_read_tree(group["env_states"]),
+        reference=_read_tree(group["reference"]) if "reference" in group else {},
+        **{name: group[name][()] for name in _ARRAYS},
+>>>>>>> rollout
     )
 
 
