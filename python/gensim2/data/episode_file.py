@@ -222,14 +222,9 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
         reset_options=recorded["reset_options"],
         instances=recorded["instances"],
         control_mode=recorded["control_mode"],
-<<<<<<< HEAD
         env_states=_read_tree(group_in(group, "env_states"), STATES_DEPTH),
+        reference=_read_tree(group_in(group, "reference"), 1) if "reference" in group else {},
         **{name: array_in(group, name, most=MOST_ARRAY) for name in _ARRAYS},
-=======
-        env_states=_read_tree(group["env_states"]),
-        reference=_read_tree(group["reference"]) if "reference" in group else {},
-        **{name: group[name][()] for name in _ARRAYS},
->>>>>>> rollout
     )
 
 
