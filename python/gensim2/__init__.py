@@ -20,7 +20,7 @@ from gensim2.lazy import lazy_names
 if TYPE_CHECKING:
     from gensim2.design import demo, run_pipeline
     from gensim2.objects import Library, open_library
-    from gensim2.robots import robot, robot_names
+    from gensim2.robots import register_robot, robot, robot_names
     from gensim2.rollout import solve
     from gensim2.sim import Lane, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
@@ -38,6 +38,7 @@ __all__ = [
     "make_env",
     "open_library",
     "robot",
+    "register_robot",
     "robot_names",
     "run_pipeline",
     "solve",
@@ -56,6 +57,7 @@ _of_rooms = lazy_names(
         "make_env": "gensim2.sim",
         "open_library": "gensim2.objects",
         "robot": "gensim2.robots",
+        "register_robot": "gensim2.robots",
         "robot_names": "gensim2.robots",
         "run_pipeline": "gensim2.design",
         "solve": "gensim2.rollout",

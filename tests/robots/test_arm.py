@@ -72,7 +72,7 @@ class Alone:
 
     def step(self, action: np.ndarray) -> None:
         self.arm.drive(action)
-        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+        for _ in range(self.profile.substeps):
             self.system.step()
 
 

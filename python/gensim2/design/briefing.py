@@ -29,7 +29,7 @@ def settings_of(circumstances: Circumstances) -> Settings:
         robot=profile.name,
         base=(x, y),
         reach=profile.reach,
-        stroke=len(profile.gripper.joints) * profile.gripper.open,
+        stroke=profile.gripper.widest,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
         randomization=circumstances.randomization,
         physics=circumstances.physics,

@@ -53,7 +53,9 @@ def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile)
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
         point = transform(link_pose(instance, openness), point[None])[0]
-    return np.asarray(world_rotation(instance) @ point + instance.placement.position - robot.base_position)
+    T_base_world = np.linalg.inv(robot.T_world_base)
+    at = world_rotation(instance) @ point + instance.placement.position
+    return np.asarray(T_base_world[:3, :3] @ at + T_base_world[:3, 3])
 
 
 @cache

@@ -10,7 +10,7 @@ from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
 from gensim2.objects.shapes import rotation, transform
 from gensim2.objects.types import Placement
-from gensim2.robots import RobotProfile
+from gensim2.objects.region import STANDARD_REGION, PlacementRegion
 
 Array = npt.NDArray[np.float64]
 
@@ -48,14 +48,14 @@ def stance(model: Model, rule: ClassRule) -> Array:
     return np.round(rotation((0, 0, 1), yaw)) @ tilt
 
 
-def place(model: Model, rule: ClassRule, robot: RobotProfile) -> Placement:
-    """Default placement of a model in front of a robot.
+def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
+    """Default placement of a model in a region before a robot.
 
     Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
     comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
     of the robot.
     """
-    space, base_x = robot.workspace, robot.base_position[0]
+    space, base_x = region, region.base_x
     R = stance(model, rule)
     name = work_keypoint(model)
     body = [transform(np.eye(4), h) @ R.T for h in model.body.hulls]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from gensim2.robots import DEFAULT_ROBOT
+from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 from gensim2.tasks.spec import TaskSpec
 
@@ -29,7 +29,7 @@ class Circumstances:
     Attributes:
         assets: a folder of objects or ``"builtin"``.
         physics: ``"ours"`` or ``"original"``.
-        robot: name of its profile.
+        robot: name by which every process finds its profile (:func:`gensim2.robots.robot_key`).
         open_loop: everything is planned at the start, with the first strategy of each step.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
         randomization: ``"paper"``, ``"paper-half"`` or ``"wide"``: what becomes of the tasks' ranges.
@@ -43,6 +43,9 @@ class Circumstances:
     disturbance: Disturbance | None = None
     randomization: PresetName = DEFAULT_PRESET
     attempts: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "robot", robot_key(self.robot))
 
     @property
     def environment(self) -> dict[str, str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sapien
 import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
@@ -20,7 +19,7 @@ from gensim2.observations import CloudSettings
 from gensim2.planning.scene import Scene
 from gensim2.raycast.sensor import OBS_MODE as RAYCAST
 from gensim2.raycast.sensor import RaycastSensor
-from gensim2.robots import DEFAULT_ROBOT, robot_names
+from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as robot_profile
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import (
@@ -35,6 +34,8 @@ from gensim2.sim.arguments import (
     checked_seed,
     chosen_instances,
 )
+from gensim2.sim.arm import base_pose
+from gensim2.sim.gripper import Transmission
 from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RaycastObservations
 from gensim2.sim.options import RESET_OPTIONS, read_options
@@ -51,7 +52,7 @@ from gensim2.tasks.spec import TaskSpec
 class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
-    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
+    Physics runs on the CPU, at the rate that the robot says, as control does. PhysX settings are ManiSkill's, stated
     and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
@@ -66,7 +67,8 @@ class GenSim2Env(RaycastObservations):
         instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id need not
             be one that the library lists: any number up to 10^6 is a generated object. It is said of the first object
             of whose class there are several; or of any, as a mapping from an object's name.
-        robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
+        robot: name of its profile, or a file that describes it (:func:`gensim2.robots.robot`); ``robot_uids`` follows
+            from it.
         physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
         obs_mode: ManiSkill's, or ``"raycast"``: the point cloud of :mod:`gensim2.observations`, ray-cast without a
@@ -84,7 +86,6 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_ROBOTS = [robot_profile(name).agent for name in robot_names()]  # noqa: RUF012 - as the base class has it
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
@@ -213,8 +214,9 @@ class GenSim2Env(RaycastObservations):
         return result
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
-        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile.gripper)
+        super()._load_agent(options, base_pose(self.profile))
+        self._transmission = Transmission(self.agent.robot._objs[0], self.profile)
+        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
@@ -227,7 +229,7 @@ class GenSim2Env(RaycastObservations):
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             robot = self.agent.robot._objs[0]
-            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile.gripper)
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile)
         if self._sensor is not None:
             self._sensor.prepare(self.profile, {name: thing.model for name, thing in setup.objects.items()}, seed)
         self._setup = setup
@@ -237,11 +239,12 @@ class GenSim2Env(RaycastObservations):
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(self.setup.start, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(self.profile.base_position)))
+        self.agent.robot.set_pose(base_pose(self.profile))
         for part in self._parts.values():
             part.put()
 
     def _before_simulation_step(self) -> None:
+        self._transmission.before_substep()
         for part in self._parts.values():
             part.before_substep()
 
@@ -265,7 +268,7 @@ class GenSim2Env(RaycastObservations):
         return reward
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on.
+        """One control step. ``truncated`` from ``task.max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

@@ -128,7 +128,7 @@ class Lane(Standing):
         self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             arm = None if self._arm is None else self._arm.articulation
-            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile.gripper)
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile)
         self._setup, self.elapsed_steps = setup, 0
         if self._arm is not None:
             self._arm.put(setup.start)
@@ -145,7 +145,7 @@ class Lane(Standing):
     # ------------------------------------------------------------------- time
 
     def step(self, action: npt.ArrayLike) -> None:
-        """One control step (0.05 s).
+        """One control step.
 
         Args:
             action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
@@ -163,7 +163,9 @@ class Lane(Standing):
 
     def _advance(self) -> None:
         parts = self._parts.values()
-        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+        for _ in range(self.profile.substeps):
+            if self._arm is not None:
+                self._arm.transmission.before_substep()
             for part in parts:
                 part.before_substep()
             self._system.step()

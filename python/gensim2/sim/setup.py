@@ -259,7 +259,7 @@ class _Room:
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
-        tool, space = robot.gripper_with(start)["tool_head"], robot.workspace
+        tool, space = robot.gripper_with(start)["tool_head"], robot.footprint
         self._base_half = space.base_half
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 

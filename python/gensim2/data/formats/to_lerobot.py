@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gensim2.data.formats.frames import CLOUD, CONTROL_STEPS_PER_SECOND, DEPTH, IMAGE, Array, Frames
+from gensim2.data.formats.frames import CLOUD, DEPTH, IMAGE, Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.robots import RobotProfile
@@ -39,7 +39,7 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
         columns = {name: values for name, values in frames.columns.items() if not name.startswith(DEPTH)}
         if writer is None:
             features = {_name(name): _feature(name, values, names.get(name)) for name, values in columns.items()}
-            writer = LeRobotWriter(out, features, fps=CONTROL_STEPS_PER_SECOND, robot=profile.name)
+            writer = LeRobotWriter(out, features, fps=profile.control_hz, robot=profile.name)
         shaped = {_name(name): values if values.ndim > 1 else values[:, None] for name, values in columns.items()}
         writer.add(frames.sentence, shaped)
     if writer is not None:

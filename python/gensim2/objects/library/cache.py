@@ -55,9 +55,9 @@ SHARED_MODULES = (
     "gensim2.objects.model",
     "gensim2.objects.physics",
     "gensim2.objects.placement",
+    "gensim2.objects.region",
     "gensim2.objects.shapes",
     "gensim2.objects.types",
-    "gensim2.robots.panda",  # in front of which objects stand
 )
 
 
