@@ -61,7 +61,7 @@ def ur5() -> RobotProfile:
             "tool_tail": "the middle point between the two finger bases",
             "tool_side": "the tip of the right finger",
         },
-        reach=0.75,
+        reach=0.85,
         footprint=Footprint(base_half=0.1, hand_half=0.12, hand_drop=0.02),
         simulation=Simulation(
             agent="ur5_panda_hand", arm=JointDrive(1e3, 1e2, 150.0), gripper=JointDrive(1e3, 1e2, 100.0)

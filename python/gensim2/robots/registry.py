@@ -56,7 +56,9 @@ def register_robot(make: _Made) -> _Made:
     place = _place_of(make)
     known = PACKAGED.get(name, _registered.get(name, place))
     if known != place:
-        raise InputError(f"there is a robot {name!r} already ({known})", field="register_robot", remedy="rename it")
+        raise InputError(
+            f"there is a robot {name!r} already ({known})", file=place, field="register_robot", remedy="rename it"
+        )
     _registered[name], _made_by[place] = place, make
     if _loading:
         _loading[-1].append(name)
