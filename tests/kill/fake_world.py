@@ -16,9 +16,10 @@ import numpy as np
 from gensim2 import seeding
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies
 
@@ -39,30 +40,30 @@ def install() -> None:
     worker.record = record
 
 
-def prepare(circumstances: Circumstances) -> None:
+def prepare(scene: SceneOptions) -> None:
     """There is nothing to read and nothing to build."""
 
 
-def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
+def screen_scene(setting: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
     time.sleep(EPISODE_SECONDS)
     draws = seeding.rng(seed, "screen").random(len(candidates))
     return [(1.0, None, {}) if draw < 0.3 else (0.0, "unreachable", {}) for draw in draws]
 
 
-def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+def episode(setting: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     return demonstrate(setting, strategies, seed)[0]
 
 
-def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
+def demonstrate(setting: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
     found, kept = _recorded(setting, seed)
     return found, kept if found.held else None
 
 
-def _recorded(setting: Setting, seed: int) -> tuple[Episode, Recording]:
+def _recorded(setting: EpisodeConfig, seed: int) -> tuple[Episode, Recording]:
     time.sleep(EPISODE_SECONDS)
     random = seeding.rng(seed, "episode")
     (name, thing), *rest = setting.task.objects.items()
-    library = open_library(setting.circumstances.assets)
+    library = open_library(setting.scene.assets)
     drawn = dict(setting.instances)[name] if isinstance(setting.instances, frozenset) else setting.instances
     words = (drawn,) if isinstance(drawn, str) else drawn
     listed = [each for word in words for each in library.choose(thing.asset_class, word)]
@@ -83,7 +84,7 @@ def _recorded(setting: Setting, seed: int) -> tuple[Episode, Recording]:
     return found, recording(seed, ids, random)
 
 
-def record(setting: Setting, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
+def record(setting: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
     # In this process a test may have put another world in its place; a worker process has the real one there.
     if worker.demonstrate.__module__ not in (worker.__name__, __name__):
         return keep(*worker.demonstrate(setting, strategies, seed))

@@ -158,7 +158,8 @@ class Disturbed:
     def _logged(self) -> int:
         """Episodes that are finished."""
         logs = sum(path.read_bytes().count(b"\n") for path in self.out.glob("*/*/attempts.jsonl"))
-        return logs + sum(1 for folder in ("episodes", "failures") for _ in self.out.glob(f"*/{folder}/[0-9]*.h5"))
+        files = (f"{depth}/{folder}/[0-9]*.h5" for depth in ("*", "*/*") for folder in ("episodes", "failures"))
+        return logs + sum(1 for pattern in files for _ in self.out.glob(pattern))
 
     def _collecting(self) -> bool:
         done = ("*/*/trajectory.json", "CloseBox/episodes.jsonl")

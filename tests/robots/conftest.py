@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 OWN = tuple(str(EXAMPLES / f"{name}.py") for name in ("ur5", "xarm7"))
 

@@ -18,7 +18,7 @@ from gensim2.errors import InputError
 from gensim2.processes import Job, WorkerPool, results
 from gensim2.robots import Mimic, RobotProfile, robot, robot_key, robot_names
 from gensim2.robots.checks import check_profile
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 XARM = str(EXAMPLES / "xarm7.py")
@@ -46,7 +46,7 @@ def test_a_file_describes_a_robot_and_workers_load_it(tmp_path: Path) -> None:
     file = write(tmp_path, MINE)
     assert robot(str(file)).reach == 0.7125
     assert robot(str(file)) is robot(robot_key(str(file)))
-    key = Circumstances("builtin", robot=str(file)).robot
+    key = SceneOptions.of(assets="builtin", robot=str(file)).robot
     assert Path(key).is_absolute()
     with WorkerPool(1) as pool:
         found = list(results(pool.map_unordered(reach_of, [Job(0, (key,))]), "robots", tmp_path / "log"))
@@ -75,7 +75,10 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
         ("def f(:\n    pass", "SyntaxError"),
         ("x = 1", "registers no robot"),
         ("@gensim2.register_robot\ndef odd():\n    return 3", "returns no RobotProfile"),
-        ("@gensim2.register_robot\ndef odd2():\n    raise OSError('no URDF')", "odd2() raises OSError: no URDF (line 5)"),
+        (
+            "@gensim2.register_robot\ndef odd2():\n    raise OSError('no URDF')",
+            "odd2() raises OSError: no URDF (line 5)",
+        ),
         ("@gensim2.register_robot\ndef panda():\n    return gensim2.robot()", "there is a robot 'panda' already"),
         (
             "@gensim2.register_robot\ndef a1():\n    pass\n@gensim2.register_robot\ndef a2():\n    pass",
@@ -127,7 +130,10 @@ def changed(profile: RobotProfile, **gripper: object) -> RobotProfile:
         (lambda p: replace(p, tool_keypoints={**p.tool_keypoints, "tool_head": np.zeros(2)}), "three finite numbers"),
         (lambda p: changed(p, pads=("nothing",)), "no link 'nothing'"),
         (lambda p: changed(p, passive=()), "neither driven, mimicking nor passive"),
-        (lambda p: changed(p, mimics={**p.gripper.mimics, "left_rack_joint": Mimic("pinion_joint", 0.03)}), "otherwise"),
+        (
+            lambda p: changed(p, mimics={**p.gripper.mimics, "left_rack_joint": Mimic("pinion_joint", 0.03)}),
+            "otherwise",
+        ),
         (lambda p: replace(p, simulation=replace(p.simulation, arm=(p.simulation.arm,) * 3)), "3 drives for 7"),
     ],
 )

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
+from gensim2.objects.region import STANDARD_REGION, PlacementRegion
 from gensim2.objects.shapes import rotation, transform
 from gensim2.objects.types import Placement
-from gensim2.objects.region import STANDARD_REGION, PlacementRegion
 
 Array = npt.NDArray[np.float64]
 

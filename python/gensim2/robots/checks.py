@@ -18,7 +18,7 @@ NEAR = 1e-6
 class Refuse(Protocol):
     """Makes an error about a field of the profile."""
 
-    def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...  # noqa: D102
+    def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...
 
 
 def check_profile(profile: RobotProfile, where: str) -> None:
@@ -46,9 +46,7 @@ def check_profile(profile: RobotProfile, where: str) -> None:
         if np.shape(point) != (3,) or not np.isfinite(point).all():
             raise refuse("tool_keypoints", "each must be three finite numbers, m in the hand frame")
     if len(profile.arm_drives) != len(profile.arm_joints):
-        raise refuse(
-            "simulation.arm", f"has {len(profile.arm_drives)} drives for {len(profile.arm_joints)} arm joints"
-        )
+        raise refuse("simulation.arm", f"has {len(profile.arm_drives)} drives for {len(profile.arm_joints)} arm joints")
     _check_gripper(profile, refuse)
     _check_joints(profile, refuse)
 

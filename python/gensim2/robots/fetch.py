@@ -8,8 +8,8 @@ import numpy as np
 
 from gensim2.robots.description import stored
 from gensim2.robots.fixed_base import fixed_base, never_touching
-from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.gripper import SlidingGripper
+from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
 
 TORSO_HEIGHT = 0.38

@@ -52,23 +52,23 @@ class Gripper(Protocol):
     """
 
     @property
-    def joints(self) -> tuple[str, ...]: ...  # noqa: D102
+    def joints(self) -> tuple[str, ...]: ...
     @property
-    def driven(self) -> tuple[str, ...]: ...  # noqa: D102
+    def driven(self) -> tuple[str, ...]: ...
     @property
-    def fingers(self) -> tuple[str, ...]: ...  # noqa: D102
+    def fingers(self) -> tuple[str, ...]: ...
     @property
-    def mimics(self) -> Mapping[str, Mimic]: ...  # noqa: D102
+    def mimics(self) -> Mapping[str, Mimic]: ...
     @property
-    def passive(self) -> tuple[str, ...]: ...  # noqa: D102
+    def passive(self) -> tuple[str, ...]: ...
     @property
-    def pads(self) -> tuple[str, ...]: ...  # noqa: D102
+    def pads(self) -> tuple[str, ...]: ...
     @property
-    def travel_seconds(self) -> float: ...  # noqa: D102
+    def travel_seconds(self) -> float: ...
     @property
-    def friction(self) -> float: ...  # noqa: D102
+    def friction(self) -> float: ...
     @property
-    def widest(self) -> float: ...  # noqa: D102
+    def widest(self) -> float: ...
 
     def target(self, command: Row) -> Row:
         """Return the targets (rad or m) of a driven joint for commands of any shape, clipped to -1 and 1."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.gripper import SlidingGripper
+from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
 
 

@@ -175,7 +175,7 @@ def _from_file(file: Path, function: str) -> Maker:
         spec.loader.exec_module(module)
     except GenSim2Error:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a user's file raises is told on one line
+    except Exception as error:
         raise InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot") from error
     finally:
         names = _loading.pop()
@@ -194,7 +194,7 @@ def _from_file(file: Path, function: str) -> Maker:
 def _from_module(module: str, function: str) -> Maker:
     try:
         found: Any = getattr(importlib.import_module(module), function)
-    except Exception as error:  # noqa: BLE001 - importing a user's module may raise anything
+    except Exception as error:
         raise InputError(
             f"no robot {function!r} in the module {module!r}: {error}",
             field="robot",
@@ -211,7 +211,7 @@ def _called(make: Maker, where: str) -> object:
         return make()
     except GenSim2Error:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a user's function raises is told on one line
+    except Exception as error:
         raise InputError(f"{make.__name__}() raises {_told(error, where)}", file=where, field="robot") from error
 
 

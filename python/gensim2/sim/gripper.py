@@ -41,9 +41,7 @@ class Transmission:
             joint.drive_target = np.array([multiplier * q[source] + offset], dtype=np.float32)
 
 
-def robot_joints(
-    robot: physx.PhysxArticulation, profile: RobotProfile
-) -> dict[str, physx.PhysxArticulationJoint]:
+def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[str, physx.PhysxArticulationJoint]:
     """Active joints by the names of the URDF, in order.
 
     Raises:
@@ -51,9 +49,7 @@ def robot_joints(
     """
     names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
     # ManiSkill puts the scene's and the robot's name before a joint's.
-    if len(names) != len(built) or not all(
-        joint.name.endswith(name) for name, joint in zip(names, built, strict=True)
-    ):
+    if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
         raise InputError(
             f"SAPIEN has the joints {', '.join(joint.name for joint in built)}",
             file=profile.urdf,

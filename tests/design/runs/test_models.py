@@ -28,7 +28,8 @@ from gensim2.errors import InputError, ModelError
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.record import Episode, StrictMiss
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.strategies import Strategies, with_strategies
 
 SMALL = Budget(screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.1, enough_episodes=2)
@@ -39,7 +40,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "pipeline.md"
 CLASSES = ("box_rotate", "drawer", "golf_ball")
 
 
-def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+def episode(setting: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     """One of the made-up world that holds, on the first object's instances."""
     drawn = setting.instances
     word = dict(drawn)[next(iter(setting.task.objects))] if isinstance(drawn, frozenset) else drawn
@@ -65,8 +66,8 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     )
     monkeypatch.setattr("gensim2.design.briefing.has_instances", lambda library, name, words: name in CLASSES)
 
-    def here(circumstances: Circumstances, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
-        return PoolEvaluator(circumstances, 0, progress, **given)
+    def here(scene: SceneOptions, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
+        return PoolEvaluator(scene, 0, progress, **given)
 
     monkeypatch.setattr("gensim2.design.run.PoolEvaluator", here)
 
@@ -84,7 +85,7 @@ def run(
     settings = {
         name: given.pop(name) for name in ("record", "replay", "budget", "price_in", "price_out") if name in given
     }
-    asked = model_designer("test-model", asking or Asking(trials=2), Circumstances("builtin"), **options, **settings)
+    asked = model_designer("test-model", asking or Asking(trials=2), SceneOptions("builtin"), **options, **settings)
     fields = {"num_tasks": 2, "from_empty": True, "verify": 2, "episodes": 0, "video": False, "assets": "builtin"}
     return run_pipeline(designer=asked, out=out, resume=resume, budget=SMALL, **{**fields, **given})
 

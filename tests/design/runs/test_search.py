@@ -9,11 +9,12 @@ from pathlib import Path
 import fake_world
 
 from gensim2 import seeding
-from gensim2.design import Affordance, Brief, Candidate, CandidateResult, Settings, StageResult
+from gensim2.design import Affordance, Brief, Candidate, CandidateResult, RobotSummary, StageResult
 from gensim2.design.search import Budget, Search
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.worker import Screened
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.scenes.config import SceneOptions
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -25,11 +26,11 @@ TASK = TaskSpec(
     objects={"thing": ObjectSpec(asset_class="thing")},
     steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
-SETTING = Setting(TASK, "train", Circumstances("builtin"))
+SETTING = EpisodeConfig(SceneOptions("builtin").with_task(TASK, "train"))
 THING = Affordance(
     "thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute"
 )
-BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours"), {"thing": THING})
+BRIEF = Brief(RobotSummary("panda", (-0.615, 0.0), 0.75, 0.08, {}), {"thing": THING})
 
 
 def candidate(label: str, n: float) -> Candidate:
@@ -75,13 +76,13 @@ class FakeWorld:
         self.seeds: set[int] = set()
 
     def screen(
-        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        self, setting: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[Screened]]:
         assert setting == SETTING
         blocked = (0.0, "unreachable", {"step": "open", "plan": {"unreached": "pre_0"}})
         return [[(1.0, None, {}) if number(c) % 2 > 0 else blocked] * len(seeds) for c in candidates]
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+    def episodes(self, setting: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         assert setting == SETTING
         self.seeds.update(seed for _, seed in jobs)
         return [self._one(number(strategies), seed) for strategies, seed in jobs]
@@ -162,7 +163,7 @@ def test_design_and_verification_share_no_seed() -> None:
 def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
-            self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+            self, setting: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
         ) -> list[list[Screened]]:
             return [[(0.0, "collision", {})] * len(seeds) for _ in candidates]
 

@@ -16,13 +16,14 @@ from gensim2.errors import InputError, NotRunError
 from gensim2.processes import Job
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig, RolloutOptions
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.tasks.strategies import Strategies
 
 SIMULATOR = True
 TASK = load_task("PushDrawerClose")
-SETTING = Setting(TASK, "all", Circumstances("builtin"))
+SETTING = EpisodeConfig(SceneOptions("builtin").with_task(TASK, "all"))
 STRATEGIES = load_strategies("PushDrawerClose")
 WAYS = {step.name: {name: STRATEGIES[name] for name in step.strategies} for step in TASK.steps}
 
@@ -47,12 +48,12 @@ def test_an_episode_is_a_pure_function_recorded_or_not() -> None:
 
 
 def test_an_open_loop_episode_makes_one_plan_a_step() -> None:
-    episode = worker.episode(replace(SETTING, circumstances=Circumstances("builtin", open_loop=True)), STRATEGIES, 5)
+    episode = worker.episode(replace(SETTING, rollout=RolloutOptions(open_loop=True)), STRATEGIES, 5)
     assert [len(step.plans) for step in episode.steps] == [1]
 
 
 def test_settings_of_equal_specs_share_a_simulator() -> None:
-    again = Setting(TASK.model_validate_json(TASK.model_dump_json()), "all", Circumstances("builtin"))
+    again = EpisodeConfig(TASK.model_validate_json(TASK.model_dump_json()), "all", SceneOptions("builtin"))
     assert again == SETTING
     assert worker.simulator(again) is worker.simulator(SETTING)
     assert worker.simulator(replace(SETTING, instances="train")) is not worker.simulator(SETTING)
@@ -132,7 +133,7 @@ class _Made(PoolEvaluator):
     """Jobs in this process."""
 
     def __init__(self) -> None:
-        super().__init__(Circumstances("builtin"), 0)
+        super().__init__(SceneOptions("builtin"), 0)
 
 
 def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,7 +144,7 @@ def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeyp
         worker, "trial", lambda setting, ways, seed: fake_world.episode_of(setting.task, seed, held=True)
     )
     with _Made() as evaluator:
-        setting = evaluator.setting(TASK, "all")
+        setting = evaluator.config(TASK, "all")
         assert setting == SETTING
         assert evaluator.screen(setting, [{"n": {"n": 1}}, {"n": {"n": 2}}], [3, 4, 5]) == [
             [(3, None, {}), (4, None, {}), (5, None, {})],
@@ -174,6 +175,6 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_cpu_is_that_of_all_processes(workers: int) -> None:
-    with PoolEvaluator(Circumstances("builtin"), workers) as evaluator:
+    with PoolEvaluator(SceneOptions("builtin"), workers) as evaluator:
         list(evaluator.run(process_jobs.spin, [Job(index, (0.25,)) for index in range(4)], "work"))
         assert 1.0 <= evaluator.cpu_s < 2.0
