@@ -29,6 +29,7 @@ from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
 from gensim2.objects import RigidObject, open_library
+from gensim2.objects.region import STANDARD_REGION
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
@@ -133,7 +134,7 @@ class Lift:
 def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
     """x, y in the world and yaw of an object."""
     random = rng(seed, f"grasps/{name}", episode)
-    distance = profile.region.comfortable + random.uniform(*DISTANCE)
+    distance = STANDARD_REGION.comfortable + random.uniform(*DISTANCE)
     angle = random.uniform(*ANGLE)
     yaw = random.uniform(-np.pi, np.pi)
     return profile.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw

@@ -79,10 +79,10 @@ def test_the_simulator_knows_neither_episodes_nor_what_looks_at_objects() -> Non
             assert not any(lies_in(name, above) for above in ABOVE_SIM), f"{path}: {name}"
 
 
-def test_robots_know_of_nothing_but_files_the_solver_and_where_objects_stand() -> None:
+def test_robots_know_of_nothing_but_files_and_the_solver() -> None:
     for path in sources("gensim2.robots"):
         for name in imports(path.read_text()):
-            known = ("gensim2.robots", "gensim2.errors", "gensim2.files", "gensim2.objects.region")
+            known = ("gensim2.robots", "gensim2.errors", "gensim2.files")
             assert not lies_in(name, "gensim2") or any(lies_in(name, room) for room in known), f"{path}: {name}"
 
 

@@ -1,4 +1,4 @@
-"""A UR5 with the Panda's hand, from ur5.urdf beside this file: ``gensim2 demo OpenDrawer --robot examples/robots/ur5.py``."""
+"""A UR5 with the Panda's hand: ``gensim2 demo OpenDrawer --robot examples/robots/ur5.py``."""
 
 from pathlib import Path
 

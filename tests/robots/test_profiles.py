@@ -9,6 +9,7 @@ import pytest
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
+from gensim2.objects.region import STANDARD_REGION
 from gensim2.robots import CLOSED, OPEN, robot
 
 pytest.importorskip("mani_skill")
@@ -44,7 +45,7 @@ def test_the_hand_frame_is_that_of_all_robots(any_robot: str) -> None:
 
 def test_an_episode_begins_with_the_hand_over_the_table(any_robot: str) -> None:
     profile = robot(any_robot)
-    q, space = np.array(profile.reset_qpos), profile.region
+    q, space = np.array(profile.reset_qpos), STANDARD_REGION
     pose = profile.T_world_base @ profile.model.forward_kinematics(q)
     assert pose[:2, 3] == pytest.approx(space.hand_at_rest, abs=0.015)
     assert pose[2, 2] < -0.99  # it looks down

@@ -33,4 +33,4 @@ class PlacementRegion:
 
 
 STANDARD_REGION = PlacementRegion()
-"""That of the prepared objects; robots stand where they reach it, and say so where they want another one."""
+"""That of all prepared objects; robots stand where they reach it, so that scenes stay comparable."""

@@ -82,13 +82,9 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
     for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
         if link not in model.link_names:
             raise refuse(field, f"the URDF has no link {link!r}")
-    for field, links in (
-        ("gripper.pads", gripper.pads),
-        ("cameras", tuple(camera.link for camera in profile.cameras)),
-    ):
-        missing = [link for link in links if link not in model.link_names]
-        if missing:
-            raise refuse(field, f"the URDF has no link {missing[0]!r}")
+    missing = [link for link in gripper.pads if link not in model.link_names]
+    if missing:
+        raise refuse("gripper.pads", f"the URDF has no link {missing[0]!r}")
     q = np.asarray(profile.reset_qpos, dtype=np.float64)
     if q.shape != (len(expected),):
         raise refuse("reset_qpos", f"has {q.size} values for {len(expected)} joints")

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.region import STANDARD_REGION, PlacementRegion
 from gensim2.robots.gripper import OPEN, Gripper
 
 if TYPE_CHECKING:
@@ -72,26 +71,6 @@ class Simulation:
 
 
 @dataclass(frozen=True)
-class MountedCamera:
-    """A camera that a link of the robot carries.
-
-    Attributes:
-        name: unique among all cameras of a scene.
-        link: that carries it.
-        T_link_camera: (4, 4) camera in the link's frame, as OpenCV has it: x right, y down, z forward.
-        width, height: pixels.
-        fov: of the picture's height, rad.
-    """
-
-    name: str
-    link: str
-    T_link_camera: Array
-    width: int = 128
-    height: int = 128
-    fov: float = 1.0472
-
-
-@dataclass(frozen=True)
 class RobotFiles:
     """A robot's description: ``urdf``, and ``srdf`` with its pairs of links that never touch, which lies beside it
     under the same name (where simulators look for it)."""
@@ -124,8 +103,6 @@ class RobotProfile:
         footprint: what it covers of the table at rest.
         simulation: what stands for its motors in a simulation.
         base_quaternion: (4,) of its base in the world, (w, x, y, z).
-        region: where objects stand by default.
-        cameras: that its links carry.
         control_hz: rate of its actions.
     """
 
@@ -143,8 +120,6 @@ class RobotProfile:
     footprint: Footprint
     simulation: Simulation
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    region: PlacementRegion = STANDARD_REGION
-    cameras: tuple[MountedCamera, ...] = ()
     control_hz: int = 20
 
     @cached_property
