@@ -12,7 +12,7 @@ from gensim2.rollout.config import EpisodeConfig
 from gensim2.tasks.strategies import Strategies
 
 
-def record(setting: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
+def record(config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
     if os.environ.get("BROKEN_SEED") == str(seed):
         raise RuntimeError("broken on purpose")
-    return fake_world.record(setting, strategies, seed, keep)
+    return fake_world.record(config, strategies, seed, keep)

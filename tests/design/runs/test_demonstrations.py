@@ -65,8 +65,8 @@ def test_the_number_of_workers_changes_nothing(
 
 
 def test_it_gives_up_after_enough_tries(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(setting: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Any, None]:
-        episode, _ = fake_world.demonstrate(setting, strategies, seed)
+    def hopeless(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Any, None]:
+        episode, _ = fake_world.demonstrate(config, strategies, seed)
         return dataclasses.replace(episode, held=False, strict=False, cause=Cause.NO_CONTACT), None
 
     monkeypatch.setattr(worker, "demonstrate", hopeless)
@@ -171,8 +171,8 @@ def json_lines(undisturbed: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(setting: EpisodeConfig, strategies: Strategies, seed: int) -> Any:
-        episode, recording = fake_world.demonstrate(setting, strategies, seed)
+    def refuse(config: EpisodeConfig, strategies: Strategies, seed: int) -> Any:
+        episode, recording = fake_world.demonstrate(config, strategies, seed)
         if episode.seed == lines_of[0]["seed"]:
             raise InputError("has no mesh", file="drawer/0/mobility.urdf")
         return episode, recording

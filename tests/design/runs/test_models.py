@@ -40,11 +40,11 @@ PAGE = Path(__file__).parents[3] / "docs" / "pipeline.md"
 CLASSES = ("box_rotate", "drawer", "golf_ball")
 
 
-def episode(setting: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
+def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     """One of the made-up world that holds, on the first object's instances."""
-    drawn = setting.instances
-    word = dict(drawn)[next(iter(setting.task.objects))] if isinstance(drawn, frozenset) else drawn
-    found = fake_world.episode(replace(setting, instances=word), strategies, seed)
+    drawn = config.scene.instances
+    word = dict(drawn)[next(iter(config.task.objects))] if isinstance(drawn, frozenset) else drawn
+    found = fake_world.episode(replace(config, scene=replace(config.scene, instances=word)), strategies, seed)
     misses = [StrictMiss.NOT_LET_GO]
     return replace(found, held=True, paper=True, cause=None, still=False, strict=False, strict_misses=misses)
 
@@ -56,13 +56,13 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("GENSIM2_LIBRARY", "none")
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
     monkeypatch.setattr("gensim2.design.designing.cache_dir", lambda: tmp_path / "cache")
-    monkeypatch.setattr(worker, "screen_scene", lambda setting, seed, candidates: [(1.0, None, {}) for _ in candidates])
+    monkeypatch.setattr(worker, "screen_scene", lambda config, seed, candidates: [(1.0, None, {}) for _ in candidates])
 
     monkeypatch.setattr(worker, "episode", episode)
     monkeypatch.setattr(
         worker,
         "trial",
-        lambda setting, ways, seed: episode(replace(setting, task=with_strategies(setting.task, ways)), {}, seed),
+        lambda config, ways, seed: episode(replace(config, scene=replace(config.scene, task=with_strategies(config.task, ways))), {}, seed),
     )
     monkeypatch.setattr("gensim2.design.briefing.has_instances", lambda library, name, words: name in CLASSES)
 
