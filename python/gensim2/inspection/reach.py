@@ -72,8 +72,9 @@ def _config() -> kpam.SolverConfig:
 
 
 def _table(robot: RobotProfile) -> kpam.Body:
-    T_base_table = np.eye(4)
-    T_base_table[:3, 3] = np.array([0.0, 0.0, -HALF_SIZE[2]]) - robot.base_position
+    T_world_table = np.eye(4)
+    T_world_table[2, 3] = -HALF_SIZE[2]
+    T_base_table = np.linalg.inv(robot.T_world_base) @ T_world_table
     return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], T_base_table)
 
 
