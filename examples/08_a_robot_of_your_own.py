@@ -19,9 +19,8 @@ def main() -> None:
         env.reset(seed=0)
         for _ in range(robot.control_hz):  # a second at rest
             *_, info = env.step(robot.rest_action)
-        print(
-            f"after a second: openness {float(info['openness']['object'][0]):.2f}, {env.action_space.shape[0]} numbers"
-        )
+        openness = float(next(iter(info["openness"].values()))[0])
+        print(f"after a second: openness {openness:.2f}, {env.action_space.shape[0]} numbers")
         env.close()
 
 
