@@ -107,7 +107,7 @@ OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "05_look_at_an_object.py": (_looked, False),
     "06_pick_and_place.py": (_placed, False),
     "07_grasp_an_object.py": (_grasped, False),
-    "08_a_robot_of_your_own.py": (_own_robots, False),
+    "09_a_robot_of_your_own.py": (_own_robots, False),
 }
 """By name; and whether it takes an output folder."""
 

@@ -33,6 +33,7 @@ COMMANDS = {
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
+    "evaluate": "gensim2.cli.evaluate:evaluate",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
     "data": "gensim2.cli.data:data",

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from gensim2.data.episode_file import LIBVER
 from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
@@ -38,12 +39,12 @@ _SEAL = Seal(
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class ObservedEpisode:
     """What is observed of an episode of T steps.
 
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
-            ``language``, ``steps`` and everything of the plan.
+            ``language``, ``steps`` and everything of the spec.
         arrays: by name; (T + 1, ...) but for the cameras' own.
     """
 
@@ -81,7 +82,31 @@ def read_description(path: Path) -> dict[str, Any]:
         return _description(file, path)
 
 
-def read_observation(path: Path, episode_digest: str | None = None) -> Observation:
+def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
+    """What a whole file is of.
+
+    Raises:
+        DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.
+    """
+    found = read_description(path)
+    if found.get("episode_digest") != episode_digest:
+        raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
+    return found
+
+
+def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
+    """The spec that a file's description tells of.
+
+    Raises:
+        InputError: it tells of none.
+    """
+    try:
+        return ObservationSpec.of({name: description[name] for name in ("modalities", "cameras", "cloud")})
+    except (KeyError, TypeError) as error:
+        raise _SEAL.broken(path, "observation") from error
+
+
+def read_observation(path: Path, episode_digest: str | None = None) -> ObservedEpisode:
     """Return the whole of a file.
 
     Args:
@@ -101,7 +126,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> Observati
                 arrays[name] = from_steps(item[()]) if name == CLOUD else item[()]
 
         file.visititems(take)
-    return Observation(description, arrays)
+    return ObservedEpisode(description, arrays)
 
 
 def _opened(path: Path) -> h5py.File:

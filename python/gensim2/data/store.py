@@ -9,9 +9,10 @@ for row in dataset.task("OpenBox").rows():          # every episode that was tri
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
 from gensim2.data.episode_file import (
@@ -26,13 +27,17 @@ from gensim2.data.episode_file import (
 from gensim2.data.record import DatasetRecord
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_json
+from gensim2.observations import ObservationSpec
 from gensim2.record_files import read_record
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
-DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+if TYPE_CHECKING:
+    from gensim2.data.frame_access import FrameAccess
+
+DATASET_JSON, ROWS, OBSERVATIONS = "dataset.json", "episodes.jsonl", "observations"
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -85,6 +90,10 @@ class TaskStore:
     def rows_path(self) -> Path:
         """``episodes.jsonl``."""
         return self.folder / ROWS
+
+    def observation_path(self, index: int) -> Path:
+        """Where the observations of an episode lie."""
+        return self.folder / OBSERVATIONS / f"{index:06d}.h5"
 
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode, whole or not at all, and return the digest of its file.
@@ -193,18 +202,46 @@ class DataSet:
         self.path, self.record = path, record
 
     @staticmethod
-    def open(path: Path) -> DataSet:
+    def open(path: Path | str) -> DataSet:
         """Read what a collection left, finished or not.
 
         Raises:
             InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
         """
+        path = Path(path)
         file = path / DATASET_JSON
         return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
 
     def save(self) -> None:
         """Write ``dataset.json``."""
         write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
+        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
+
+        Args:
+            tasks, observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
+
+        Raises:
+            InputError: as there.
+        """
+        from gensim2.data.frame_access import FrameAccess
+
+        return FrameAccess(self, tasks, observations=observations, horizon=horizon)
+
+    def observation_spec(self) -> ObservationSpec:
+        """What its observations are of.
+
+        Raises:
+            InputError: it was not rendered, or a file of observations is damaged.
+        """
+        from gensim2.data.observation_file import read_description, spec_of_file
+
+        for name in self.tasks:
+            first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
+            if first is not None:
+                return spec_of_file(read_description(first), first)
+        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
 
     @property
     def tasks(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from pydantic import BaseModel, TypeAdapter
 from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.episode_file import read_recording
 from gensim2.data.formats.export import NATIVE, Format
-from gensim2.data.formats.frames import Frames, frames_of
+from gensim2.data.formats.frames import EPISODE_COLUMNS, Frames, frames_of
 from gensim2.data.formats.replay_zarr import zarr_frames
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.record import DatasetRecord
@@ -88,7 +88,7 @@ def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Prog
     count = 0
     for ours, theirs in zip_longest(_own(dataset), found):
         same = ours is not None and theirs is not None and ours.sentence == theirs.sentence
-        if not same or any(not np.array_equal(theirs.columns[name], each) for name, each in ours.columns.items()):
+        if not same or any(not np.array_equal(theirs.columns[name], ours.columns[name]) for name in EPISODE_COLUMNS):
             message = f"episode {count} is not that of {NATIVE}/: one of them was changed"
             raise InputError(message, file=path, remedy="export again")
         count += 1

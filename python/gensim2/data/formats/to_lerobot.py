@@ -5,13 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gensim2.data.formats.frames import CLOUD, DEPTH, IMAGE, Array, Frames
+from gensim2.data.formats.frames import Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
+from gensim2.observations.columns import (
+    CLOUD,
+    CLOUD_SEGMENTATION,
+    DEPTH,
+    GRIPPER,
+    IMAGE,
+    SEGMENTATION,
+    STATE,
+    TOOL_POSE,
+    VELOCITY,
+)
 from gensim2.robots import RobotProfile
 
 _NAMES = {
-    "state": "observation.state",
+    STATE: "observation.state",
+    VELOCITY: "observation.velocity",
+    TOOL_POSE: "observation.tool_pose",
+    GRIPPER: "observation.gripper",
     "action": "action",
     CLOUD: "observation.points",
     "reward": "next.reward",
@@ -19,13 +33,16 @@ _NAMES = {
     "done": "next.done",
 }
 _IMAGES = "observation.images."
+_NOT_HERE = (DEPTH, SEGMENTATION, CLOUD_SEGMENTATION)
+"""Beginnings of columns for which LeRobot has no place."""
 
 
 def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile) -> None:
     """Write episodes as a LeRobot data set.
 
     Args:
-        episodes: at least one, all with the same columns; depth pictures, for which LeRobot has no place, are left out.
+        episodes: at least one, all with the same columns; depth and segmentation, for which
+            LeRobot has no place, are left out.
         out: folder.
         profile: of the robot.
 
@@ -33,10 +50,17 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
         InputError: episodes differ in their columns.
         MissingExtraError: pyarrow is not installed.
     """
-    names = {"state": profile.model.joint_names, "action": (*profile.arm_joints, "gripper")}
+    joints = profile.model.joint_names
+    names: dict[str, Sequence[str]] = {
+        STATE: joints,
+        VELOCITY: joints,
+        TOOL_POSE: ("x", "y", "z", "qw", "qx", "qy", "qz"),
+        GRIPPER: ("width", "command"),
+        "action": (*profile.arm_joints, "gripper"),
+    }
     writer: LeRobotWriter | None = None
     for frames in episodes:
-        columns = {name: values for name, values in frames.columns.items() if not name.startswith(DEPTH)}
+        columns = {name: values for name, values in frames.columns.items() if not name.startswith(_NOT_HERE)}
         if writer is None:
             features = {_name(name): _feature(name, values, names.get(name)) for name, values in columns.items()}
             writer = LeRobotWriter(out, features, fps=profile.control_hz, robot=profile.name)

@@ -1,6 +1,6 @@
 """A robot of one's own opens a drawer: a file describes it, whatever takes ``robot`` takes the file.
 
-python examples/08_a_robot_of_your_own.py
+python examples/09_a_robot_of_your_own.py
 """
 
 from pathlib import Path
