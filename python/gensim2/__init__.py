@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
     from gensim2.observations import Observation, ObservationSpec
-    from gensim2.robots import robot, robot_names
+    from gensim2.robots import register_robot, robot, robot_names
     from gensim2.rollout import solve
     from gensim2.sim import HeadlessEnv, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
@@ -51,6 +51,7 @@ __all__ = [
     "load_task",
     "make_env",
     "open_library",
+    "register_robot",
     "render",
     "robot",
     "robot_names",
@@ -78,6 +79,7 @@ _of_rooms = lazy_names(
         "open_library": "gensim2.objects",
         "render": "gensim2.data",
         "robot": "gensim2.robots",
+        "register_robot": "gensim2.robots",
         "robot_names": "gensim2.robots",
         "run_pipeline": "gensim2.design",
         "solve": "gensim2.rollout",

@@ -152,7 +152,7 @@ def test_links_and_ids_are_the_simulators(name: str) -> None:
         assert np.abs(profile.T_world_base @ pose - truth).max() < 5e-6, (owner, link)
     hand = {scene.names[id][1] for id in scene.robot.gripper}
     assert profile.hand_link in hand
-    assert set(profile.gripper.links) <= hand
+    assert set(profile.gripper.pads) <= hand
     tool = next(link for link in lane._robot.articulation.links if link.entity.name == profile.tool_link)
     expected = np.concatenate([tool.entity.pose.p - profile.base_position, tool.entity.pose.q])
     found = tool_pose(profile, lane.q.astype(np.float32))

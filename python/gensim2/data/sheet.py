@@ -13,8 +13,9 @@ import numpy.typing as npt
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
-from gensim2.data.video import CONTROL_STEPS_PER_SECOND, write_video
+from gensim2.data.video import write_video
 from gensim2.files import replacing
+from gensim2.robots import robot
 
 Frame = npt.NDArray[np.uint8]
 
@@ -87,7 +88,7 @@ def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) ->
     if not large:
         return False
     with replacing(video) as file:
-        write_video(file, large, CONTROL_STEPS_PER_SECOND)
+        write_video(file, large, robot(str(observation.description["robot"])).control_hz)
     with replacing(still) as file:
         imageio.imwrite(file, large[len(large) // 2])
     return True

@@ -22,7 +22,7 @@ def proprioception(
         command: the gripper's last, -1 to 1.
     """
     state = np.array(positions, dtype=np.float32)
-    width = state[profile.arm_size :].astype(np.float64).sum()
+    width = profile.gripper.opening(state[profile.arm_size :].astype(np.float64))
     return {
         STATE: state,
         VELOCITY: np.array(velocities, dtype=np.float32),

@@ -263,8 +263,7 @@ class ChainController:
         """Stop where the arm is, the fingers as they were commanded."""
         if self._last is not None and self._waited > 1:
             return self._last
-        names = self._profile.model.joint_names
-        arm = observation.q[[names.index(name) for name in self._profile.arm_joints]]
+        arm = observation.q[list(self._profile.arm_columns)]
         return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
     def _begin(self, observation: PrivilegedObservation) -> bool:

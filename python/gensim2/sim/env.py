@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import sapien
 import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
@@ -17,14 +16,14 @@ from mani_skill.utils.structs.types import SimConfig
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.observations import ObservationSpec
 from gensim2.planning.scene import Scene
-from gensim2.robots import robot as robot_profile
-from gensim2.robots import robot_names
 from gensim2.scenes.arguments import check_words
 from gensim2.scenes.config import split_arguments
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import check_one_of, checked_action, checked_seed
+from gensim2.sim.arm import base_pose
+from gensim2.sim.gripper import Transmission
 from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RAYCAST, RaycastObservations
 from gensim2.sim.physics import named_physics
@@ -38,7 +37,7 @@ from gensim2.tasks.spec import TaskSpec
 class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
-    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
+    Physics runs on the CPU, at the rate that the robot says, as control does. PhysX settings are ManiSkill's, stated
     and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
@@ -66,7 +65,6 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_ROBOTS = [robot_profile(name).agent for name in robot_names()]  # noqa: RUF012 - as the base class has it
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
@@ -182,8 +180,9 @@ class GenSim2Env(RaycastObservations):
         return result
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
-        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile.gripper)
+        super()._load_agent(options, base_pose(self.profile))
+        self._transmission = Transmission(self.agent.robot._objs[0], self.profile)
+        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
@@ -193,7 +192,7 @@ class GenSim2Env(RaycastObservations):
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             robot = self.agent.robot._objs[0]
-            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile.gripper)
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile)
         self._setup = setup
         self._prepare_observations(seed)
 
@@ -202,11 +201,12 @@ class GenSim2Env(RaycastObservations):
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(self.setup.start, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(self.profile.base_position)))
+        self.agent.robot.set_pose(base_pose(self.profile))
         for part in self._parts.values():
             part.put()
 
     def _before_simulation_step(self) -> None:
+        self._transmission.before_substep()
         for part in self._parts.values():
             part.before_substep()
 
@@ -230,7 +230,7 @@ class GenSim2Env(RaycastObservations):
         return reward
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on.
+        """One control step. ``truncated`` from ``task.max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

@@ -109,7 +109,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             arm = None if self._arm is None else self._arm.articulation
-            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile.gripper)
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile)
         self._setup, self.elapsed_steps, self._command = setup, 0, OPEN
         self._observers = {}
         if self._arm is not None:
@@ -127,7 +127,7 @@ class HeadlessEnv(SceneAccessMixin):
     # ------------------------------------------------------------------- time
 
     def step(self, action: npt.ArrayLike) -> None:
-        """One control step (0.05 s).
+        """One control step.
 
         Args:
             action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
@@ -146,7 +146,9 @@ class HeadlessEnv(SceneAccessMixin):
 
     def _advance(self) -> None:
         parts = self._parts.values()
-        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+        for _ in range(self.profile.substeps):
+            if self._arm is not None:
+                self._arm.transmission.before_substep()
             for part in parts:
                 part.before_substep()
             self._system.step()

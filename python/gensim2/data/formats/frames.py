@@ -18,7 +18,6 @@ from gensim2.rollout.recording import Recording
 
 Array = npt.NDArray[Any]
 
-CONTROL_STEPS_PER_SECOND = 20
 FIRST_JOINT = 13
 """Column of the first joint in ManiSkill's states: before it the root's pose (7) and velocities (6)."""
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from gensim2.data.formats.columns import column_in_lerobot, lerobot_name
-from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, Array, Frames
+from gensim2.data.formats.frames import Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.observations.columns import CLOUD, GRIPPER, IMAGE, STATE, TOOL_POSE, VELOCITY
@@ -41,7 +41,7 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
             features = {
                 theirs: _feature(name, frames.columns[name], names.get(name)) for theirs, name in columns.items()
             }
-            writer = LeRobotWriter(out, features, fps=CONTROL_STEPS_PER_SECOND, robot=profile.name)
+            writer = LeRobotWriter(out, features, fps=profile.control_hz, robot=profile.name)
         shaped = {theirs: frames.columns[name] for theirs, name in columns.items()}
         writer.add(frames.sentence, {name: v if v.ndim > 1 else v[:, None] for name, v in shaped.items()})
     if writer is not None:
