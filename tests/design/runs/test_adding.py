@@ -19,29 +19,29 @@ from gensim2.yaml_files import dump_yaml
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A task of the package under another name, with another goal, as somebody would write it."""
-    task = load_task("OpenDrawer").model_dump(mode="json", exclude_none=True, by_alias=True)
+    task = load_task("OpenBox").model_dump(mode="json", exclude_none=True, by_alias=True)
     made = tmp_path / "mine"
     (made / "strategies").mkdir(parents=True)
-    step = {**task["steps"][0], "done": [{"type": "articulated_between", "object": "drawer", "low": 0.55, "high": 0.75}]}
-    if "drawer" not in task["objects"]:
+    step = {**task["steps"][0], "done": [{"type": "articulated_between", "object": "box", "low": 0.55, "high": 0.75}]}
+    if "box" not in task["objects"]:
         step["done"][0]["object"] = next(iter(task["objects"]))
-    task |= {"name": "PullMyDrawerABit", "description": "pull my drawer out a bit", "steps": [step]}
+    task |= {"name": "OpenMyBoxABit", "description": "open my box a bit", "steps": [step]}
     task.pop("provenance", None)
     task.pop("goal", None)
     (made / "task.yaml").write_text(dump_yaml(task))
-    for name, data in load_strategies("OpenDrawer").items():
+    for name, data in load_strategies("OpenBox").items():
         (made / "strategies" / f"{name}.yaml").write_text(dump_yaml(dict(data)))
     return made
 
 
 def made_up(monkeypatch: pytest.MonkeyPatch, held: int) -> None:
-    """Let the first ``held`` episodes hold."""
+    """Let the first ``held`` of each 20 episodes hold."""
     count = iter(range(10_000))
 
     def episode(config: Any, strategies: Any, seed: int) -> Any:
         thing = next(iter(config.task.objects.values()))
         model = open_library("builtin").load(thing.asset_class, "0")
-        return fake_world.episode_of(config.task, seed, held=next(count) < held, content_hash=model.content_hash)
+        return fake_world.episode_of(config.task, seed, held=next(count) % 20 < held, content_hash=model.content_hash)
 
     monkeypatch.setattr(worker, "prepare", lambda scene: None)
     monkeypatch.setattr(worker, "episode", episode)
@@ -60,9 +60,9 @@ def test_it_is_verified_and_added_or_refused(
     words = ["tasks", "add", str(folder), "--assets", "builtin", "--library", str(tmp_path / "library")]
     assert run(words) == code
     out, err = capsys.readouterr()
-    added = tmp_path / "library" / "PullMyDrawerABit"
+    added = tmp_path / "library" / "OpenMyBoxABit"
     if code == 0:
-        assert "PullMyDrawerABit" in out
+        assert "OpenMyBoxABit" in out
         told = (added / "task.yaml").read_text()
         assert "origin: hand" in told
         assert "held: 20" in told
