@@ -276,9 +276,13 @@ class KeypointProblem:
 
         ``options``: :class:`Options`; unknown keys raise ProblemError.
         """
-    def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
-        """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
-        time (s) on the motion's clock. Shares everything else."""
+    def with_start(
+        self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
+    ) -> KeypointProblem:
+        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero
+        where it is not given, and the time (s) on the motion's clock.
+        A motion that goes on from a sample of another one is
+        continuous in position, velocity and acceleration where all three are given. Shares everything else."""
     @property
     def scene(self) -> Scene:
         """The scene that it is asked of; its joint is named "joint" there."""
@@ -296,6 +300,21 @@ class Trajectory:
     def duration(self) -> float: ...
     def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
+    def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
+        loops: nothing is allocated. Raises ProblemError where an array does not fit."""
+    def brake(self, t: float) -> Trajectory:
+        """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits.
+
+        The stop begins at t; its clock is slowed to a halt by a trapezoid of deceleration. It is the rest of the motion
+        where that ends sooner.
+        """
+    def splice(self, next: Trajectory, t: float) -> Trajectory:
+        """Return this motion until time t (s) and ``next`` from there on.
+
+        Raises ProblemError where ``next`` does not go on from the state at t: position, velocity and acceleration to
+        1e-6.
+        """
     def sample_every(self, dt: float) -> Array:
         """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
@@ -481,10 +500,12 @@ def retime(
     slowest: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
     start_acceleration: npt.ArrayLike | None = None,
+    start_time: float = 0.0,
     position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
-    """The fastest motion along the cubic spline through waypoints that keeps velocity, acceleration and jerk limits.
+    """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk limits.
+    Ctrl-C ends it.
 
     Args:
         waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
@@ -493,11 +514,12 @@ def retime(
         slowest: (N - 1,) least time of each interval between waypoints, s.
         start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
             towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        start_time: time of the first waypoint, s.
         position_limits: (n,) lower and upper limits that a start under way has to stop within.
         method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
 
     Returns:
-        The motion from time 0, and the (N,) times at which it passes the waypoints.
+        The motion from the start time on, and the (N,) times at which it passes the waypoints.
 
     Raises:
         ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.

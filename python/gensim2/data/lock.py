@@ -7,7 +7,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, WriteError
 
 
 class FolderLock:
@@ -17,6 +17,7 @@ class FolderLock:
 
     Raises:
         InputError: another process holds it, or the folder cannot be written to.
+        WriteError: no room is left.
     """
 
     NAME = ".lock"
@@ -43,8 +44,14 @@ class FolderLock:
             raise InputError(
                 f"another run is at work in it{by}", file=folder, remedy="wait for it, or choose another --out"
             ) from error
-        os.ftruncate(self._handle, 0)
-        os.pwrite(self._handle, f"{os.getpid()}\n".encode(), 0)
+        try:
+            os.ftruncate(self._handle, 0)
+            os.pwrite(self._handle, f"{os.getpid()}\n".encode(), 0)
+        except OSError as error:
+            self.release()
+            raise WriteError(
+                f"cannot write: {error.strerror}", file=path, remedy="make room, or choose another folder"
+            ) from error
 
     def release(self) -> None:
         """Let others have the folder."""

@@ -81,7 +81,7 @@ def model_designer(
         if recorded.prompts != texts.digest:
             remedy = "replay with the --prompts of the run that was recorded"
             raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
-        given, asking = recorded.options, Asking(**recorded.asking)
+        given, asking = recorded.options, Asking.read(recorded.asking, replay)
     cache = None if replay is not None else cache_dir() / "answers"
     asked = Model(given, texts.digest, asdict(asking), cache=cache, record=record, replay=replay)
     views = None

@@ -15,11 +15,11 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.errors import InputError
+from gensim2.observations.proprioception import tool_pose
 from gensim2.robots import RobotProfile, robot
 from gensim2.scenes.physics import PhysicsName
 from gensim2.sim.agents import urdf_config
-from gensim2.sim.objects import link_name
-from gensim2.sim.parts import Row, articulation_state, pose_row
+from gensim2.sim.parts import Row, articulation_state
 from gensim2.sim.physics import Physics
 from gensim2.sim.scene_state import RobotReader
 
@@ -48,7 +48,6 @@ class Arm:
                 joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
                 joint.set_friction(0.0)
         physics.prepare_robot(self.articulation, profile.gripper)
-        self._tool = next(link for link in self.articulation.links if link_name(link) == profile.tool_link)
         self.reader = RobotReader(profile, self.articulation)
 
     @property
@@ -81,8 +80,8 @@ class Arm:
         return articulation_state(self.articulation)
 
     def observed(self) -> list[Row]:
-        """What observations begin with: qpos, qvel, pose of the tool in the world (7,)."""
-        return [self.articulation.qpos, self.articulation.qvel, pose_row(self._tool.entity)]
+        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,)."""
+        return [self.articulation.qpos, self.articulation.qvel, tool_pose(self._profile, self.articulation.qpos)]
 
 
 def parsed(

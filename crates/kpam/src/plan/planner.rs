@@ -94,8 +94,8 @@ impl<'p> Planner<'p> {
             velocity: rates(&options.start_velocity),
             acceleration: rates(&options.start_acceleration),
         };
-        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
-        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
+        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.course.toward(entry));
         world.limit(request.most_checks, request.cancel.clone());

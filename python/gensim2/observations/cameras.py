@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.observations import Camera
+from gensim2.observations.camera import Camera
 from gensim2.robots import RobotProfile
 
 TARGET = (-0.1, 0.0, 0.15)
