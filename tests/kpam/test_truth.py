@@ -27,14 +27,16 @@ GANTRY = (
     )
     + "".join(
         f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{name}"/>'
-        f'<origin xyz="{origin}"/><axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="0.8" effort="1"/></joint>'
+        f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+        f'<limit lower="{low}" upper="{high}" velocity="0.8" effort="1"/></joint>'
         for name, parent, origin, axis, low, high in (
             ("x", "base", "0 0 1.2", "1 0 0", -0.8, 0.8),
             ("y", "x", "0 0 -0.1", "0 1 0", -0.6, 0.6),
             ("z", "y", "0 0 -0.2", "0 0 1", -0.5, 0.1),
         )
     )
-    + '<joint name="turn" type="revolute"><parent link="z"/><child link="hand"/><origin xyz="0 0 -0.19" rpy="3.14159265 0 0"/>'
+    + '<joint name="turn" type="revolute"><parent link="z"/><child link="hand"/>'
+    '<origin xyz="0 0 -0.19" rpy="3.14159265 0 0"/>'
     '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint></robot>'
 )
 
