@@ -76,6 +76,18 @@ impl Limits {
         out
     }
 
+    /// Usual limits of a robot's moving joints, their velocities and accelerations scaled.
+    pub(crate) fn usual(robot: &gensim2_geometry::Robot, model: &Model, speed: f64, force: f64) -> Self {
+        let (acceleration, jerk) = default_limits(robot, model, &crate::Options::default());
+        let mut out = Self { joints: model.n(), velocity: model.velocity, acceleration, jerk };
+        for v in 0..model.n() {
+            out.velocity[v] = (speed * out.velocity[v]).min(GREATEST);
+            out.acceleration[v] = (force * out.acceleration[v]).min(GREATEST);
+            out.jerk[v] = (force * out.jerk[v]).min(GREATEST);
+        }
+        out
+    }
+
     /// Number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {

@@ -4,6 +4,7 @@
 mod bubble;
 mod checker;
 mod clearance;
+mod compiled;
 mod leg;
 mod margins;
 mod movers;
@@ -25,6 +26,7 @@ use rules::{Carrier, Cast, Compiler, Group, LegWorld};
 
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
+pub(crate) use compiled::Compiled;
 pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
