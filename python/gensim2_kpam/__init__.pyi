@@ -427,6 +427,7 @@ def plan(
     former: Plan | None = None,
     resume: str | None = None,
     max_checks: int | None = None,
+    deadline_ms: float | None = None,
     cancel: Cancel | None = None,
     explain: bool = False,
 ) -> Plan:
@@ -439,6 +440,8 @@ def plan(
             ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
             it needs ``former``.
         max_checks: most states that are checked for collisions; the same on every machine.
+        deadline_ms: wall time after which planning ends with the best so far, or why there is none; without one, the
+            same question has the same answer.
         cancel: ends planning when set.
         explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
     """

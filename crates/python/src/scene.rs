@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gensim2_geometry::{ChainFrames, Pose};
+use gensim2_geometry::{ChainFrames, LANES, Pose};
 use gensim2_kpam::{Cancel, Checker, GraspTask, Nearness, ProblemError, Scene, SceneJoint, TransitOptions};
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -237,7 +237,7 @@ impl PyScene {
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
     fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let q = self.rows(q)?;
-        let hits: Vec<bool> = self.each(py, &q, |checker, row| checker.hits(row))?;
+        let hits = self.hits(py, &q)?;
         if q.count.is_none() {
             return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
         }
@@ -308,6 +308,25 @@ impl PyScene {
 
     fn rows(&self, q: &Bound<'_, PyAny>) -> PyResult<JointRows> {
         JointRows::of(q, self.0.robot().joints().len())
+    }
+
+    /// Whether something overlaps at each row.
+    fn hits(&self, py: Python<'_>, q: &JointRows) -> PyResult<Vec<bool>> {
+        let look = |cancel: &Cancel| {
+            let mut checker = self.0.checker();
+            let rows: Vec<&[f64]> = q.rows().collect();
+            let mut out = Vec::with_capacity(rows.len());
+            for some in rows.chunks(LANES).take_while(|_| !cancel.is_cancelled()) {
+                out.extend(checker.hits_each(some)?);
+            }
+            Ok::<_, ProblemError>(out)
+        };
+        let found = if q.rows().len() <= FEW {
+            py.detach(|| look(&Cancel::new()))
+        } else {
+            interruptible(py, Cancel::new(), look)?
+        };
+        found.map_err(|e| from_problem(&e))
     }
 
     /// The answer to a question of each row.

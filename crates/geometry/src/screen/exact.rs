@@ -1,19 +1,30 @@
 //! Distances in full, of single pairs that a screen could not clear.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 use wide::f32x8;
 
-use super::Riders;
 use super::points::PointGrid;
 use super::solid::Solid;
 use crate::distance::{Reach, keeps_apart};
-use crate::{Aabb, Convex, Corners, Pose, Robot, signed_distance};
+use crate::{Aabb, Convex, Corners, Pose, signed_distance};
 
+/// A convex part of what moves with a link, in the link's frame.
 #[derive(Debug, Clone)]
-struct Piece {
+pub(super) struct Piece {
     shape: Convex,
+    corners: Corners,
+    bounds: Aabb,
     /// Its faces, for points.
     solid: Solid,
+}
+
+impl Piece {
+    pub fn of(shape: Convex) -> Self {
+        let (corners, bounds) = (Corners::of(shape.points()), shape.aabb_at(&Pose::identity()));
+        Self { solid: Solid::of(&shape), corners, bounds, shape }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -28,24 +39,13 @@ struct Placed {
 #[derive(Debug, Clone, Default)]
 pub struct Measure {
     /// Shapes of each group in its link's frame, and that link.
-    groups: Vec<(usize, Vec<(Piece, Corners)>)>,
+    groups: Vec<(usize, Arc<[Piece]>)>,
     elements: Vec<Placed>,
 }
 
 impl Measure {
-    pub(super) fn new(robot: &Robot, groups: &[Riders<'_>]) -> Self {
-        let piece = |shape: Convex| {
-            let corners = Corners::of(shape.points());
-            (Piece { solid: Solid::of(&shape), shape }, corners)
-        };
-        let groups = groups.iter().map(|g| {
-            let pieces = match &g.held {
-                None => robot.links().get(g.link).map_or(&[][..], |l| l.shapes()).iter().cloned().map(piece).collect(),
-                Some((shapes, pose)) => shapes.iter().map(|s| piece(s.moved(pose))).collect(),
-            };
-            (g.link, pieces)
-        });
-        Self { groups: groups.collect(), elements: Vec::new() }
+    pub(super) fn new(groups: Vec<(usize, Arc<[Piece]>)>) -> Self {
+        Self { groups, elements: Vec::new() }
     }
 
     pub(super) fn add(&mut self, shape: &Convex) {
@@ -70,7 +70,7 @@ impl Measure {
         let (link, pieces) = &self.groups[group];
         let (pose, element) = (&poses[*link], &self.elements[e]);
         let mut moved: Option<Corners> = None;
-        pieces.iter().all(|(piece, corners)| {
+        pieces.iter().all(|piece| {
             let bounds = piece.shape.aabb_at(pose);
             if bounds.distance_squared(&element.bounds) > reach.max(0.0).powi(2) {
                 return true;
@@ -82,7 +82,7 @@ impl Measure {
                 out
             });
             visit(
-                (corners, piece.shape.radius()),
+                (&piece.corners, piece.shape.radius()),
                 (here, element.radius),
                 pose.rotation.inverse() * toward,
             )
@@ -115,11 +115,11 @@ impl Measure {
         let (first, second) = (&poses[*one], &poses[*two]);
         let way = first.inverse() * second;
         let mut moved = Corners::default();
-        theirs.iter().all(|(other, _)| {
+        theirs.iter().all(|other| {
             let bounds = other.shape.aabb_at(&way);
             let mut ready = false;
-            mine.iter().all(|(piece, corners)| {
-                if piece.shape.aabb_at(&Pose::identity()).distance_squared(&bounds) > reach.max(0.0).powi(2) {
+            mine.iter().all(|piece| {
+                if piece.bounds.distance_squared(&bounds) > reach.max(0.0).powi(2) {
                     return true;
                 }
                 if !ready {
@@ -127,7 +127,7 @@ impl Measure {
                     ready = true;
                 }
                 let toward = way * other.shape.center() - piece.shape.center();
-                visit((corners, piece.shape.radius()), (&moved, other.shape.radius()), toward)
+                visit((&piece.corners, piece.shape.radius()), (&moved, other.shape.radius()), toward)
             })
         })
     }
@@ -154,7 +154,7 @@ impl Measure {
         cloud: &PointGrid,
         poses: &[Pose],
         reach: f64,
-        mut visit: impl FnMut(&(Piece, Corners), &Corners) -> bool,
+        mut visit: impl FnMut(&Piece, &Corners) -> bool,
     ) -> bool {
         let (link, pieces) = &self.groups[group];
         let pose = &poses[*link];
@@ -166,12 +166,12 @@ impl Measure {
         let limit = f32x8::splat(within as f32 + 1e-4);
         let mut one = Corners::default();
         pieces.iter().all(|piece| {
-            let bounds = piece.0.shape.aabb_at(pose).grown(within);
+            let bounds = piece.shape.aabb_at(pose).grown(within);
             cloud.within(&bounds, |points| {
                 let here = [0, 1, 2].map(|i| {
                     points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + f32x8::splat(t[i])
                 });
-                let near = piece.0.solid.distance(&here);
+                let near = piece.solid.distance(&here);
                 if super::all_at_least(near, limit) {
                     return true;
                 }
@@ -190,18 +190,18 @@ impl Measure {
     }
 
     pub(super) fn keeps_from_cloud(&self, group: usize, cloud: &PointGrid, poses: &[Pose], apart: f64) -> bool {
-        self.near_cloud(group, cloud, poses, apart, |(piece, corners), point| {
+        self.near_cloud(group, cloud, poses, apart, |piece, point| {
             let toward = point.middle() - piece.shape.center();
-            keeps_apart((corners, piece.shape.radius()), (point, cloud.radius), &toward, apart) == Reach::Beyond
+            keeps_apart((&piece.corners, piece.shape.radius()), (point, cloud.radius), &toward, apart) == Reach::Beyond
         })
     }
 
     pub(super) fn cloud_distance(&self, group: usize, cloud: &PointGrid, poses: &[Pose], reach: f64) -> f64 {
         let mut least = reach;
-        self.near_cloud(group, cloud, poses, reach, |(piece, corners), point| {
+        self.near_cloud(group, cloud, poses, reach, |piece, point| {
             let mut toward = point.middle() - piece.shape.center();
             if let Some(contact) =
-                signed_distance((corners, piece.shape.radius()), (point, cloud.radius), &mut toward, least.max(0.0))
+                signed_distance((&piece.corners, piece.shape.radius()), (point, cloud.radius), &mut toward, least.max(0.0))
             {
                 least = least.min(contact.distance);
             }

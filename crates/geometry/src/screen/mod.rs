@@ -7,11 +7,14 @@ mod points;
 mod posing;
 mod solid;
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 use wide::f32x8;
 
 use crate::{Aabb, Bvh, Convex, JointKind, Pose, Robot};
 pub use exact::Measure;
+use exact::Piece;
 use cover::{Ball, ball_around, cover};
 use points::PointGrid;
 use posing::{Frames, Posing};
@@ -24,8 +27,9 @@ const TREE: usize = 20;
 /// What single precision may be off by (m), a metre of the robot's size.
 const SLACK: f64 = 1e-5;
 
+/// A ball in single precision.
 #[derive(Debug, Clone, Copy)]
-struct Sphere {
+pub(crate) struct Sphere {
     center: [f32; 3],
     radius: f32,
 }
@@ -44,16 +48,85 @@ struct Cluster {
     balls: std::ops::Range<usize>,
 }
 
-/// Balls around a robot's links, each in its link's frame; made once a robot.
+/// What is made of a robot's shapes once, whatever stands about it.
 #[derive(Debug, Clone, Default)]
-pub struct Cover(Vec<Vec<Ball>>);
+pub struct Cover {
+    /// Balls that contain each link's shapes, in its frame.
+    balls: Vec<Vec<Ball>>,
+    pieces: Vec<Arc<[Piece]>>,
+    levers: Vec<f64>,
+}
+
+/// Configurations over which levers are averaged.
+const LOOKS: u32 = 64;
 
 impl Cover {
     /// That of every link.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
-        Self(robot.links().iter().map(|link| link.shapes().iter().flat_map(cover).collect()).collect())
+        let links = robot.links();
+        let balls: Vec<Vec<Ball>> = links.iter().map(|link| link.shapes().iter().flat_map(cover).collect()).collect();
+        let pieces = links.iter().map(|link| link.shapes().iter().cloned().map(Piece::of).collect()).collect();
+        let levers = mean_levers(robot, &balls);
+        Self { balls, pieces, levers }
     }
+
+    /// Mean over configurations of the furthest that any point of the robot is from each joint's axis (m); 1 for a
+    /// sliding joint.
+    #[must_use]
+    pub fn levers(&self) -> &[f64] {
+        &self.levers
+    }
+}
+
+fn mean_levers(robot: &Robot, balls: &[Vec<Ball>]) -> Vec<f64> {
+    let (joints, links) = (robot.joints(), robot.links());
+    let mut sums = vec![0.0; joints.len()];
+    let mut poses = Vec::new();
+    let mut counter = 0_u32;
+    for _ in 0..LOOKS {
+        let mut q: Vec<f64> = joints
+            .iter()
+            .map(|joint| {
+                // Multiples of the golden ratio: any even spread will do.
+                counter += 1;
+                let share = (f64::from(counter) * 0.618_033_988_749_894_9).fract();
+                let (low, high) = (joint.lower().max(-3.2), joint.upper().min(3.2));
+                low + (high - low) * share
+            })
+            .collect();
+        robot.apply_mimic(&mut q);
+        if robot.link_poses(&q, &mut poses).is_err() {
+            continue;
+        }
+        for (moved, joint) in (0..links.len()).filter_map(|l| Some((l, links[l].joint()?))) {
+            if joints[joint].kind() == JointKind::Prismatic {
+                sums[joint] += 1.0;
+                continue;
+            }
+            let (origin, axis) = (poses[moved].translation.vector, poses[moved].rotation * joints[joint].axis());
+            let mut furthest: f64 = 0.0;
+            for l in (0..links.len()).filter(|l| hangs_on(robot, *l, moved)) {
+                for ball in &balls[l] {
+                    let arm = (poses[l] * ball.center).coords - origin;
+                    furthest = furthest.max((arm - axis * arm.dot(&axis)).norm() + ball.radius);
+                }
+            }
+            sums[joint] += furthest;
+        }
+    }
+    // A joint that carries nothing still moves something.
+    sums.iter().map(|s| (s / f64::from(LOOKS)).max(0.01)).collect()
+}
+
+fn hangs_on(robot: &Robot, mut link: usize, top: usize) -> bool {
+    while link != top {
+        match robot.links()[link].parent() {
+            Some(parent) => link = parent,
+            None => return false,
+        }
+    }
+    true
 }
 
 /// What a group is near to, for a screen.
@@ -159,14 +232,21 @@ impl Screen {
         let mut clusters = Vec::with_capacity(groups.len());
         for group in groups {
             let own: Vec<Ball> = match &group.held {
-                None => cover_of.0.get(group.link).cloned().unwrap_or_default(),
+                None => cover_of.balls.get(group.link).cloned().unwrap_or_default(),
                 Some((shapes, pose)) => shapes.iter().map(|s| s.moved(pose)).flat_map(|s| cover(&s)).collect(),
             };
             let start = balls.len();
             balls.extend(own.iter().map(|b| Sphere::of(b, slack)));
             clusters.push(Cluster { link: group.link, around: around(&own, slack), balls: start..balls.len() });
         }
-        let measure = Measure::new(robot, groups);
+        let pieces = groups.iter().map(|group| {
+            let own: Arc<[Piece]> = match &group.held {
+                None => cover_of.pieces.get(group.link).cloned().unwrap_or_default(),
+                Some((shapes, pose)) => shapes.iter().map(|s| Piece::of(s.moved(pose))).collect(),
+            };
+            (group.link, own)
+        });
+        let measure = Measure::new(pieces.collect());
         let mut out = Self {
             posing,
             revolute: joints.iter().map(|j| j.kind() == JointKind::Revolute).collect(),
@@ -323,10 +403,8 @@ impl Screen {
             return true;
         }
         self.ensure(group, batch);
-        let mut least = f32x8::splat(f32::MAX);
-        for b in cluster.balls.clone() {
-            least = least.fast_min(solid.distance(&batch.centers[b]) - f32x8::splat(self.balls[b].radius));
-        }
+        let own = cluster.balls.clone();
+        let least = solid.least(&batch.centers[own.clone()], &self.balls[own]);
         // Neither bound is above the distance: the greater counts.
         let bound = least.fast_max(coarse);
         if all_at_least(bound, limit) {

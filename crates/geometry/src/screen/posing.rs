@@ -1,7 +1,7 @@
 //! Forward kinematics of eight joint vectors at a time, in single precision.
 
 use nalgebra::{Matrix3, Vector3};
-use wide::f32x8;
+use wide::{f32x8, i32x8};
 
 use super::solid::Points;
 use crate::{JointKind, Pose, Robot};
@@ -25,12 +25,19 @@ impl Frames {
 
     #[inline(always)]
     pub fn point(&self, p: &[f32; 3]) -> Points {
-        [0, 1, 2].map(|i| self.r[i][0] * p[0] + self.r[i][1] * p[1] + self.r[i][2] * p[2] + self.t[i])
+        let [x, y, z] = self.direction(p);
+        [x + self.t[0], y + self.t[1], z + self.t[2]]
     }
 
     #[inline(always)]
     pub fn direction(&self, p: &[f32; 3]) -> Points {
-        [0, 1, 2].map(|i| self.r[i][0] * p[0] + self.r[i][1] * p[1] + self.r[i][2] * p[2])
+        let [x, y, z] = [f32x8::splat(p[0]), f32x8::splat(p[1]), f32x8::splat(p[2])];
+        let r = &self.r;
+        [
+            r[0][0] * x + r[0][1] * y + r[0][2] * z,
+            r[1][0] * x + r[1][1] * y + r[1][2] * z,
+            r[2][0] * x + r[2][1] * y + r[2][2] * z,
+        ]
     }
 
     #[inline(always)]
@@ -129,7 +136,8 @@ impl Posing {
                 Motion::Prismatic { joint, axis } => {
                     let way = frame.direction(axis);
                     let value = q[*joint];
-                    Frames { r: frame.r, t: [0, 1, 2].map(|i| frame.t[i] + way[i] * value) }
+                    let t = frame.t;
+                    Frames { r: frame.r, t: [t[0] + way[0] * value, t[1] + way[1] * value, t[2] + way[2] * value] }
                 }
                 Motion::Revolute { joint, a, b, c } => {
                     let (sin, cos) = sin_cos(q[*joint]);
@@ -171,16 +179,16 @@ impl Posing {
 /// turn in three steps (Cody and Waite), then Cephes' polynomials.
 #[inline(always)]
 fn sin_cos(x: f32x8) -> (f32x8, f32x8) {
-    let turns = (x * std::f32::consts::FRAC_2_PI).round();
+    let whole = (x * std::f32::consts::FRAC_2_PI).round_int();
+    let turns = f32x8::from_i32x8(whole);
     let y = ((x - turns * 1.570_312_5) - turns * 4.837_512_97e-4) - turns * 7.549_79e-8;
     let z = y * y;
     let sin = y + y * z * (f32x8::splat(-1.666_665_5e-1) + z * (f32x8::splat(8.332_161e-3) - z * 1.951_529_6e-4));
     let cos = f32x8::ONE - z * 0.5
         + z * z * (f32x8::splat(4.166_664_6e-2) + z * (f32x8::splat(-1.388_731_6e-3) + z * 2.443_315_7e-5));
     // The quarter decides which of the two is which, and the signs: by arithmetic, without branches.
-    let quarter = turns - (turns * 0.25).floor() * 4.0;
-    let odd = quarter - (quarter * 0.5).floor() * 2.0;
-    let late = f32x8::ONE - (quarter * 0.5).floor() * 2.0;
+    let odd = f32x8::from_i32x8(whole & i32x8::ONE);
+    let late = f32x8::ONE - f32x8::from_i32x8((whole >> 1) & i32x8::ONE) * 2.0;
     let even = f32x8::ONE - odd;
     // 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s).
     ((sin * even + cos * odd) * late, (cos * even - sin * odd) * late)

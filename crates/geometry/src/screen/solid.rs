@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use wide::f32x8;
 
+use super::Sphere;
 use crate::Convex;
 
 /// Most faces by which a hull is judged.
@@ -69,42 +70,81 @@ impl Solid {
     /// Lower bound of the distance (m) of each point.
     #[inline]
     pub fn distance(&self, p: &Points) -> f32x8 {
-        let zero = f32x8::ZERO;
         match self {
-            Self::Cuboid { center, axes, half, radius } => {
-                let v = from(p, center);
-                let q = [
-                    dot(&axes[0], &v).abs() - f32x8::splat(half[0]),
-                    dot(&axes[1], &v).abs() - f32x8::splat(half[1]),
-                    dot(&axes[2], &v).abs() - f32x8::splat(half[2]),
-                ];
-                let outside = [q[0].fast_max(zero), q[1].fast_max(zero), q[2].fast_max(zero)];
-                let inside = q[0].fast_max(q[1]).fast_max(q[2]).fast_min(zero);
-                length(&outside) + inside - f32x8::splat(*radius)
-            }
-            Self::Cylinder { center, axis, half, radius } => {
-                let v = from(p, center);
-                let along = dot(axis, &v);
-                let across = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
-                let (a, b) = (along.abs() - f32x8::splat(*half), length(&across) - f32x8::splat(*radius));
-                let (x, y) = (a.fast_max(zero), b.fast_max(zero));
-                (x * x + y * y).sqrt() + a.fast_max(b).fast_min(zero)
-            }
-            Self::Capsule { end, axis, length: long, radius } => {
-                let v = from(p, end);
-                let along = dot(axis, &v).fast_max(zero).fast_min(f32x8::splat(*long));
-                let way = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
-                length(&way) - f32x8::splat(*radius)
-            }
-            Self::Hull { faces, radius } => {
-                let mut highest = f32x8::splat(f32::MIN);
-                for [x, y, z, d] in faces {
-                    highest = highest.fast_max(p[0] * *x + p[1] * *y + p[2] * *z - f32x8::splat(*d));
-                }
-                highest - f32x8::splat(*radius)
-            }
+            Self::Cuboid { center, axes, half, radius } => to_cuboid(p, center, axes, half, *radius),
+            Self::Cylinder { center, axis, half, radius } => to_cylinder(p, center, axis, *half, *radius),
+            Self::Capsule { end, axis, length, radius } => to_capsule(p, end, axis, *length, *radius),
+            Self::Hull { faces, radius } => to_hull(p, faces, *radius),
         }
     }
+
+    /// Least lower bound of the distance (m) of balls: their middles, and their radii.
+    #[inline]
+    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> f32x8 {
+        match self {
+            Self::Cuboid { center, axes, half, radius } => {
+                over(centers, balls, |p| to_cuboid(p, center, axes, half, *radius))
+            }
+            Self::Cylinder { center, axis, half, radius } => {
+                over(centers, balls, |p| to_cylinder(p, center, axis, *half, *radius))
+            }
+            Self::Capsule { end, axis, length, radius } => {
+                over(centers, balls, |p| to_capsule(p, end, axis, *length, *radius))
+            }
+            Self::Hull { faces, radius } => over(centers, balls, |p| to_hull(p, faces, *radius)),
+        }
+    }
+}
+
+#[inline(always)]
+fn over(centers: &[Points], balls: &[Sphere], distance: impl Fn(&Points) -> f32x8) -> f32x8 {
+    let mut least = f32x8::splat(f32::MAX);
+    for (center, ball) in centers.iter().zip(balls) {
+        least = least.fast_min(distance(center) - f32x8::splat(ball.radius));
+    }
+    least
+}
+
+#[inline(always)]
+fn to_cuboid(p: &Points, center: &[f32; 3], axes: &[[f32; 3]; 3], half: &[f32; 3], radius: f32) -> f32x8 {
+    let zero = f32x8::ZERO;
+    let v = from(p, center);
+    let q = [
+        dot(&axes[0], &v).abs() - f32x8::splat(half[0]),
+        dot(&axes[1], &v).abs() - f32x8::splat(half[1]),
+        dot(&axes[2], &v).abs() - f32x8::splat(half[2]),
+    ];
+    let outside = [q[0].fast_max(zero), q[1].fast_max(zero), q[2].fast_max(zero)];
+    let inside = q[0].fast_max(q[1]).fast_max(q[2]).fast_min(zero);
+    length(&outside) + inside - f32x8::splat(radius)
+}
+
+#[inline(always)]
+fn to_cylinder(p: &Points, center: &[f32; 3], axis: &[f32; 3], half: f32, radius: f32) -> f32x8 {
+    let zero = f32x8::ZERO;
+    let v = from(p, center);
+    let along = dot(axis, &v);
+    let across = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
+    let (a, b) = (along.abs() - f32x8::splat(half), length(&across) - f32x8::splat(radius));
+    let (x, y) = (a.fast_max(zero), b.fast_max(zero));
+    (x * x + y * y).sqrt() + a.fast_max(b).fast_min(zero)
+}
+
+#[inline(always)]
+fn to_capsule(p: &Points, end: &[f32; 3], axis: &[f32; 3], long: f32, radius: f32) -> f32x8 {
+    let v = from(p, end);
+    let along = dot(axis, &v).fast_max(f32x8::ZERO).fast_min(f32x8::splat(long));
+    let way = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
+    length(&way) - f32x8::splat(radius)
+}
+
+#[inline(always)]
+fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> f32x8 {
+    let mut highest = f32x8::splat(f32::MIN);
+    for [x, y, z, d] in faces {
+        highest = highest.fast_max(p[0] * *x + p[1] * *y + p[2] * *z - f32x8::splat(*d));
+    }
+    highest - f32x8::splat(radius)
 }
 
 /// The box that eight points are the corners of.

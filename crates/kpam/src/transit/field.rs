@@ -10,7 +10,10 @@ use crate::world::Compiled;
 use crate::{Cancel, Scene};
 
 /// Distances (weighted, m) between the configurations of an edge that are looked at.
-pub(super) const RESOLUTION: f64 = 0.04;
+pub(super) const RESOLUTION: f64 = 0.05;
+
+/// Lower bounds of gaps below this (m) mostly mean that something overlaps.
+const DEEP: f32 = -0.02;
 
 /// When a search ends early.
 #[derive(Debug, Clone, Default)]
@@ -45,7 +48,7 @@ impl<'s> Field<'s> {
         let world = scene.compiled();
         let mut weights = [0.0; MOST_JOINTS];
         for driven in model.map().driven() {
-            weights[driven.variable] += driven.factor.abs() * world.levers[driven.joint];
+            weights[driven.variable] += driven.factor.abs() * scene.robot().cover().levers()[driven.joint];
         }
         Self {
             scene,
@@ -83,8 +86,8 @@ impl<'s> Field<'s> {
         (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Whether the first `count` rows are free, all of them.
-    fn are_rows_free(&mut self, count: usize) -> bool {
+    /// One of the first `count` rows that is not free, if any.
+    fn blocked(&mut self, count: usize) -> Option<usize> {
         self.checks += count as u64;
         let world = self.world;
         for lane in 0..LANES {
@@ -94,19 +97,28 @@ impl<'s> Field<'s> {
         }
         world.screen.place(&mut self.batch);
         self.suspects.clear();
-        let suspects = &mut self.suspects;
-        world.screen.survey(&mut self.batch, &self.needs, 0.0, |s| {
+        let Self { batch, suspects, poses, q, rows, needs, scene, model, .. } = self;
+        let mut keeps = |s: &Suspect, lane: usize| {
+            model.map().positions(&rows[lane], q);
+            Compiled::poses(scene, q, poses);
+            world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
+        };
+        let mut hit = None;
+        world.screen.survey(batch, needs, 0.0, |s| {
             suspects.push(*s);
-            true
+            // What seems to lie deep inside is measured at once.
+            let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
+            hit = (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest);
+            hit.is_none()
         });
-        if suspects.is_empty() {
-            return true;
+        if hit.is_some() || suspects.is_empty() {
+            return hit;
         }
         // What looks deepest is likeliest to hit.
         let deepest = |s: &Suspect| s.gap[..count].iter().copied().fold(f32::INFINITY, f32::min);
-        suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
+        self.suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
         let mut posed = usize::MAX;
-        for s in suspects.iter() {
+        for s in self.suspects.iter() {
             let apart = world.screen.needed(&self.needs, s.group, s.other);
             for lane in 0..count {
                 // What is no number is not clear.
@@ -119,11 +131,27 @@ impl<'s> Field<'s> {
                     posed = lane;
                 }
                 if !world.screen.keeps(s.group, s.other, &self.poses, apart) {
-                    return false;
+                    return Some(lane);
                 }
             }
         }
-        true
+        None
+    }
+
+    /// A configuration of a curve that is not free, by its number, if any of them is not.
+    pub fn blocked_at(&mut self, curve: &[Row]) -> Option<usize> {
+        let batches = curve.len().div_ceil(LANES);
+        for batch in 0..batches {
+            let mut count = 0;
+            for (row, x) in self.rows.iter_mut().zip(curve.iter().skip(batch).step_by(batches)) {
+                *row = *x;
+                count += 1;
+            }
+            if let Some(lane) = self.blocked(count) {
+                return Some(batch + lane * batches);
+            }
+        }
+        None
     }
 
     /// Whether configurations along the straight edge from `a`, which is free, to `b` are free, that included. They are
@@ -151,7 +179,7 @@ impl<'s> Field<'s> {
                 }
                 k -= batches;
             }
-            if !self.are_rows_free(count) {
+            if self.blocked(count).is_some() {
                 return false;
             }
         }

@@ -3,6 +3,7 @@
 
 mod field;
 mod goal;
+mod rounding;
 mod shorten;
 mod sweep;
 mod tree;
@@ -12,21 +13,23 @@ use std::time::{Duration, Instant};
 use gensim2_geometry::{Needs, Other};
 
 use crate::model::{MOST_JOINTS, Model, Row};
-use crate::timing::{Builder, Limits, Method, Spline, rounded};
+use crate::timing::{Builder, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
 use crate::{Cancel, ProblemError, Scene, Trajectory};
 
-use field::{Ending, Field, RESOLUTION};
+use field::{Ending, Field};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
-use sweep::{Breach, Sweep};
+use rounding::Rounding;
+use sweep::Sweep;
 
 /// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
-/// Searches, each with a finer look at edges than the one before.
-const TRIES: usize = 4;
-/// Spacings of waypoints on the way (rad or m), and that near its ends.
-const SPACINGS: [f64; 4] = [0.5, 0.25, 0.12, 0.05];
-const NEAR: f64 = 0.04;
+/// Searches, each of more samples than the one before.
+const TRIES: usize = 8;
+/// Samples of the first.
+const FIRST_SAMPLES: usize = 1500;
+/// How many times finer the edges that are left are looked at once more.
+const FINER: f64 = 4.0;
 
 /// What a motion to a goal may set.
 #[derive(Debug, Clone)]
@@ -102,8 +105,8 @@ pub enum NoMotion {
     GoalsBlocked(Approached),
     /// No goal can be reached: no joint values within the limits bring the link there.
     Unreachable,
-    /// The samples or checks are spent; there may be a motion.
-    NotFound,
+    /// The samples or checks are spent; there may be a motion. What was in the way of the last that was timed.
+    NotFound(Option<Approached>),
     /// The time is up; there may be a motion.
     Late,
     /// The caller cancelled it.
@@ -117,7 +120,10 @@ impl std::fmt::Display for NoMotion {
             Self::StartBlocked(a) => write!(f, "at the start, {} overlap", told(a)),
             Self::GoalsBlocked(a) => write!(f, "at every goal something overlaps: {}", told(a)),
             Self::Unreachable => write!(f, "no joint values within the limits bring the link to the goal"),
-            Self::NotFound => write!(f, "the search was spent without a free motion; there may be one"),
+            Self::NotFound(None) => write!(f, "the search was spent without a free motion; there may be one"),
+            Self::NotFound(Some(a)) => {
+                write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
+            }
             Self::Late => write!(f, "the time was up before a free motion was found"),
             Self::Cancelled => write!(f, "planning was cancelled"),
         }
@@ -218,40 +224,56 @@ impl Transit<'_> {
             needs
         };
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
-        let mut checks = 0;
         let goals: Vec<Row> = open.iter().map(|g| g.1).collect();
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
+        let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
-            field.resolution = RESOLUTION / f64::from(1 << attempt);
-            // What cannot be kept beyond the margin is not asked for in the end.
-            if attempt > 1 {
-                field.needs = nearer(&all, margin + 0.2 * CURVED);
-            }
+            let samples = left.min(FIRST_SAMPLES << attempt);
+            left -= samples;
             let seed = self.options.seed + attempt;
-            let Some(mut path) = tree::search(&mut field, &self.start, &goals, self.options.samples, seed) else {
-                break;
+            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
+                if left == 0 || field.is_over() {
+                    break;
+                }
+                // What lies beyond the margin is a wish.
+                field.needs = nearer(&all, margin + 0.2 * CURVED);
+                continue;
             };
             let last = path[path.len() - 1];
             let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
             shorten::shorten(&mut field, &mut path, &pace, seed);
-            let needs = nearer(&[&at_start, close], margin);
-            let found = self.timed(&path, &needs, &limits, &field.weights, &mut checks);
-            if let Ok(trajectory) = found {
-                let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
-                near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
-                near.dedup_by(|b, a| a.bodies == b.bodies);
-                let corners = path.iter().map(|x| self.full(x)).collect();
-                checks += field.checks;
-                return Ok(Motion { trajectory, goal: *number, corners, nearer: near, checks });
+            let usual = field.resolution;
+            field.resolution = usual / FINER;
+            let stands = path.windows(2).all(|edge| field.is_edge_free(&edge[0], &edge[1]));
+            field.resolution = usual;
+            if stands {
+                let needs = nearer(&[&at_start, close], margin);
+                match self.timed(&mut field, &path, &needs, &limits) {
+                    Ok(trajectory) => {
+                        let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
+                        near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
+                        near.dedup_by(|b, a| a.bodies == b.bodies);
+                        let corners = path.iter().map(|x| self.full(x)).collect();
+                        return Ok(Motion {
+                            trajectory,
+                            goal: *number,
+                            corners,
+                            nearer: near,
+                            checks: field.checks,
+                        });
+                    }
+                    Err(found) => breach = found.or(breach),
+                }
             }
             if field.is_over() {
                 break;
             }
+            field.resolution *= 0.5;
         }
         Err(match () {
             () if field.is_cancelled() => NoMotion::Cancelled,
             () if field.is_late() => NoMotion::Late,
-            () => NoMotion::NotFound,
+            () => NoMotion::NotFound(breach),
         })
     }
 
@@ -283,54 +305,50 @@ impl Transit<'_> {
             .collect()
     }
 
-    /// The motion along corners: rounded as widely as it stays free, else stopping at each corner.
+    /// The motion along corners: rounded as widely as it stays free, else stopping at each corner. What is in the way
+    /// where neither will do.
     fn timed(
         &self,
+        field: &mut Field<'_>,
         corners: &[Row],
         needs: &Needs,
         limits: &Limits,
-        weights: &Row,
-        checks: &mut u64,
-    ) -> Result<Trajectory, Breach> {
+    ) -> Result<Trajectory, Option<Approached>> {
         let n = self.model.n();
-        let joints = self.scene.robot().joints().len();
-        let mut acceleration = vec![0.0; joints];
+        let mut acceleration = vec![0.0; self.scene.robot().joints().len()];
         for driven in self.model.map().driven() {
             acceleration[driven.joint] = driven.factor.abs() * limits.acceleration[driven.variable];
         }
-        let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, *weights);
-        let mut outcome = None;
+        let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
         let rest = [0.0; MOST_JOINTS];
-        for spacing in SPACINGS.into_iter().map(Some).chain([None]) {
+        let mut breach = None;
+        let mut rounding = Rounding::new(corners);
+        while let Some(path) = rounding.next(field, n, self.model) {
             let mut builder = Builder::new(*limits, Method::default(), 0.0);
-            let whole = match spacing {
-                Some(spacing) => {
-                    let path = Spline::through(n, &rounded(n, corners, spacing, NEAR), None);
-                    path.keeps_within(0..path.intervals(), &self.model.lower, &self.model.upper)
-                        && builder.push(&path, &[], &rest, None, &[]).is_ok()
-                }
-                None => corners
-                    .windows(2)
-                    .all(|edge| builder.push(&Spline::through(n, edge, None), &[], &rest, None, &[]).is_ok()),
-            };
-            if !whole {
-                continue;
-            }
-            let trajectory = builder.build(self.model.map());
-            let breach = sweep.breach(&trajectory);
-            match breach {
-                None => {
-                    *checks += sweep.checks;
-                    return Ok(trajectory);
-                }
-                Some(breach) => outcome = Some(breach),
-            }
-            if corners.len() < 3 {
+            if builder.push(&path, &[], &rest, None, &[]).is_err() {
                 break;
             }
+            let trajectory = builder.build(self.model.map());
+            let found = sweep.breach(&trajectory);
+            field.checks += std::mem::take(&mut sweep.checks);
+            match found {
+                None => return Ok(trajectory),
+                Some(found) => breach = Some(found),
+            }
+            if corners.len() < 3 {
+                return Err(breach);
+            }
+            rounding.tighten();
         }
-        *checks += sweep.checks;
-        Err(outcome.unwrap_or(Breach { names: [String::new(), String::new()], distance: 0.0, time: 0.0 }))
+        let mut builder = Builder::new(*limits, Method::default(), 0.0);
+        let straight = |edge: &[Row]| Spline::through(n, edge, None);
+        if corners.windows(2).all(|edge| builder.push(&straight(edge), &[], &rest, None, &[]).is_ok()) {
+            let trajectory = builder.build(self.model.map());
+            let found = sweep.breach(&trajectory);
+            field.checks += sweep.checks;
+            return found.map_or(Ok(trajectory), |found| Err(Some(found)));
+        }
+        Err(breach)
     }
 }
 

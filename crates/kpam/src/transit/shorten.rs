@@ -5,11 +5,11 @@ use crate::free_space::Draws;
 use crate::model::Row;
 
 /// Rounds of cuts.
-const ROUNDS: usize = 80;
+const ROUNDS: usize = 60;
 /// A cut has to save this share of the way between its ends.
 const WORTH: f64 = 0.995;
 /// Rounds without a cut after which there are no more.
-const IDLE: usize = 25;
+const IDLE: usize = 16;
 
 /// Length of a straight edge in the time that the joints need for it at the least: root of the sum of squares of each
 /// joint's.

@@ -3,12 +3,13 @@
 
 use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Screen, Suspect};
 
+use super::Approached;
 use crate::model::{Model, Row};
 use crate::world::{Compiled, TOUCH};
 use crate::{Scene, Trajectory};
 
 /// Distances beyond this (m) are not told apart.
-const REACH: f32 = 0.12;
+const REACH: f32 = 0.08;
 /// Spacing of the first configurations (weighted, m).
 const FIRST: f64 = 0.06;
 /// Most configurations: a motion that needs more is not proven.
@@ -30,14 +31,6 @@ struct Look {
     sure: bool,
     /// Largest distances from axes, one row a group.
     levers: Vec<f32>,
-}
-
-/// Where a motion is nearer to something than it may be.
-#[derive(Debug, Clone)]
-pub(super) struct Breach {
-    pub names: [String; 2],
-    pub distance: f64,
-    pub time: f64,
 }
 
 /// What sweeps a motion.
@@ -82,7 +75,7 @@ impl<'s> Sweep<'s> {
     }
 
     /// The first breach found, or none where the whole motion keeps its distances.
-    pub fn breach(&mut self, motion: &Trajectory) -> Option<Breach> {
+    pub fn breach(&mut self, motion: &Trajectory) -> Option<Approached> {
         let (start, end) = (motion.start(), motion.end());
         let mut times = vec![start];
         let steps = ((end - start) / 0.02).ceil().max(1.0) as usize;
@@ -119,7 +112,7 @@ impl<'s> Sweep<'s> {
             }
             if looks.len() > MAX_LOOKS {
                 let names = ["motion".to_owned(), "what is near it".to_owned()];
-                return Some(Breach { names, distance: 0.0, time: between[0] });
+                return Some(Approached { bodies: names, distance: 0.0 });
             }
             let more = match self.look(motion, &between) {
                 Ok(more) => more,
@@ -140,7 +133,7 @@ impl<'s> Sweep<'s> {
     }
 
     /// Looks at the motion at some times; a breach where something is too near for certain.
-    fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Breach> {
+    fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Approached> {
         let screen = self.screen();
         let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
         let count = groups + screen.pairs().len();
@@ -221,7 +214,7 @@ impl<'s> Sweep<'s> {
     }
 
     /// What is measured to be too near in a configuration.
-    fn touching(&mut self, look: &Look) -> Option<Breach> {
+    fn touching(&mut self, look: &Look) -> Option<Approached> {
         let screen = self.screen();
         let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;
         Compiled::poses(self.scene, &look.q, &mut self.poses);
@@ -234,7 +227,7 @@ impl<'s> Sweep<'s> {
             }
         }
         let (group, other, distance) = found?;
-        Some(Breach { names: self.world.named(self.scene, group, other), distance, time: look.time })
+        Some(Approached { bodies: self.world.named(self.scene, group, other), distance })
     }
 
     /// Whether nothing between two configurations can be nearer than it may be.

@@ -61,8 +61,7 @@ impl<'s> Checker<'s> {
         }
     }
 
-    /// Looks at a configuration; what may come within `reach` (m) is among the suspects.
-    fn place(&mut self, q: &[f64], reach: f64) -> Result<(), ProblemError> {
+    fn fits(&self, q: &[f64]) -> Result<(), ProblemError> {
         let joints = self.scene.robot().joints().len();
         if q.len() != joints {
             return Err(ProblemError::new("q", format!("has {} entries; the robot has {joints} joints", q.len())));
@@ -70,6 +69,12 @@ impl<'s> Checker<'s> {
         if let Some(i) = q.iter().position(|v| !v.is_finite()) {
             return Err(ProblemError::new(format!("q[{i}]"), format!("{} is not finite", q[i])));
         }
+        Ok(())
+    }
+
+    /// Looks at a configuration; what may come within `reach` (m) is among the suspects.
+    fn place(&mut self, q: &[f64], reach: f64) -> Result<(), ProblemError> {
+        self.fits(q)?;
         let screen = &self.world.screen;
         (0..LANES).for_each(|lane| self.batch.set(screen, lane, q));
         screen.place(&mut self.batch);
@@ -92,6 +97,45 @@ impl<'s> Checker<'s> {
     pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
         self.place(q, 0.0)?;
         Ok(!self.suspects.iter().all(|(group, other)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
+    }
+
+    /// Whether anything overlaps at each of up to [`LANES`] full joint vectors: they are looked at together.
+    ///
+    /// # Errors
+    /// As [`Checker::hits`], of the first that does not fit; more vectors than that.
+    pub fn hits_each(&mut self, rows: &[&[f64]]) -> Result<Vec<bool>, ProblemError> {
+        if rows.len() > LANES {
+            return Err(ProblemError::new("q", format!("has {} rows; {LANES} are looked at together", rows.len())));
+        }
+        for q in rows {
+            self.fits(q)?;
+        }
+        let screen = &self.world.screen;
+        for lane in 0..LANES {
+            if let Some(q) = rows.get(lane).or(rows.first()) {
+                self.batch.set(screen, lane, q);
+            }
+        }
+        let mut hits = vec![false; rows.len()];
+        if rows.is_empty() {
+            return Ok(hits);
+        }
+        screen.place(&mut self.batch);
+        let mut suspects = Vec::new();
+        screen.survey(&mut self.batch, &self.needs, 0.0, |s| {
+            suspects.push(*s);
+            true
+        });
+        for (lane, hit) in hits.iter_mut().enumerate() {
+            // What is no number is not clear.
+            let near: Vec<_> = suspects.iter().filter(|s| !(s.gap[lane] >= 0.0)).collect();
+            if near.is_empty() {
+                continue;
+            }
+            Compiled::poses(self.scene, rows[lane], &mut self.poses);
+            *hit = !near.iter().all(|s| screen.keeps(s.group, s.other, &self.poses, 0.0));
+        }
+        Ok(hits)
     }
 
     /// Smallest signed distance (m) at `q`, `most` where nothing is nearer than that.

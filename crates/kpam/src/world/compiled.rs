@@ -1,14 +1,11 @@
 //! A scene made ready for quick collision checks, once.
 
-use gensim2_geometry::{Batch, Convex, LANES, Needs, Other, Pose, Riders, Screen};
+use gensim2_geometry::{Convex, Needs, Other, Pose, Riders, Screen};
 
 use super::Scene;
 use super::movers::is_below;
 use super::rules::{Cast, Group};
 use crate::Role;
-
-/// Configurations over which levers are averaged.
-const LOOKS: usize = 64;
 
 /// The robot of a scene and what rides on its hand, among its bodies.
 #[derive(Debug)]
@@ -20,9 +17,6 @@ pub(crate) struct Compiled {
     pub carriers: Vec<Vec<(usize, usize)>>,
     /// Whether a group and a body are judged, one row a group.
     judged: Vec<bool>,
-    /// Mean over configurations of the furthest that any point of the robot is from each joint's axis (m), 1 for sliding
-    /// joints.
-    pub levers: Vec<f64>,
 }
 
 impl Compiled {
@@ -65,9 +59,7 @@ impl Compiled {
             .map(|(g, b)| moves[link_of(g)] && stands(b))
             .collect();
         let names = (0..cast.groups.len()).map(|g| cast.name(g).to_owned()).collect();
-        let mut out = Self { screen, names, carriers, judged, levers: Vec::new() };
-        out.levers = out.mean_levers(scene);
-        out
+        Self { screen, names, carriers, judged }
     }
 
     /// What has to be kept where every judged pair keeps `margin` (m).
@@ -84,42 +76,6 @@ impl Compiled {
             (_, None) => String::new(),
         };
         [self.names[group].clone(), second]
-    }
-
-    fn mean_levers(&self, scene: &Scene) -> Vec<f64> {
-        let robot = &**scene.robot();
-        let joints = robot.joints();
-        let mut sums = vec![0.0; joints.len()];
-        let mut batch = Batch::default();
-        let mut counter = 0_u32;
-        for _ in 0..LOOKS / LANES {
-            for lane in 0..LANES {
-                let mut q: Vec<f64> = joints
-                    .iter()
-                    .map(|joint| {
-                        // Golden ratio sequences: any even spread will do.
-                        counter += 1;
-                        let share = (f64::from(counter) * 0.618_033_988_749_894_9).fract();
-                        let (low, high) = (joint.lower().max(-3.2), joint.upper().min(3.2));
-                        low + (high - low) * share
-                    })
-                    .collect();
-                robot.apply_mimic(&mut q);
-                batch.set(&self.screen, lane, &q);
-            }
-            self.screen.place(&mut batch);
-            let mut furthest = vec![[0.0_f32; LANES]; joints.len()];
-            self.screen.levers(&batch, &self.carriers, robot, |_, joint, lever| {
-                for (most, l) in furthest[joint].iter_mut().zip(lever) {
-                    *most = most.max(l);
-                }
-            });
-            for (sum, most) in sums.iter_mut().zip(&furthest) {
-                *sum += most.iter().map(|m| f64::from(*m)).sum::<f64>();
-            }
-        }
-        // A joint that carries nothing still moves something.
-        sums.iter().map(|s| (s / LOOKS as f64).max(0.01)).collect()
     }
 
     /// Pose of every link at a full joint vector.

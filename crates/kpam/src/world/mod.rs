@@ -14,6 +14,8 @@ mod scene;
 mod sweep;
 mod travel;
 
+use std::time::Instant;
+
 use gensim2_geometry::{Contact, MovingShapes, Obstacles, Pose, Proximity, Scratch, Target, screw_about};
 use nalgebra::{Point3, Translation3};
 
@@ -125,6 +127,7 @@ pub(crate) struct World<'p> {
     checks: u64,
     most_checks: u64,
     cancel: Option<Cancel>,
+    end: Option<Instant>,
 }
 
 impl<'p> World<'p> {
@@ -180,18 +183,25 @@ impl<'p> World<'p> {
             checks: 0,
             most_checks: u64::MAX,
             cancel: None,
+            end: None,
         }
     }
 
-    /// Ends planning after `most_checks` more states, or when the caller cancels it.
-    pub fn limit(&mut self, most_checks: Option<u64>, cancel: Option<Cancel>) {
+    /// Ends planning after `most_checks` more states, at `end`, or when the caller cancels it.
+    pub fn limit(&mut self, most_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
+        self.end = end;
         self.most_checks = most_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
         self.cancel = cancel;
     }
 
-    /// Whether planning has to end: the checks are spent, or the caller has cancelled it.
+    /// Whether planning has to end: the checks are spent, the time is up, or the caller has cancelled it.
     pub fn is_over(&self) -> bool {
-        self.is_spent() || self.is_cancelled()
+        self.is_spent() || self.is_late() || self.is_cancelled()
+    }
+
+    /// Whether the time is up.
+    pub fn is_late(&self) -> bool {
+        self.end.is_some_and(|end| Instant::now() >= end)
     }
 
     /// Whether the checks are spent.
