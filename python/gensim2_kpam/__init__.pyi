@@ -246,6 +246,10 @@ class Scene:
         seed: int = 0,
         velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,
+        limits: Literal["panda", "plain"] | None = None,
+        velocity_limits: Sequence[float] | None = None,
+        acceleration_limits: Sequence[float] | None = None,
+        jerk_limits: Sequence[float] | None = None,
         max_checks: int | None = None,
         deadline_ms: float | None = None,
         cancel: Cancel | None = None,
@@ -261,6 +265,10 @@ class Scene:
             seed: number of the sequence of samples.
             velocity_scale: share of the velocity limits, above 0 to 1.
             acceleration_scale: share of the acceleration and jerk limits, above 0 to 1.
+            limits: acceleration and jerk limits of an arm that is known.
+            velocity_limits: (n,) rad/s or m/s instead of the URDF's.
+            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of those of ``limits``.
+            jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
             max_checks: most configurations to be looked at.
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.

@@ -13,7 +13,7 @@ use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::transit::{Asked, PyMotion};
+use crate::transit::{Asked, PyMotion, limit_set};
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
 
 /// So many configurations are checked without a thread of their own.
@@ -194,7 +194,8 @@ impl PyScene {
     /// (n,), or (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
     #[pyo3(signature = (
         q_start, goal, *, link = None, margin = 0.005, samples = 20_000, seed = 0, velocity_scale = 1.0,
-        acceleration_scale = 1.0, max_checks = None, deadline_ms = None, cancel = None
+        acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
+        jerk_limits = None, max_checks = None, deadline_ms = None, cancel = None
     ))]
     #[allow(clippy::too_many_arguments)]
     fn plan_to(
@@ -208,6 +209,10 @@ impl PyScene {
         seed: usize,
         velocity_scale: f64,
         acceleration_scale: f64,
+        limits: Option<&str>,
+        velocity_limits: Option<Vec<f64>>,
+        acceleration_limits: Option<Vec<f64>>,
+        jerk_limits: Option<Vec<f64>>,
         max_checks: Option<u64>,
         deadline_ms: Option<f64>,
         cancel: Option<&Bound<'_, PyCancel>>,
@@ -216,6 +221,9 @@ impl PyScene {
         (options.margin, options.samples, options.seed) = (margin, samples, seed);
         (options.velocity_scale, options.acceleration_scale) = (velocity_scale, acceleration_scale);
         options.max_checks = max_checks;
+        options.limits = limits.map(limit_set).transpose()?;
+        (options.velocity_limits, options.acceleration_limits) = (velocity_limits, acceleration_limits);
+        options.jerk_limits = jerk_limits;
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use gensim2_kpam::options::LimitSet;
 use gensim2_kpam::{Cancel, Goal, Motion, NoMotion, TransitOptions};
 use pyo3::prelude::*;
 
@@ -153,4 +154,13 @@ pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
         return Ok(Duration::from_secs_f64(1e-3 * ms));
     }
     Err(problem_error("deadline_ms", format!("must lie in 0 to 1e9 ms, not {ms}")))
+}
+
+/// A set of limits by name.
+pub(crate) fn limit_set(name: &str) -> PyResult<LimitSet> {
+    match name {
+        "panda" => Ok(LimitSet::Panda),
+        "plain" => Ok(LimitSet::Plain),
+        _ => Err(problem_error("limits", format!("must be \"panda\" or \"plain\", not {name:?}"))),
+    }
 }

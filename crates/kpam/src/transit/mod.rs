@@ -15,7 +15,8 @@ use gensim2_geometry::{Needs, Other};
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::timing::{Builder, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
-use crate::{Cancel, ProblemError, Scene, Trajectory};
+use crate::options::LimitSet;
+use crate::{Cancel, Options, ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
@@ -42,10 +43,18 @@ pub struct TransitOptions {
     pub samples: usize,
     /// Which samples are drawn.
     pub seed: usize,
-    /// Share of the joints' velocity limits, and of acceleration and jerk limits.
+    /// Share of the velocity limits.
     pub velocity_scale: f64,
     /// Share of the acceleration and jerk limits.
     pub acceleration_scale: f64,
+    /// Acceleration and jerk limits of an arm that is known.
+    pub limits: Option<LimitSet>,
+    /// Velocity limits (rad/s or m/s), one entry a joint; the URDF's where there are none.
+    pub velocity_limits: Option<Vec<f64>>,
+    /// Acceleration limits (rad/s^2 or m/s^2), one entry a joint; those of `limits` where there are none.
+    pub acceleration_limits: Option<Vec<f64>>,
+    /// Jerk limits (rad/s^3 or m/s^3), likewise.
+    pub jerk_limits: Option<Vec<f64>>,
     /// Ends the search after so many configurations.
     pub max_checks: Option<u64>,
     /// Ends the search after so long; without one, the same question has the same answer.
@@ -62,6 +71,10 @@ impl Default for TransitOptions {
             seed: 0,
             velocity_scale: 1.0,
             acceleration_scale: 1.0,
+            limits: None,
+            velocity_limits: None,
+            acceleration_limits: None,
+            jerk_limits: None,
             max_checks: None,
             deadline: None,
             cancel: None,
@@ -157,7 +170,10 @@ pub fn plan_to(
         deadline: options.deadline.map(|d| begun + d),
         max_checks: options.max_checks,
     };
-    Ok(Transit { scene, model: &model, options, start, goals, ending }.plan())
+    let asked = options.limits();
+    asked.check(robot, &model)?;
+    let limits = Limits::asked(robot, &model, &asked);
+    Ok(Transit { scene, model: &model, options, start, goals, ending, limits }.plan())
 }
 
 struct Transit<'a> {
@@ -167,6 +183,7 @@ struct Transit<'a> {
     start: Row,
     goals: Vec<Row>,
     ending: Ending,
+    limits: Limits,
 }
 
 /// What an end of a motion is nearer to than the margin: group, what, and distance.
@@ -197,12 +214,7 @@ impl Transit<'_> {
         if let (true, Some(hit)) = (open.is_empty(), blocked) {
             return Err(NoMotion::GoalsBlocked(hit));
         }
-        let limits = Limits::usual(
-            self.scene.robot(),
-            self.model,
-            self.options.velocity_scale,
-            self.options.acceleration_scale,
-        );
+        let limits = &self.limits;
         let mut pace = [0.0; MOST_JOINTS];
         for v in 0..self.model.n() {
             pace[v] = 1.0 / limits.velocity[v].min(1e3);
@@ -229,9 +241,9 @@ impl Transit<'_> {
         let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
             let samples = left.min(FIRST_SAMPLES << attempt);
-            left -= samples;
             let seed = self.options.seed + attempt;
             let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
+                left -= samples;
                 if left == 0 || field.is_over() {
                     break;
                 }
@@ -248,7 +260,7 @@ impl Transit<'_> {
             field.resolution = usual;
             if stands {
                 let needs = nearer(&[&at_start, close], margin);
-                match self.timed(&mut field, &path, &needs, &limits) {
+                match self.timed(&mut field, &path, &needs, limits) {
                     Ok(trajectory) => {
                         let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
                         near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
@@ -353,17 +365,23 @@ impl Transit<'_> {
 }
 
 impl TransitOptions {
+    /// What it asks of timing, as a problem's options say it.
+    fn limits(&self) -> Options {
+        Options {
+            velocity_scale: self.velocity_scale,
+            acceleration_scale: self.acceleration_scale,
+            limits: self.limits,
+            velocity_limits: self.velocity_limits.clone(),
+            acceleration_limits: self.acceleration_limits.clone(),
+            jerk_limits: self.jerk_limits.clone(),
+            ..Options::default()
+        }
+    }
+
     fn check(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(field, message));
         if !(0.0..=0.1).contains(&self.margin) {
             return fail("margin", format!("must lie in 0 to 0.1 m, not {}", self.margin));
-        }
-        for (field, value) in
-            [("velocity_scale", self.velocity_scale), ("acceleration_scale", self.acceleration_scale)]
-        {
-            if !(value > 0.0 && value <= 1.0) {
-                return fail(field, format!("must lie in 0 (excluded) to 1, not {value}"));
-            }
         }
         Ok(())
     }
