@@ -273,9 +273,7 @@ class Scene:
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.
         """
-    def ik(
-        self, pose: Numbers, q_start: Numbers, *, link: str | None = None, most: int = 16, seed: int = 0
-    ) -> Array:
+    def ik(self, pose: Numbers, q_start: Numbers, *, link: str | None = None, most: int = 16, seed: int = 0) -> Array:
         """Distinct joint vectors (K, n) that bring ``link`` (default: the hand) to a pose (4, 4) in the base frame,
         nearest to ``q_start`` first, at most ``most`` (1 to 256); samples where the arm is redundant. Obstacles are
         left out."""

@@ -118,7 +118,9 @@ def test_poses_are_met_and_solutions_are_distinct(panda: kpam.Robot) -> None:
     elbow = panda.forward_kinematics(found[0], "panda_link5")
     there = scene.plan_to(Q_START, elbow, link="panda_link5")
     assert there.trajectory is not None
-    np.testing.assert_allclose(panda.forward_kinematics(there.trajectory.positions[-1], "panda_link5"), elbow, atol=1e-6)
+    np.testing.assert_allclose(
+        panda.forward_kinematics(there.trajectory.positions[-1], "panda_link5"), elbow, atol=1e-6
+    )
     far = goal.copy()
     far[:3, 3] = [2.0, 0.0, 0.5]
     assert scene.plan_to(Q_START, far).status == "unreachable"

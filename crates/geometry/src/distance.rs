@@ -89,12 +89,7 @@ pub(crate) enum Reach {
 
 /// Whether two rounded hulls whose points are in one frame are at least `apart` (m) from each other: cheaper than their
 /// distance. `toward` is a guess of the direction from the first to the second.
-pub(crate) fn keeps_apart(
-    first: (&Corners, f64),
-    second: (&Corners, f64),
-    toward: &Vector3<f64>,
-    apart: f64,
-) -> Reach {
+pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), toward: &Vector3<f64>, apart: f64) -> Reach {
     let (a, b) = (first.0, second.0);
     let limit = apart + first.1 + second.1;
     if !(a.are_measurable() && b.are_measurable() && limit.abs() <= FURTHEST) {

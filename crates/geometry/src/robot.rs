@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::{
-    Chain, ChainFrames, Cover, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file, urdf,
+    Chain, ChainFrames, Cover, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file,
+    urdf,
 };
 
 /// A robot arm.

@@ -20,7 +20,11 @@ fn arm(rough: &[[f64; 3]]) -> Robot {
     let rod = Convex::capsule(0.03, 0.2, &pose([0.1, 0.0, 0.0], [0.0, 1.2, 0.0])).unwrap();
     Robot::builder("arm")
         .link(Link::base("base"))
-        .link(Link::below("base", "one").moved_by(Joint::revolute("a", Vector3::z()).limits(-3.0, 3.0).velocity(1.0)).shape(cuboid))
+        .link(
+            Link::below("base", "one")
+                .moved_by(Joint::revolute("a", Vector3::z()).limits(-3.0, 3.0).velocity(1.0))
+                .shape(cuboid),
+        )
         .link(
             Link::below("one", "two")
                 .at(pose([0.0, 0.0, 0.4], [0.3, 0.2, 0.0]))

@@ -13,8 +13,8 @@ use crate::errors::{from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::transit::{Asked, PyMotion, limit_set};
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
+use crate::transit::{Asked, PyMotion, limit_set};
 
 /// So many configurations are checked without a thread of their own.
 const FEW: usize = 256;

@@ -88,11 +88,11 @@ impl PyMotion {
 fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyResult<Goal> {
     let (values, shape) = convert::numbers(goal, "goal")?;
     match (shape.as_slice(), link) {
-        ([4, 4], link) if link.is_some() || joints != 4 => {
-            Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link })
-        }
+        ([4, 4], link) if link.is_some() || joints != 4 => Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link }),
         ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
-        ([k, n], None) if *n == joints && *k > 0 => Ok(Goal::Joints(values.chunks_exact(*n).map(<[f64]>::to_vec).collect())),
+        ([k, n], None) if *n == joints && *k > 0 => {
+            Ok(Goal::Joints(values.chunks_exact(*n).map(<[f64]>::to_vec).collect()))
+        }
         _ => Err(problem_error(
             "goal",
             format!("must have shape ({joints},) or (K, {joints}), or (4, 4) of a link, not {shape:?}"),

@@ -166,6 +166,8 @@ def solve_motions(
                 np.stack([_full(model, goal) for goal in problem.goals]),
                 margin=margin,
                 deadline_ms=deadline_ms,
+                # What Franka publishes; nothing is known of other arms.
+                limits="panda" if robot == "panda" else None,
             )
         except (kpam.KpamError, ValueError) as error:
             raise InputError(str(error), field=f"problem {problem.id}", remedy="give joints within limits") from error
@@ -177,9 +179,7 @@ def solve_motions(
                 "reason": motion.reason,
                 "cpu_ms": motion.cpu_ms,
                 "duration": None if trajectory is None else trajectory.duration,
-                "length": None
-                if corners is None
-                else float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()),
+                "length": None if corners is None else float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()),
                 "nearer": [[first, second, distance] for first, second, distance in motion.nearer],
                 "checks": motion.checks,
                 "samples": None if trajectory is None else trajectory.sample_every(SAMPLE_DT).tolist(),

@@ -81,11 +81,7 @@ impl Measure {
                 out.place(&element.points, &pose.inverse());
                 out
             });
-            visit(
-                (&piece.corners, piece.shape.radius()),
-                (here, element.radius),
-                pose.rotation.inverse() * toward,
-            )
+            visit((&piece.corners, piece.shape.radius()), (here, element.radius), pose.rotation.inverse() * toward)
         })
     }
 
@@ -200,9 +196,12 @@ impl Measure {
         let mut least = reach;
         self.near_cloud(group, cloud, poses, reach, |piece, point| {
             let mut toward = point.middle() - piece.shape.center();
-            if let Some(contact) =
-                signed_distance((&piece.corners, piece.shape.radius()), (point, cloud.radius), &mut toward, least.max(0.0))
-            {
+            if let Some(contact) = signed_distance(
+                (&piece.corners, piece.shape.radius()),
+                (point, cloud.radius),
+                &mut toward,
+                least.max(0.0),
+            ) {
                 least = least.min(contact.distance);
             }
             true

@@ -13,9 +13,9 @@ use nalgebra::Point3;
 use wide::f32x8;
 
 use crate::{Aabb, Bvh, Convex, JointKind, Pose, Robot};
+use cover::{Ball, ball_around, cover};
 pub use exact::Measure;
 use exact::Piece;
-use cover::{Ball, ball_around, cover};
 use points::PointGrid;
 use posing::{Frames, Posing};
 use solid::{Points, Solid, length};
@@ -203,7 +203,9 @@ impl Batch {
         for (k, (value, lanes)) in q.iter().zip(&mut self.q).enumerate() {
             // Whole turns change nothing, and small angles are known better.
             let turned = match screen.revolute.get(k) {
-                Some(true) if value.abs() > 4.0 => value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round(),
+                Some(true) if value.abs() > 4.0 => {
+                    value - std::f64::consts::TAU * (value / std::f64::consts::TAU).round()
+                }
                 _ => *value,
             };
             if let Some(place) = lanes.as_array_mut().get_mut(lane) {
@@ -341,7 +343,13 @@ impl Screen {
 
     /// Calls `visit` for everything that some lane may be nearer to than is needed and `reach` (m) more. It returns
     /// whether to go on.
-    pub fn survey(&self, batch: &mut Batch, needs: &Needs, reach: f32, mut visit: impl FnMut(&Suspect) -> bool) -> bool {
+    pub fn survey(
+        &self,
+        batch: &mut Batch,
+        needs: &Needs,
+        reach: f32,
+        mut visit: impl FnMut(&Suspect) -> bool,
+    ) -> bool {
         for group in 0..self.groups.len() {
             let cluster = &self.groups[group];
             if cluster.balls.is_empty() {
@@ -466,9 +474,8 @@ impl Screen {
         let (a, b) = self.pairs[pair];
         let (one, two, need) = (&self.groups[a], &self.groups[b], need as f32);
         let limit = f32x8::splat(reach + need);
-        let apart = |p: &Points, q: &Points, radii: f32| {
-            length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - f32x8::splat(radii)
-        };
+        let apart =
+            |p: &Points, q: &Points, radii: f32| length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - f32x8::splat(radii);
         let coarse = apart(&batch.around[a], &batch.around[b], one.around.radius + two.around.radius);
         if all_at_least(coarse, limit) {
             return true;

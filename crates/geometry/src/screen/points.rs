@@ -68,8 +68,11 @@ impl PointGrid {
 
     fn fill(&mut self) {
         let cells = self.dims.iter().product::<usize>();
-        let home: Vec<u32> =
-            self.points.iter().map(|p| self.index([0, 1, 2].map(|k| (p[k] - self.origin[k]) / self.cell)) as u32).collect();
+        let home: Vec<u32> = self
+            .points
+            .iter()
+            .map(|p| self.index([0, 1, 2].map(|k| (p[k] - self.origin[k]) / self.cell)) as u32)
+            .collect();
         let mut counts = vec![0u32; cells];
         for c in &home {
             counts[*c as usize] += 1;

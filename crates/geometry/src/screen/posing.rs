@@ -45,8 +45,7 @@ impl Frames {
         let mut r = [[f32x8::ZERO; 3]; 3];
         for i in 0..3 {
             for j in 0..3 {
-                r[i][j] =
-                    self.r[i][0] * fixed.r[0][j] + self.r[i][1] * fixed.r[1][j] + self.r[i][2] * fixed.r[2][j];
+                r[i][j] = self.r[i][0] * fixed.r[0][j] + self.r[i][1] * fixed.r[1][j] + self.r[i][2] * fixed.r[2][j];
             }
         }
         Self { r, t: self.point(&fixed.t) }
@@ -150,7 +149,8 @@ impl Posing {
                     let mut r = [[f32x8::ZERO; 3]; 3];
                     for i in 0..3 {
                         for j in 0..3 {
-                            r[i][j] = frame.r[i][0] * turn[0][j] + frame.r[i][1] * turn[1][j] + frame.r[i][2] * turn[2][j];
+                            r[i][j] =
+                                frame.r[i][0] * turn[0][j] + frame.r[i][1] * turn[1][j] + frame.r[i][2] * turn[2][j];
                         }
                     }
                     Frames { r, t: frame.t }

@@ -60,7 +60,12 @@ impl Solid {
             [a, b] => {
                 let way = b - a;
                 let axis = way.try_normalize(1e-12).unwrap_or_else(Vector3::x);
-                return Self::Capsule { end: single(&a.coords), axis: single(&axis), length: way.norm() as f32, radius };
+                return Self::Capsule {
+                    end: single(&a.coords),
+                    axis: single(&axis),
+                    length: way.norm() as f32,
+                    radius,
+                };
             }
             _ => {}
         }

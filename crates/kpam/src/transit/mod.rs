@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use gensim2_geometry::{Needs, Other};
 
 use crate::model::{MOST_JOINTS, Model, Row};
+use crate::options::LimitSet;
 use crate::timing::{Builder, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
-use crate::options::LimitSet;
 use crate::{Cancel, Options, ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field};
@@ -266,13 +266,7 @@ impl Transit<'_> {
                         near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
                         near.dedup_by(|b, a| a.bodies == b.bodies);
                         let corners = path.iter().map(|x| self.full(x)).collect();
-                        return Ok(Motion {
-                            trajectory,
-                            goal: *number,
-                            corners,
-                            nearer: near,
-                            checks: field.checks,
-                        });
+                        return Ok(Motion { trajectory, goal: *number, corners, nearer: near, checks: field.checks });
                     }
                     Err(found) => breach = found.or(breach),
                 }

@@ -49,9 +49,8 @@ pub(super) fn shorten(field: &mut Field<'_>, path: &mut Vec<Row>, pace: &Row, se
         if i == j {
             continue;
         }
-        let along = effort(n, pace, &a, &path[i + 1])
-            + lengths[i + 1..j].iter().sum::<f64>()
-            + effort(n, pace, &path[j], &b);
+        let along =
+            effort(n, pace, &a, &path[i + 1]) + lengths[i + 1..j].iter().sum::<f64>() + effort(n, pace, &path[j], &b);
         if effort(n, pace, &a, &b) < WORTH * along && field.is_edge_free(&a, &b) {
             path.splice(i + 1..=j, [a, b]);
             idle = 0;

@@ -49,13 +49,7 @@ pub(super) struct Sweep<'s> {
 }
 
 impl<'s> Sweep<'s> {
-    pub fn new(
-        scene: &'s Scene,
-        model: &'s Model,
-        needs: &'s Needs,
-        acceleration: Vec<f64>,
-        weights: Row,
-    ) -> Self {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, acceleration: Vec<f64>, weights: Row) -> Self {
         let world = scene.compiled();
         Self {
             scene,

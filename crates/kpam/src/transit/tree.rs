@@ -67,7 +67,13 @@ fn scaled(field: &Field<'_>, x: &Row) -> Row {
 
 /// Corners of a way from `start` to one of `goals`, both included, along edges that are free as far as they were looked
 /// at; `None` where the samples are spent, or the search has to end.
-pub(super) fn search(field: &mut Field<'_>, start: &Row, goals: &[Row], samples: usize, seed: usize) -> Option<Vec<Row>> {
+pub(super) fn search(
+    field: &mut Field<'_>,
+    start: &Row,
+    goals: &[Row],
+    samples: usize,
+    seed: usize,
+) -> Option<Vec<Row>> {
     let n = field.model.n();
     // The straight ways first, the shortest before the others.
     let mut near: Vec<&Row> = goals.iter().collect();

@@ -222,14 +222,7 @@ impl<'s> Full<'s> {
             true
         };
         self.shapes.near_bodies(&self.moving, self.obstacles, &mut self.scratch, EXACT, |_, _| reach, |p| tell(&p));
-        self.shapes.near_pairs(
-            &cast.pairs,
-            &self.pairs,
-            &mut self.scratch,
-            EXACT,
-            |_| reach,
-            |_, p| tell(&p),
-        );
+        self.shapes.near_pairs(&cast.pairs, &self.pairs, &mut self.scratch, EXACT, |_| reach, |_, p| tell(&p));
         out
     }
 }
