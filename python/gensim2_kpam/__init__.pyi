@@ -242,7 +242,7 @@ class Scene:
         *,
         link: str | None = None,
         margin: float = 0.005,
-        samples: int = 20_000,
+        samples: int = 100_000,
         seed: int = 0,
         velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,

@@ -193,7 +193,7 @@ impl PyScene {
     /// A timed motion from rest at `q_start` to rest at one of the goals, that keeps `margin` (m) all along: `goal` is
     /// (n,), or (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
     #[pyo3(signature = (
-        q_start, goal, *, link = None, margin = 0.005, samples = 20_000, seed = 0, velocity_scale = 1.0,
+        q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
         acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
         jerk_limits = None, max_checks = None, deadline_ms = None, cancel = None
     ))]

@@ -181,7 +181,7 @@ impl Posing {
 fn sin_cos(x: f32x8) -> (f32x8, f32x8) {
     let whole = (x * std::f32::consts::FRAC_2_PI).round_int();
     let turns = f32x8::from_i32x8(whole);
-    let y = ((x - turns * 1.570_312_5) - turns * 4.837_512_97e-4) - turns * 7.549_79e-8;
+    let y = ((x - turns * 1.570_312_5) - turns * 4.837_513e-4) - turns * 7.549_79e-8;
     let z = y * y;
     let sin = y + y * z * (f32x8::splat(-1.666_665_5e-1) + z * (f32x8::splat(8.332_161e-3) - z * 1.951_529_6e-4));
     let cos = f32x8::ONE - z * 0.5

@@ -18,17 +18,20 @@ use crate::timing::{Builder, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
 use crate::{Cancel, Options, ProblemError, Scene, Trajectory};
 
-use field::{Ending, Field};
+use field::{Ending, Field, RESOLUTION};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
 use rounding::Rounding;
 use sweep::Sweep;
 
 /// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
-/// Searches, each of more samples than the one before.
-const TRIES: usize = 8;
-/// Samples of the first.
-const FIRST_SAMPLES: usize = 1500;
+/// Most searches.
+const TRIES: usize = 200;
+/// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
+/// longer one, find what one long search would miss (Luby, Sinclair and Zuckerman, 1993).
+const SHORTEST: usize = 1000;
+/// Edges are looked at this many times finer at the most.
+const FINEST: f64 = 8.0;
 /// How many times finer the edges that are left are looked at once more.
 const FINER: f64 = 4.0;
 
@@ -67,7 +70,7 @@ impl Default for TransitOptions {
     fn default() -> Self {
         Self {
             margin: 0.005,
-            samples: 20_000,
+            samples: 100_000,
             seed: 0,
             velocity_scale: 1.0,
             acceleration_scale: 1.0,
@@ -240,7 +243,7 @@ impl Transit<'_> {
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
         let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
-            let samples = left.min(FIRST_SAMPLES << attempt);
+            let samples = left.min(SHORTEST * luby(attempt + 1));
             let seed = self.options.seed + attempt;
             let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
                 left -= samples;
@@ -274,7 +277,7 @@ impl Transit<'_> {
             if field.is_over() {
                 break;
             }
-            field.resolution *= 0.5;
+            field.resolution = (0.5 * field.resolution).max(RESOLUTION / FINEST);
         }
         Err(match () {
             () if field.is_cancelled() => NoMotion::Cancelled,
@@ -381,6 +384,12 @@ impl TransitOptions {
     }
 }
 
+/// Element `i`, from 1, of 1, 1, 2, 1, 1, 2, 4, 1, ...
+fn luby(i: usize) -> usize {
+    let size = (i + 1).next_power_of_two();
+    if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
+}
+
 /// Refuses joint vectors that are not finite.
 fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
     match q.iter().position(|v| !v.is_finite()) {
@@ -400,4 +409,15 @@ fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::luby;
+
+    #[test]
+    fn restarts_are_lubys() {
+        let first: Vec<usize> = (1..=15).map(luby).collect();
+        assert_eq!(first, [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8]);
+    }
 }
