@@ -160,7 +160,7 @@ impl<'s> Sweep<'s> {
                 for look in looks.iter_mut() {
                     let gap = s.gap[look.lane];
                     // What is no number is not clear.
-                    if !(gap >= REACH) {
+                    if !is_clear(gap, REACH) {
                         look.gaps[place] = if gap < look.gaps[place] { gap } else { look.gaps[place].min(gap) };
                         look.suspects.push(*s);
                     }
@@ -174,7 +174,7 @@ impl<'s> Sweep<'s> {
             });
             for look in looks {
                 for place in 0..count {
-                    if !(look.gaps[place] >= 0.0) {
+                    if !is_clear(look.gaps[place], 0.0) {
                         self.measure(look, place);
                         if let Some(breach) = self.touching(look) {
                             return Err(breach);
@@ -296,6 +296,11 @@ impl<'s> Sweep<'s> {
         });
         f64::from(way) <= 0.5 * TOUCH
     }
+}
+
+/// Whether a gap is at least a limit; what is no number is not.
+fn is_clear(gap: f32, limit: f32) -> bool {
+    gap >= limit
 }
 
 fn place_of(s: &Suspect, groups: usize) -> usize {

@@ -128,7 +128,7 @@ impl<'s> Checker<'s> {
         });
         for (lane, hit) in hits.iter_mut().enumerate() {
             // What is no number is not clear.
-            let near: Vec<_> = suspects.iter().filter(|s| !(s.gap[lane] >= 0.0)).collect();
+            let near: Vec<_> = suspects.iter().filter(|s| s.gap[lane].is_nan() || s.gap[lane] < 0.0).collect();
             if near.is_empty() {
                 continue;
             }
