@@ -26,7 +26,7 @@ pub use law::Method;
 pub(crate) use lead::{Lead, Start, append, leads, turn, unit};
 pub use limits::Limits;
 pub use retime::{RetimeOptions, Retimed, retime};
-pub(crate) use spline::{Spline, length, rounded};
+pub(crate) use spline::{Spline, distance, length, rounded};
 pub use stop::CannotStop;
 pub(crate) use trajectory::{Builder, Refusal};
 pub use trajectory::{Sample, Trajectory};
