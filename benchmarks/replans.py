@@ -29,9 +29,9 @@ def again(question: kpam.KeypointProblem, plan: kpam.Plan, share: float, *, movi
     assert plan.trajectory is not None
     times = plan.trajectory.times
     now = float(times[0] + share * plan.trajectory.duration)
-    q, velocity, _ = plan.trajectory.sample(now)
+    q, velocity, acceleration = plan.trajectory.sample(now)
     label = next(frame["label"] for frame in plan.keyframes if frame["time"] is not None and frame["time"] > now)
-    start = question.with_start(q, velocity if moving else None, now)
+    start = question.with_start(q, velocity if moving else None, now, acceleration=acceleration if moving else None)
     return kpam.plan(start, former=plan, resume=label)
 
 
@@ -55,7 +55,7 @@ def main() -> int:
         for share in SHARES:
             found = again(question, plan, share, moving=not arguments.from_rest)
             rest.append(found.cpu_ms["total"])
-            if found.status != "solved":
+            if found.status != "solved" or found.trajectory is None:
                 failed.append({"id": problem.id, "share": share, "status": found.status, "reason": found.reason})
     figures = {
         "whole plans": len(first),

@@ -17,10 +17,11 @@ from kill_runs import contents
 
 from gensim2.data import episode_file
 from gensim2.data.collection import CollectionResult
-from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
+from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
+from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
@@ -167,7 +168,10 @@ def test_frames_that_were_changed_are_found_out(dataset: DataSet, tmp_path: Path
     export(dataset.path, tmp_path / "z", "zarr")
     actions = zarr.open_group(tmp_path / "z", mode="r+")["data/action"]
     actions[0, 0] += 1
-    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/"):
+    with pytest.raises(InputError, match=r"data/action/0\.0: was changed since it was exported"):
+        import_(tmp_path / "z", tmp_path / "back", "zarr")
+    (tmp_path / "z" / MANIFEST).unlink()
+    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/: action"):
         import_(tmp_path / "z", tmp_path / "back", "zarr")
     assert not (tmp_path / "back").exists()
 

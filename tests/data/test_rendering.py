@@ -38,9 +38,10 @@ def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
         for _ in range(2):
             lane.step(lane.profile.rest_action)
             recorder.add(lane.profile.rest_action, lane.measure())
-        episode = store.read(row).row.episode
+        episode, recording = store.read(row).row.episode, recorder.finish()
+        seen = {name: replace(thing, id=recording.instances[name]) for name, thing in episode.objects.items()}
         store.path(row.index, row.held).unlink()
-        store.add(index, episode, recorder.finish())
+        store.add(index, replace(episode, seed=index, objects=seen, control_steps=2), recording)
     list(store.write_rows(2))
     assert any(row.held for row in store.rows())
     return store

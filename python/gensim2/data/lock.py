@@ -7,7 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, WriteError
 
 
 class FolderLock:
@@ -27,7 +27,6 @@ class FolderLock:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-            path.write_text(f"{os.getpid()}\n", encoding="ascii")
         except Timeout as error:
             owner = path.read_text(encoding="ascii", errors="replace").strip()[:32]
             by = f" (process {owner})" if owner else ""
@@ -41,6 +40,12 @@ class FolderLock:
                 file=folder,
                 remedy="choose another folder with --out, on a local disk",
             ) from error
+        try:
+            path.write_text(f"{os.getpid()}\n", encoding="ascii")
+        except OSError as error:
+            self._lock.release()
+            remedy = "make room, or choose another folder"
+            raise WriteError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from error
 
     def release(self) -> None:
         """Let others have the folder."""

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.formats.columns import array_of, camera_array
 from gensim2.errors import GenSim2Error
 from gensim2.objects import Library, ObjectModel, open_library
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.cloud import to_steps
 from gensim2.observations.columns import (
-    DEPTH,
     GRIPPER,
-    IMAGE,
     PROPRIOCEPTION,
-    SEGMENTATION,
     STATE,
     TOOL_POSE,
     VELOCITY,
@@ -36,8 +34,7 @@ _STORED = {
     TOOL_POSE: "proprioception/tool_pose",
     GRIPPER: "proprioception/gripper",
 }
-_OF_CAMERAS = {IMAGE: "rgb", DEPTH: "depth", SEGMENTATION: "segmentation"}
-"""Names in files of observations: of what the robot knows of itself; of pictures, by what stands before the camera."""
+"""Names in files of observations: of what the robot knows of itself."""
 
 
 def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
@@ -54,8 +51,8 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
             frames.setdefault(name, []).append(array)
     arrays: Arrays = {name: np.stack(rows) for name, rows in frames.items()}
     for camera in observer.cameras:
-        arrays[f"cameras/{camera.name}/intrinsic"] = camera.intrinsic
-        arrays[f"cameras/{camera.name}/T_base_camera"] = camera.T_base_camera
+        arrays[camera_array(camera.name, "intrinsic")] = camera.intrinsic
+        arrays[camera_array(camera.name, "T_base_camera")] = camera.T_base_camera
     return arrays
 
 
@@ -92,9 +89,8 @@ def _stored(observation: Observation) -> Arrays:
         found["pointcloud/rgb"] = observation.cloud.rgb
         found["pointcloud/segmentation"] = observation.cloud.segmentation
     for name, array in observation.arrays.items():
-        for prefix, what in _OF_CAMERAS.items():
-            if name.startswith(prefix):
-                found[f"cameras/{name.removeprefix(prefix)}/{what}"] = array
+        if (stored := array_of(name)) is not None:
+            found[stored] = array
     return found
 
 

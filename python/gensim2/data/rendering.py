@@ -14,7 +14,7 @@ from gensim2.data.observation_file import DamagedObservationError, read_descript
 from gensim2.data.observing import observe, segmentation_ids
 from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries
+from gensim2.files import append, remove_temporaries
 from gensim2.observations import ObservationSpec
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -176,10 +176,9 @@ class _Rendering:
 
     def _failed(self, failure: Failure) -> None:
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
-        with (self._dataset.path / ERRORS_LOG).open("a", encoding="utf-8") as stream:
-            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-            stream.write(f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n")
-            stream.write(failure.traceback or "")
+        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        log = self._dataset.path / ERRORS_LOG
+        append(log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}")
 
 
 def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:

@@ -67,6 +67,7 @@ class Schedule:
     Attributes:
         actions: (N, m + 1) arm joint targets, ahead by the drives' lag, and the gripper command.
         times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
+        reference: (N, 2, m) arm joints and velocities that are meant at the end of each step, whatever drives them.
         contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
         actuation: the first step at the actuation pose.
         gripped: the first step after the fingers have closed on something, or None; may be N.
@@ -75,6 +76,7 @@ class Schedule:
 
     actions: npt.NDArray[np.float32]
     times: Array
+    reference: npt.NDArray[np.float32]
     contact: int
     actuation: int
     gripped: int | None
@@ -162,6 +164,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     return Schedule(
         actions,
         times,
+        rows.reference(),
         contact=_first(times, (step_of("pre_0") or 0) / rate),
         actuation=len(times) if actuation is None else _first(times, actuation / rate),
         gripped=gripped,
@@ -201,6 +204,12 @@ class _Rows:
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)
         self.dwell(step, grip, self.settling + ceil(HOLD_SECONDS * self._rate))
+
+    def reference(self) -> npt.NDArray[np.float32]:
+        """(N, 2, m) positions and velocities that the targets are made of; where a sample stays, nothing moves."""
+        positions = self._arm[self._steps]
+        velocities = np.diff(positions, axis=0, prepend=positions[:1]) * self._rate
+        return np.stack([positions, velocities], axis=1).astype(np.float32)
 
     def _add(self, target: Array, step: int) -> None:
         self._targets.append(target)

@@ -17,7 +17,7 @@ from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of
-from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation
+from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import START, Cause, PlanRecord, StepRecord
 from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -96,7 +96,13 @@ class ChainController:
         self._waited = 0
         self._from_rest = False
         self._last: Action | None = None
+        self._reference: Reference | None = None
         self._ahead = self._plan_ahead(observation.scene()) if self._open_loop else []
+
+    @property
+    def reference(self) -> Reference | None:
+        """What the last action is meant to bring about; None where the arm is only held."""
+        return self._reference
 
     @property
     def turn(self) -> str | None:
@@ -124,6 +130,7 @@ class ChainController:
 
     def act(self, observation: PrivilegedObservation) -> Action | None:
         """The next action, (m + 1,); None: done, or nothing more can be done."""
+        self._reference = None
         self._last = self._blind(observation) if self._open_loop else self._next(observation)
         return self._last
 
@@ -174,7 +181,19 @@ class ChainController:
         assert run.planned.schedule is not None
         if run.ran == run.planned.schedule.actuation:
             self._notice(observation, ACTUATION)
-        return self._pressing(run.next_action(), observation, run.scene.finger_stiffness)
+        positions, velocities = run.planned.schedule.reference[run.ran]
+        action = run.next_action()
+        force = np.nan if self._held is None or self._held.force is None else self._held.force
+        # Where the fingers press, the pads stay as far apart as what is between them.
+        width = observation.gripper_width if np.isfinite(force) else self._profile_width(float(action[-1]))
+        self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
+        return self._pressing(action, observation, run.scene.finger_stiffness)
+
+    def _profile_width(self, command: float) -> float:
+        """Distance of the pads (m) that a gripper command asks for."""
+        gripper = self._profile.gripper
+        target = float(gripper.target(np.array([command], dtype=np.float32))[0])
+        return max(0.0, target) * len(gripper.joints)
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """The action with fingers that press on what they hold as hard as they are to, however far they are apart.

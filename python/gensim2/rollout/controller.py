@@ -54,6 +54,21 @@ class PrivilegedObservation(Observation):
         return self.joint_velocities.astype(np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What an action is meant to bring about at the end of its control step, whatever drives the robot.
+
+    Attributes:
+        joint_positions, joint_velocities: (m,) of the arm, rad or m, and a second.
+        gripper: (2,) distance of the pads that is commanded, m, and the force (N) by which each finger is to press on
+            what it holds; NaN: none is meant.
+    """
+
+    joint_positions: npt.NDArray[np.float32]
+    joint_velocities: npt.NDArray[np.float32]
+    gripper: npt.NDArray[np.float32]
+
+
 @dataclass(frozen=True)
 class Event:
     """What a controller noticed.
@@ -80,6 +95,7 @@ class Controller(Protocol):
       :class:`PrivilegedObservation`.
     - ``observation_spec``: an :class:`~gensim2.observations.ObservationSpec` or its fields, what it looks at; without,
       point clouds by the defaults, and of a privileged one the robot's own state.
+    - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
     - ``turn``, ``history``, ``events``: the name of the task's step that it is at, a record of each step that was
       begun, and what was noticed; ``turn`` is read after every action, the others when the episode is over. Without
       them a step's turn ends where its criterion is true.
@@ -114,6 +130,12 @@ def spec_of(controller: Controller) -> ObservationSpec:
     if given is None and is_privileged(controller):
         return PROPRIOCEPTIVE
     return ObservationSpec.of(given)
+
+
+def reference_of(controller: Controller) -> Reference | None:
+    """What a controller's last action is meant to bring about; None where it says nothing."""
+    reference: Reference | None = getattr(controller, "reference", None)
+    return reference
 
 
 def turn_of(controller: Controller) -> str | None:

@@ -15,8 +15,10 @@ from gensim2.rollout.controller import (
     Controller,
     Event,
     PrivilegedObservation,
+    Reference,
     events_of,
     history_of,
+    reference_of,
     spec_of,
     turn_of,
 )
@@ -109,6 +111,11 @@ class Disturbed:
         """When the hand was first at the pose in which it takes the object."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
+
+    @property
+    def reference(self) -> Reference | None:
+        """The controller's."""
+        return reference_of(self._controller)
 
     @property
     def turn(self) -> str | None:

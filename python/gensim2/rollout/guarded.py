@@ -9,7 +9,17 @@ import numpy as np
 from gensim2.errors import MissingExtraError
 from gensim2.observations import Observation
 from gensim2.robots import RobotProfile
-from gensim2.rollout.controller import Action, Controller, Event, events_of, history_of, is_privileged, turn_of
+from gensim2.rollout.controller import (
+    Action,
+    Controller,
+    Event,
+    Reference,
+    events_of,
+    history_of,
+    is_privileged,
+    reference_of,
+    turn_of,
+)
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.record import StepRecord
 
@@ -64,6 +74,11 @@ class Guarded:
         if not np.isfinite(action).all():
             raise self._error("an action must be finite, holds NaN or infinity", where)
         return action
+
+    @property
+    def reference(self) -> Reference | None:
+        """The controller's."""
+        return reference_of(self._controller)
 
     @property
     def turn(self) -> str | None:

@@ -17,9 +17,11 @@ from gensim2.rollout.controller import (
     Controller,
     Event,
     PrivilegedObservation,
+    Reference,
     events_of,
     history_of,
     is_privileged,
+    reference_of,
     spec_of,
     turn_of,
 )
@@ -107,7 +109,7 @@ def run(
             if action is None:
                 cut = False
                 break
-            motion.step(action)
+            motion.step(action, reference_of(controller))
             if stop == "goal":
                 held_for = held_for + 1 if all_hold(world.task.success, motion.trace[-1]) else 0
     finally:
@@ -201,13 +203,13 @@ class _Motion:
             return seen
         return PrivilegedObservation.of(seen, self.trace[-1], self._world.scene_state)
 
-    def step(self, action: Action) -> None:
+    def step(self, action: Action, reference: Reference | None = None) -> None:
         """One control step."""
         self._action = np.asarray(action, dtype=np.float32)
         self._world.step(self._action)
         self.trace.append(self._world.measure())
         if self._recorder is not None:
-            self._recorder.add(self._action, self.trace[-1])
+            self._recorder.add(self._action, self.trace[-1], reference)
 
     def settle(self) -> None:
         """Hold the last command until the scene has settled."""

@@ -1,5 +1,7 @@
 //! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
+use std::time::Instant;
+
 use super::attempt::Attempt;
 use super::failure::Failure;
 use super::{Plan, Request, Status, TriedPose, refused};
@@ -85,6 +87,7 @@ impl<'p> Planner<'p> {
         model: &'p Model,
         resolved: &'p Resolved,
         request: &Request<'p>,
+        begun: Instant,
         entry: usize,
     ) -> Result<Self, CannotStop> {
         let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
@@ -94,11 +97,11 @@ impl<'p> Planner<'p> {
             velocity: rates(&options.start_velocity),
             acceleration: rates(&options.start_acceleration),
         };
-        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
-        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
+        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.course.toward(entry));
-        world.limit(request.most_checks, request.cancel.clone());
+        world.limit(request.most_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -193,6 +196,9 @@ impl<'p> Planner<'p> {
         } else if !solved && self.world.is_spent() && out.status != Status::Partial {
             out.status = Status::NotFound;
             out.reason = format!("the collision checks are spent; so far {}", out.reason);
+        } else if !solved && self.world.is_late() && out.status != Status::Partial {
+            out.status = Status::NotFound;
+            out.reason = format!("the time is up; so far {}", out.reason);
         }
         out.tried = tried;
         out.tried_poses = poses;

@@ -260,7 +260,8 @@ impl Planner<'_> {
                 let allowed = last.due.map_or(0.0, |d| d - begin);
                 Failure::TooFast { keyframe: last.toward, allowed, needed }
             }
-            Refusal::TooSharp => Failure::Unreachable { keyframe: last.toward, fraction: 0.0 },
+            // Timing is not cancelled within a plan: it takes well under a millisecond.
+            Refusal::TooSharp | Refusal::Cancelled => Failure::Unreachable { keyframe: last.toward, fraction: 0.0 },
         })?;
         for (leg, time) in legs.iter().zip(passed) {
             if let Some(keyframe) = leg.keyframe {

@@ -4,6 +4,7 @@
 //! in closed form.
 
 use super::grid::Grid;
+use super::law::ROUNDING;
 use super::limits::Limits;
 
 /// Coefficients of u smaller than this times that of x say nothing of u.
@@ -94,15 +95,14 @@ impl Bands {
 
 /// The greatest x at each station, from `begin` at the first to 0 at the last; `None` where `begin` is too much.
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
-    const SLACK: f64 = 1e-9;
     let cells = grid.cells();
     let bands = Bands::new(grid, limits);
-    let mut x = grid.ceilings(limits);
+    let mut x = grid.ceilings(limits, begin);
     x[cells] = 0.0;
     for cell in (0..cells).rev() {
         x[cell] = bands.greatest(cell, x[cell], grid.step(cell), x[cell + 1]);
     }
-    if begin > x[0] * (1.0 + SLACK) {
+    if begin > x[0] * (1.0 + ROUNDING) {
         return None;
     }
     x[0] = begin;

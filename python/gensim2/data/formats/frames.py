@@ -9,15 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations.columns import (
-    CLOUD,
-    CLOUD_SEGMENTATION,
-    DEPTH,
-    IMAGE,
-    PROPRIOCEPTION,
-    SEGMENTATION,
-    cloud_column,
-)
+from gensim2.data.formats.columns import column_of
+from gensim2.errors import InputError
+from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, PROPRIOCEPTION, cloud_column
 from gensim2.observations.proprioception import proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
@@ -26,7 +20,6 @@ Array = npt.NDArray[Any]
 
 FIRST_JOINT = 13
 """Column of the first joint in ManiSkill's states: before it the root's pose (7) and velocities (6)."""
-_PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
 
 EPISODE_COLUMNS = ("state", "action", "reward", "success", "done")
 """Columns that are an episode's own numbers; an import compares them with the episodes beside an export."""
@@ -54,10 +47,17 @@ def frames_of(
 
     Args:
         observation: (T + 1, ...) arrays of its file of observations (docs/data.md); the last belongs to no action.
+
+    Raises:
+        InputError: it is of another robot, or its observations are not of its steps.
     """
     steps = recording.steps
-    states = recording.env_states["articulations"][profile.agent]
+    states = recording.env_states.get("articulations", {}).get(profile.agent)
     joints = len(profile.model.joint_names)
+    if states is None or states.shape[1] != FIRST_JOINT + 2 * joints:
+        raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
+    if recording.actions.shape[1] != len(profile.arm_joints) + 1:
+        raise InputError(f"has {recording.actions.shape[1]} numbers, not those of {profile.name}", field="actions")
     own: dict[str, list[Array]] = {name: [] for name in PROPRIOCEPTION}
     for step in range(steps):
         positions, velocities = np.split(states[step, FIRST_JOINT : FIRST_JOINT + 2 * joints], 2)
@@ -65,6 +65,9 @@ def frames_of(
         for name, row in proprioception(profile, positions, velocities, command).items():
             own[name].append(row)
     seen = {} if observation is None else _seen(observation)
+    for name, values in seen.items():
+        if len(values) != steps + 1:
+            raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
     return Frames(
         sentence,
         {
@@ -84,8 +87,5 @@ def _seen(observation: Mapping[str, Array]) -> dict[str, Array]:
         found[CLOUD] = cloud_column(points, observation.get("pointcloud/rgb"))
     if (ids := observation.get("pointcloud/segmentation")) is not None:
         found[CLOUD_SEGMENTATION] = ids
-    for name, values in observation.items():
-        camera, _, what = name.removeprefix("cameras/").rpartition("/")
-        if name.startswith("cameras/") and what in _PREFIXES:
-            found[_PREFIXES[what] + camera] = values
+    found |= {column: values for name, values in observation.items() if (column := column_of(name)) is not None}
     return found

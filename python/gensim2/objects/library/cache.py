@@ -50,6 +50,7 @@ DAMAGE = (
 # What every prepared object passes through; a source adds its own modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
+    "gensim2.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.prepare",
     "gensim2.objects.model",
