@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,8 @@ def dataset(gather: Callable[..., Any], tmp_path: Path) -> DataSet:
         episode = store.read(row).row.episode
         store.path(row.index, row.held).unlink()
         vars(episode)["control_steps"] = STEPS
-        store.add(row.index, episode, recorder.finish())
+        ids = {name: thing.id for name, thing in episode.objects.items()}
+        store.add(row.index, episode, replace(recorder.finish(), seed=episode.seed, instances=ids))
     list(store.write_rows(8))
     return DataSet.open(tmp_path / "set")
 
