@@ -95,7 +95,9 @@ def test_demonstrations_are_shown_as_they_were_observed_where_nothing_can_be_dra
     }
     for row in held[:-1]:
         write_observation(
-            store.observation_path(row.index), {"steps": frames - 1, "episode_digest": row.episode_digest}, arrays
+            store.observation_path(row.index),
+            {"steps": frames - 1, "episode_digest": row.episode_digest, "robot": "panda"},
+            arrays,
         )
     monkeypatch.setattr(rendering, "can_render", lambda: False)
     report(dataset.path)

@@ -67,7 +67,7 @@ def crept(
     bar = builder.build(name="bar")
     body = bar.find_component_by_type(physx.PhysxRigidDynamicComponent)
 
-    physics.prepare_for_rigid_objects(system, arm.articulation, profile.gripper)
+    physics.prepare_for_rigid_objects(system, arm.articulation, profile)
 
     def in_hand() -> npt.NDArray[np.float64]:
         return np.asarray((tool.entity.pose.inv() * bar.pose).p, dtype=np.float64)
