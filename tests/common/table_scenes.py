@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
-from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.robots import robot

@@ -15,9 +15,9 @@ from gensim2.inspection.checks import geometric_findings
 from gensim2.objects import Library
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import blueprint, blueprint_hash, generate
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.meshwork.convexes import Block, depth_inside
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.physics import hull_moments
 from gensim2.objects.shapes import transform
 

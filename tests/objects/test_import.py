@@ -16,9 +16,9 @@ from gensim2.errors import InputError
 from gensim2.inspection.checks import geometric_findings
 from gensim2.inspection.validate import check_object
 from gensim2.objects import AssetError, open_library
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.library.importer import import_object, on_surface, usual_size
 from gensim2.objects.library.sources import find_source
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.shapes import Look, Mesh, transform
 
 BOARDS = {

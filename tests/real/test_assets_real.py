@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gensim2.objects import open_library
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.library.importer import import_object
 from gensim2.objects.meshwork.convexes import Block, depth_inside
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.shapes import transform
 
 pytestmark = pytest.mark.real

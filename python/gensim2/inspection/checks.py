@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
-from gensim2.objects.meshwork.overlap import OPENNESS, link_pose, links_overlap
+from gensim2.objects.meshwork.overlap import OPENNESS, links_overlap
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 

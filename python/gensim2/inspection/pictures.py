@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from gensim2.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
-from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance

@@ -8,7 +8,7 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.inspection.checks import Finding, world_rotation
-from gensim2.objects.meshwork.overlap import link_pose
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, Instance
 from gensim2.robots import RobotProfile

@@ -14,8 +14,8 @@ import numpy as np
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.inspection import rigid
 from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.library.catalogue import Library
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.types import Instance

@@ -10,6 +10,8 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.objects.kinematics import joint_motion
+
 Array = npt.NDArray[np.float64]
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
@@ -56,6 +58,10 @@ class MovingJoint:
     friction: float
     damping: float
     T_root_child: Array
+
+    def T_root_child_at(self, value: float) -> Array:
+        """(4, 4) frame of the child link in the root frame at a joint value (rad or m)."""
+        return np.asarray(joint_motion(self.type, self.axis, value, self.origin) @ self.T_root_child)
 
 
 @dataclass(frozen=True)

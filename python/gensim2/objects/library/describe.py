@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.library.catalogue import Library
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance, ObjectModel

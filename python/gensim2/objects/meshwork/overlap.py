@@ -9,9 +9,10 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
+from gensim2.objects.kinematics import link_pose
 from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import Faces, VoidSpace
-from gensim2.objects.shapes import pose, transform
+from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
@@ -21,15 +22,6 @@ MESH_SPACING = 0.002  # m between points that stand for a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
 SKIN = 0.0032  # m around a mesh that its convex parts may stand for: they are thicker than a sheet
 NEAREST = 8  # triangles among which the closest is looked for
-
-
-def link_pose(instance: Instance, openness: float) -> Array:
-    """(4, 4) moving link in the root frame at an openness."""
-    joint = instance.joint
-    q = joint.lower + openness * (joint.upper - joint.lower)
-    axis = joint.T_root_child[:3, :3].T @ joint.axis
-    motion = pose(q * axis) if joint.type == "prismatic" else pose(axis=axis, angle=q)
-    return np.asarray(joint.T_root_child @ motion)
 
 
 def _off_hinge(instance: Instance, points: Array) -> Array:
