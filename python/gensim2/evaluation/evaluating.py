@@ -203,16 +203,16 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
 def _arguments(
     config: EpisodeConfig, spec: ControllerSpec, stop: Stop, folder: Path, videos: int, index: int, seed: int
 ) -> tuple[Any, ...]:
-    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None
+    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None, index
 
 
 def _episode(
-    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None
+    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None, index: int
 ) -> Episode:
     """One episode; called in a worker."""
     from gensim2.rollout import worker
 
-    return worker.evaluate(config, spec, seed, stop, keep)
+    return worker.evaluate(config, spec, seed, stop, keep, index)
 
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
