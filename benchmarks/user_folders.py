@@ -1,6 +1,7 @@
 """Folders of objects as users have them, drawn by a seed: what is proposed and designed on each.
 
-    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--assets DIR] [--workers 2] [--json FILE]
+    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--no-proposals] [--assets DIR] [--workers 2]
+        [--made DIR] [--json FILE]
 
 A folder is a random subset of classes, of real objects (``--assets``) or of generated ones that were exported: with few
 objects or one, under other ids, rigid ones alone, class folders that are links, or classes of the user's own names. On
@@ -73,6 +74,8 @@ def make_folder(number: int, where: Path, pool: Path) -> Folder:
     rigid = sorted(path for path in (pool / "rigidbody_objs" / "models").iterdir() if path.is_dir())
     counts = {"one object": (1, 0), "only rigid": (0, int(generator.integers(1, 6)))}
     wanted, wanted_rigid = counts.get(kind, (int(generator.integers(1, 8)), int(generator.integers(0, 4))))
+    if where.is_dir():
+        return Folder(where, kind, wanted, wanted_rigid)
     for index in generator.choice(len(articulated), min(wanted, len(articulated)), replace=False):
         source = articulated[index]
         name = f"my_{source.name}" if kind == "unknown names" else source.name
@@ -94,8 +97,10 @@ def make_folder(number: int, where: Path, pool: Path) -> Folder:
 
 def make_pool(where: Path, assets: Path | None) -> list[Path]:
     """Return the folders that objects are drawn from: exported generated ones, and real ones where there are some."""
-    library = open_library("builtin")
     made = where / "generated"
+    if made.is_dir():
+        return [made] if assets is None else [made, assets]
+    library = open_library("builtin")
     for name in library.classes("articulated"):
         for each in library.instances(name)[:2]:
             export(library.load_articulated(name, each), made)
@@ -192,19 +197,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folders", type=int, default=60)
     parser.add_argument("--whole", type=int, default=12)
+    parser.add_argument("--no-proposals", dest="propose", action="store_false")
     parser.add_argument("--assets", type=Path, default=os.environ.get("GENSIM2_ASSETS"))
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument(
+        "--made", type=Path, help="keep the folders and what the commands leave here, or go on with them"
+    )
     parser.add_argument("--time-limit", type=float, default=1200.0, help="seconds of one command")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as made:
-        pools = make_pool(Path(made), options.assets)
-        folders = [make_folder(n, Path(made) / str(n), pools[n % len(pools)]) for n in range(options.folders)]
+    with tempfile.TemporaryDirectory() as elsewhere:
+        made = options.made or Path(elsewhere)
+        pools = make_pool(made, options.assets)
+        folders = [make_folder(n, made / str(n), pools[n % len(pools)]) for n in range(options.folders)]
         for number, folder in enumerate(folders):
             row: dict[str, Any] = {**asdict(folder), "path": number}
             try:
-                row |= proposals(folder)
+                row |= proposals(folder) if options.propose else {}
             except GenSim2Error as error:
                 row["refused"] = str(error)
             except Exception:  # noqa: BLE001 - what a user must never see is counted, not raised
@@ -214,9 +224,13 @@ def main() -> None:
         jointed = [n for n, folder in enumerate(folders) if folder.articulated]
         rigid = [n for n, folder in enumerate(folders) if not folder.articulated]
         for number in [*jointed[: options.whole], *rigid[:1]] if options.whole else []:
-            out = Path(made) / f"out-{number}"
-            out.mkdir()
-            rows[number]["whole"] = whole(folders[number], out, options.workers, options.time_limit)
+            out = made / f"out-{number}"
+            done = out / "done.json"
+            if not done.is_file():
+                shutil.rmtree(out, ignore_errors=True)
+                out.mkdir()
+                done.write_text(json.dumps(whole(folders[number], out, options.workers, options.time_limit)))
+            rows[number]["whole"] = json.loads(done.read_text())
             print(number, rows[number]["whole"], flush=True)
             if options.json:
                 options.json.write_text(json.dumps(rows, indent=1, default=str))
@@ -226,7 +240,8 @@ def main() -> None:
         each[name] for each in done for name in ("run-pipeline", "demo", "collect", "benchmark") if name in each
     ]
     print(f"{len(rows)} folders, {len(wrong)} with a traceback: {wrong}")
-    print(f"median of proposals: {np.median([row.get('proposals', 0) for row in rows]):g}")
+    if options.propose:
+        print(f"median of proposals: {np.median([row.get('proposals', 0) for row in rows]):g}")
     print(f"of {len(done)} with a joint {sum(bool(each['kept']) for each in done)} have a task designed and kept")
     print(f"{sum(each.get('clean', False) for each in commands)} of {len(commands)} commands without a traceback")
     if options.json:
