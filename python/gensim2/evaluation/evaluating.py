@@ -189,10 +189,13 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     Raises:
         InputError: it cannot be made, or looks at something else than its data.
     """
+    from gensim2.observations.cameras import require_cameras
     from gensim2.robots import robot
 
-    made = spec.make(given.spec, robot(given.scene.robot))
+    profile = robot(given.scene.robot)
+    made = spec.make(given.spec, profile)
     seen = spec_of(made)
+    require_cameras(seen.cameras, profile)
     if data is not None:
         from gensim2.data.store import DataSet
 

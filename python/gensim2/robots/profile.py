@@ -75,6 +75,26 @@ class Simulation:
     physics_hz: int = 100
 
 
+@dataclass(frozen=True, eq=False)
+class MountedCamera:
+    """A camera that a link of the robot carries.
+
+    Attributes:
+        name: unique among those of the robot; none of the fixed cameras'.
+        link: that carries it.
+        T_link_camera: (4, 4) as OpenCV has cameras: x to the right of the picture, y down, z forward; m.
+        width, height: pixels.
+        field_of_view: rad, of the picture's height.
+    """
+
+    name: str
+    link: str
+    T_link_camera: Array
+    width: int = 128
+    height: int = 128
+    field_of_view: float = 1.2
+
+
 @dataclass(frozen=True)
 class RobotFiles:
     """A robot's description: ``urdf``, and ``srdf`` with its pairs of links that never touch, which lies beside it
@@ -109,6 +129,7 @@ class RobotProfile:
         simulation: what stands for its motors in a simulation.
         base_quaternion: (4,) of its base in the world, (w, x, y, z).
         control_hz: rate of its actions.
+        cameras: that its links carry, beside the fixed ones.
     """
 
     name: str
@@ -126,6 +147,7 @@ class RobotProfile:
     simulation: Simulation
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
+    cameras: tuple[MountedCamera, ...] = ()
 
     @cached_property
     def _files(self) -> RobotFiles:

@@ -155,7 +155,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        return rendering.observation_cameras()
+        return rendering.observation_cameras(self.profile, self.agent.robot.links_map)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
