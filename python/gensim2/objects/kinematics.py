@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
-
-if TYPE_CHECKING:
-    from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
 
@@ -37,9 +32,3 @@ def joint_motion(kind: str, axis: Array, value: npt.ArrayLike, origin: Array | N
     if origin is not None:
         found[..., :3, 3] = origin - found[..., :3, :3] @ origin
     return found
-
-
-def link_pose(instance: Instance, openness: float) -> Array:
-    """(4, 4) moving link in the root frame at an openness."""
-    joint = instance.joint
-    return joint.T_root_child_at(joint.lower + openness * (joint.upper - joint.lower))

@@ -175,6 +175,11 @@ class Instance:
     content_hash: str
     warnings: tuple[str, ...] = field(default=())
 
+    def link_pose(self, openness: float) -> Array:
+        """(4, 4) moving link in the root frame at an openness."""
+        joint = self.joint
+        return joint.T_root_child_at(joint.lower + openness * (joint.upper - joint.lower))
+
     def lever_arm(self, keypoint: str) -> float:
         """Distance in metres of a keypoint on the moving link from the joint axis."""
         point = self.joint.T_root_child @ np.append(self.keypoints[keypoint].position, 1.0)

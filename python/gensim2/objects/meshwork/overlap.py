@@ -9,7 +9,6 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-from gensim2.objects.kinematics import link_pose
 from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import Faces, VoidSpace
 from gensim2.objects.shapes import transform
@@ -73,7 +72,7 @@ def links_overlap(instance: Instance, threshold: float) -> Overlap:
     in_root = np.concatenate([points for _, points, _ in common])
     in_child = np.concatenate([transform(np.asarray(np.linalg.inv(T), float), points) for T, points, _ in common])
     added = ~(body.encloses(in_root) & child.encloses(in_child))
-    poses = [link_pose(instance, share) for share in OPENNESS]
+    poses = [instance.link_pose(share) for share in OPENNESS]
     theirs = [_off_hinge(instance, transform(T, child.points)) for T in poses]
     ours = _off_hinge(instance, body.points)
     back = [transform(np.asarray(np.linalg.inv(T), float), ours) for T in poses]
@@ -96,7 +95,7 @@ def _common_points(instance: Instance, threshold: float) -> list[tuple[Array, Ar
     body_blocks, moving_blocks = ([Block.of(h) for h in hulls] for hulls in (body, moving))
     found = []
     for share in OPENNESS:
-        T = link_pose(instance, share)
+        T = instance.link_pose(share)
         back = np.asarray(np.linalg.inv(T), float)
         theirs, ours = _off_hinge(instance, transform(T, of_moving)), _off_hinge(instance, of_body)
         points = np.concatenate([theirs, ours])
