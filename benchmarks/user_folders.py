@@ -1,7 +1,7 @@
 """Folders of objects as users have them, drawn by a seed: what is proposed and designed on each.
 
-    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--no-proposals] [--assets DIR] [--workers 2]
-        [--made DIR] [--json FILE]
+    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--skip 0] [--no-proposals] [--assets DIR]
+        [--workers 2] [--made DIR] [--json FILE]
 
 A folder is a random subset of classes, of real objects (``--assets``) or of generated ones that were exported: with few
 objects or one, under other ids, rigid ones alone, class folders that are links, or classes of the user's own names. On
@@ -203,6 +203,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folders", type=int, default=60)
     parser.add_argument("--whole", type=int, default=12)
+    parser.add_argument("--skip", type=int, default=0, help="leave out so many of those that are gone through whole")
     parser.add_argument("--no-proposals", dest="propose", action="store_false")
     parser.add_argument("--assets", type=Path, default=os.environ.get("GENSIM2_ASSETS"))
     parser.add_argument("--workers", type=int, default=2)
@@ -228,7 +229,7 @@ def main() -> None:
             print(number, {name: value for name, value in row.items() if name != "path"}, flush=True)
         jointed = [n for n, folder in enumerate(folders) if folder.articulated]
         rigid = [n for n, folder in enumerate(folders) if not folder.articulated]
-        for number in [*jointed[: options.whole], *rigid[:1]] if options.whole else []:
+        for number in [*jointed[options.skip : options.whole], *rigid[:1]] if options.whole else []:
             out = made / f"out-{number}"
             done = out / "done.json"
             if not done.is_file():
