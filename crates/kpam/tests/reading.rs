@@ -152,7 +152,7 @@ fn damaged_scenes_are_refused_or_answer() {
 fn damaged_plans_are_refused_or_looked_at() {
     let problem = problem();
     let plan = plan(&problem);
-    assert_eq!(plan.status, Status::Solved, "{}", plan.reason);
+    assert_eq!(plan.status(), Status::Solved, "{}", plan.reason);
     let mut request = Request::default();
     request.most_checks = Some(300);
     let counts = read_damaged(&plan, 1500, |former: &Plan| {
@@ -164,7 +164,7 @@ fn damaged_plans_are_refused_or_looked_at() {
         }
     });
     assert!(counts.0 > 50 && counts.1 > 200, "{counts:?}");
-    let counts = read_damaged(plan.trajectory.as_ref().unwrap(), 1500, |trajectory: &Trajectory| {
+    let counts = read_damaged(plan.trajectory().unwrap(), 1500, |trajectory: &Trajectory| {
         for k in -1..=5 {
             let t = trajectory.start() + 0.2 * f64::from(k) * (trajectory.end() - trajectory.start());
             assert_eq!(trajectory.sample(t).position.len(), trajectory.joints());

@@ -49,6 +49,10 @@ def keypoint_problem(
         "velocity_scale": 1.0,
         "acceleration_scale": 1.0,
         "allow_partial": True,
+        "workspace": [[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]],
+        "least_margin": 0.0,
+        "contact_depth": None,
+        "start_depth": 1.0,
     }
     if options is not None:
         recorded.update(options)

@@ -69,7 +69,7 @@ impl Limits {
         // Limits of mimic joints bind the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
-        let usual = default_limits(&problem.robot, model, o);
+        let usual = default_limits(o);
         let acceleration = given(&o.acceleration_limits).unwrap_or(usual.0);
         let jerk = given(&o.jerk_limits).unwrap_or(usual.1);
         for v in 0..model.n() {

@@ -213,7 +213,7 @@ impl Trajectory {
     }
 
     /// The variables at a time, with their velocities and accelerations.
-    fn moving_with_rates(&self, t: f64) -> [Row; 3] {
+    pub(crate) fn moving_with_rates(&self, t: f64) -> [Row; 3] {
         let at = self.pieces.partition_point(|p| p.start <= t).saturating_sub(1);
         match self.pieces.get(at) {
             Some(piece) => piece.at(t),
