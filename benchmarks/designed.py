@@ -16,9 +16,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from gensim2.designers.drafting import verbs
+from gensim2.design.drafting import verbs
+from gensim2.design.shelving import MADE_JSON, shelve
 from gensim2.objects import open_library
-from gensim2.pipeline.shelving import MADE_JSON, shelve
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
@@ -30,7 +30,7 @@ HEAD = """# Tasks that the offline designer made
 
 From an empty library, on generated objects, without a key: proposed from what objects afford and composed by pre- and
 post-conditions ([architecture.md](architecture.md)), verified on objects that the search never saw. Strategies come
-from the shared rules (`gensim2/tasks/library/strategies`), from rules over sizes (`designers/skills.py`), and from the
+from the shared rules (`gensim2/tasks/library/strategies`), from rules over sizes (`design/skills.py`), and from the
 search over alignments. Tasks that the paper's suite has are left out. `gensim2 benchmark --origin offline` runs them.
 This page is written by `python benchmarks/designed.py`.
 """

@@ -4,8 +4,8 @@
     python benchmarks/paper_loop.py --out loop.jsonl --table                # the table, on standard output
 
 The paper has a model write 3 configs, and a person say whether one does. Here candidates are drawn at random from all
-alignments of the class's keypoints (`designers/joint_search.py`, no rules by hand), and physics says. "Blindly": in
-drawn order. "Told": after each round the draw is weighted by the diagnoses of those before (`designers/steering.py`),
+alignments of the class's keypoints (`design/joint_search.py`, no rules by hand), and physics says. "Blindly": in
+drawn order. "Told": after each round the draw is weighted by the diagnoses of those before (`design/steering.py`),
 as the offline designer does it; the best are varied beside. Rounds end after 1, 2, 3, 6, 10, ... candidates, the same
 both ways, and the first candidate is the same.
 
@@ -33,19 +33,19 @@ from typing import Any
 import numpy as np
 
 from gensim2 import seeding
-from gensim2.designers import joint_search, steering
-from gensim2.designers.affordance import Affordance
-from gensim2.designers.base import Candidate, CandidateResult, StageResult
-from gensim2.designers.diagnosis import diagnoses
-from gensim2.designers.manipulation import Manipulation
-from gensim2.designers.offline import OPENING
-from gensim2.designers.proposals import joint_goal, redesigned
+from gensim2.data.records import merge_causes
+from gensim2.design import joint_search, steering
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import Candidate, CandidateResult, StageResult
+from gensim2.design.diagnosis import diagnoses
+from gensim2.design.manipulation import Manipulation
+from gensim2.design.offline import OPENING
+from gensim2.design.proposals import joint_goal, redesigned
+from gensim2.design.unseen import seen_by_search
 from gensim2.objects import open_library
-from gensim2.pipeline import worker
-from gensim2.pipeline.records import merge_causes
-from gensim2.pipeline.setting import Circumstances, Setting
-from gensim2.pipeline.tally import interval
-from gensim2.pipeline.unseen import seen_by_search
+from gensim2.rollout import worker
+from gensim2.rollout.tally import interval
+from gensim2.scenes.config import Circumstances, Setting
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
 

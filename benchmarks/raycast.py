@@ -23,12 +23,12 @@ import numpy as np
 
 from gensim2.data.observing import Shown
 from gensim2.data.store import DataSet
-from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
 from gensim2.observations import CloudSettings, DepthNoise
+from gensim2.raycast.observer import Observer
 from gensim2.robots import robot as robot_profile
+from gensim2.rollout.recording import Recording
 from gensim2.sim.pictures import StatePictures
-from gensim2.sim.raycast.observer import Observer
 
 NEAR_M = 0.002
 """Within which depths count as equal."""

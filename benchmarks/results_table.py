@@ -19,9 +19,9 @@ from pathlib import Path
 from statistics import mean
 
 from gensim2.errors import InputError
+from gensim2.evaluation.figures import rows_of
 from gensim2.files import write_atomic
-from gensim2.pipeline.figures import rows_of
-from gensim2.pipeline.tally import interval
+from gensim2.rollout.tally import interval
 from gensim2.tasks.figures import Condition, Figure, figures
 from gensim2.tasks.library import load_task
 from gensim2.tasks.published import MEASURED, PAPER

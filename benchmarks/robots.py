@@ -19,11 +19,11 @@ from typing import Any
 
 import grasps
 
-from gensim2.pipeline.setting import Circumstances, Setting
-from gensim2.pipeline.worker import PRELOAD, episode
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import robot_names
+from gensim2.rollout.worker import PRELOAD, episode
+from gensim2.scenes.config import Circumstances, Setting
 from gensim2.tasks.library import load_strategies, load_task
 
 #: What holds less often than this is no use of a robot.

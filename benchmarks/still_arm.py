@@ -13,11 +13,11 @@ import argparse
 import sys
 import time
 
-from gensim2.episodes.controller import Observation
-from gensim2.episodes.motion import is_at_rest
-from gensim2.episodes.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
-from gensim2.episodes.still import StillController, still_arm
 from gensim2.objects import open_library
+from gensim2.rollout.controller import Observation
+from gensim2.rollout.motion import is_at_rest
+from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.still import StillController, still_arm
 from gensim2.seeding import scene_seeds
 from gensim2.sim.lane import Lane
 from gensim2.tasks.criteria import all_hold

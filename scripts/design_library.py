@@ -15,14 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gensim2.designers import Affordance, OfflineDesigner
+from gensim2.data.records import Attempt
+from gensim2.design import Affordance, OfflineDesigner
+from gensim2.design.search import Budget, Search
 from gensim2.files import write_atomic, write_json
 from gensim2.objects import open_library
-from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.records import Attempt
-from gensim2.pipeline.search import Budget, Search
-from gensim2.pipeline.worker import Screened
 from gensim2.progress import ConsoleProgress
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.worker import Screened
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
 from gensim2.yaml_files import dump_yaml

@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 from gensim2.errors import InputError
+from gensim2.evaluation.figures import rows_of
 from gensim2.files import write_json
-from gensim2.pipeline.figures import rows_of
 from gensim2.tasks import figures as stored
 
 FILE = Path(stored.__file__).with_name(stored.FIGURES)

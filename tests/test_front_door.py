@@ -14,7 +14,7 @@ import pytest
 
 import gensim2
 
-ROOMS = ("episodes", "inspection", "objects", "pipeline", "planning", "robots", "sim", "tasks")
+ROOMS = ("data", "design", "evaluation", "inspection", "objects", "planning", "robots", "rollout", "sim", "tasks")
 HEAVY = ("h5py", "mani_skill", "numpy", "pydantic", "sapien", "scipy", "torch", "trimesh", "yaml")
 
 

@@ -5,7 +5,7 @@ What most programs need is here, and imported when asked for: ``import gensim2``
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
     env = gensim2.make_env(task)                  # simulation: gensim2.sim
-    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.pipeline
+    result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
     panda = gensim2.robot("panda")                # robots: gensim2.robots
@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from gensim2.design import demo, run_pipeline
     from gensim2.objects import Library, open_library
-    from gensim2.pipeline import demo, run_pipeline, solve
     from gensim2.robots import robot, robot_names
+    from gensim2.rollout import solve
     from gensim2.sim import Lane, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
 
@@ -49,15 +50,15 @@ _of_rooms = lazy_names(
         "Lane": "gensim2.sim",
         "Library": "gensim2.objects",
         "TaskSpec": "gensim2.tasks",
-        "demo": "gensim2.pipeline",
+        "demo": "gensim2.design",
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",
         "open_library": "gensim2.objects",
         "robot": "gensim2.robots",
         "robot_names": "gensim2.robots",
-        "run_pipeline": "gensim2.pipeline",
-        "solve": "gensim2.pipeline",
+        "run_pipeline": "gensim2.design",
+        "solve": "gensim2.rollout",
         "task_names": "gensim2.tasks",
     },
 )

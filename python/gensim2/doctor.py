@@ -83,7 +83,7 @@ def doctor(
             built-in one.
         model: a language model, which is asked for one word; None: which models there are.
         base_url: of its endpoint; None: ``OPENAI_BASE_URL``, else OpenAI's where there is a key.
-        config: YAML file with fields of :class:`~gensim2.designers.llm.ModelOptions`.
+        config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
 
     Raises:
         InputError: ``config`` or ``base_url`` cannot be used.
@@ -131,7 +131,7 @@ def ray_casting() -> Check:
     name, remedy = "Ray casting", "pip install 'gensim2[sim]'; all but point clouds works without"
     try:
         from gensim2.observations.sampling import farthest_points
-        from gensim2.sim.raycast.shapes import Surface
+        from gensim2.raycast.shapes import Surface
 
         corners = np.array([[-1, -1, 2], [1, -1, 2], [0, 1, 2]], dtype=np.float32)
         triangle = Surface(corners, np.array([[0, 1, 2]], dtype=np.int32), np.zeros((1, 3), np.uint8))
@@ -171,8 +171,8 @@ def _versions(packages: Sequence[str]) -> str:
 
 def sandbox() -> Check:
     """Whether generated task code can be run here, which is tried out, and behind how many walls."""
-    from gensim2.designers.sandbox import NoSandboxError
-    from gensim2.designers.sandbox import sandbox as tried
+    from gensim2.design.sandbox import NoSandboxError
+    from gensim2.design.sandbox import sandbox as tried
 
     try:
         found = tried()
@@ -190,9 +190,9 @@ def language_model(model: str | None = None, base_url: str | None = None, config
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:
         return Check(name, "limited", f"not installed: {', '.join(absent)}", f"pip install 'gensim2[llm]'; {without}")
-    from gensim2.designers.llm.client import Client
-    from gensim2.designers.llm.options import model_options
-    from gensim2.designers.llm.questions import Message, Question
+    from gensim2.design.llm.client import Client
+    from gensim2.design.llm.options import model_options
+    from gensim2.design.llm.questions import Message, Question
 
     given = {"model": model or (None if config else "any"), "base_url": base_url, "retries": 0, "timeout": 20.0}
     options = model_options(config, **given)

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
-from gensim2.pipeline import description
-from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.data.runfolder import TaskFolder
+from gensim2.design import description
 from gensim2.tasks.figures import Condition, Figure
 from gensim2.tasks.library import load_strategies, load_task
 

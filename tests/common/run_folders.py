@@ -10,10 +10,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "kill"))
 
 import fake_world
 
-from gensim2.episodes.record import Cause
+from gensim2.data.records import Verification
+from gensim2.data.runfolder import TaskFolder
 from gensim2.files import write_json
-from gensim2.pipeline.records import Verification
-from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.rollout.record import Cause
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("kill", "pipeline")]
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("kill", "design/runs")]
 
 import fake_world  # noqa: E402
 import kill_runs  # noqa: E402
 
 from gensim2.data import collect  # noqa: E402
 from gensim2.data.collection import CollectionResult  # noqa: E402
-from gensim2.pipeline import worker  # noqa: E402
+from gensim2.rollout import worker  # noqa: E402
 
 TASKS = ("OpenDrawer", "CloseBox")
 

@@ -19,7 +19,7 @@ from kill_runs import SCRIPT_ENVIRONMENT, contents, differences
 from gensim2.data import DataSet
 from gensim2.data.status import NullListener, Status
 from gensim2.errors import InputError, NotRunError, WriteError
-from gensim2.pipeline import worker
+from gensim2.rollout import worker
 from gensim2.seeding import scene_seeds
 
 Gather = Callable[..., Any]

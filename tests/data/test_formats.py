@@ -15,6 +15,7 @@ import pytest
 import zarr
 from kill_runs import contents
 
+from gensim2.data import episode_file
 from gensim2.data.collection import CollectionResult
 from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
 from gensim2.data.formats.importing import import_
@@ -24,7 +25,6 @@ from gensim2.data.observation_file import write_observation
 from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
-from gensim2.episodes import episode_file
 from gensim2.errors import InputError, WriteError
 from gensim2.observations.cloud import to_steps
 from gensim2.sealed_file import HEADER_SIZE

@@ -10,8 +10,10 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 
+from gensim2.data.attempt_log import log_line
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
+from gensim2.data.episode_file import write_episode
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
 from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
@@ -19,9 +21,7 @@ from gensim2.data.rendering import observation_path
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
-from gensim2.episodes.episode_file import write_episode
 from gensim2.observations.cloud import to_steps
-from gensim2.pipeline.attempts import log_line
 from gensim2.robots import robot
 from gensim2.sim import rendering
 from gensim2.sim.cameras import observation_cameras

@@ -16,9 +16,9 @@ from gensim2.data import TaskStore, observation_file
 from gensim2.data.observation_file import DamagedObservationError, read_observation
 from gensim2.data.observing import Plan
 from gensim2.data.rendering import observation_path, render
-from gensim2.episodes.recording import Recorder
 from gensim2.errors import InputError, WriteError
 from gensim2.observations import CloudSettings
+from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.lane import Lane
 

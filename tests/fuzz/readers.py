@@ -26,14 +26,14 @@ import fake_world
 from mutate import LIMIT, LONGEST_MESSAGE, Kind, Verdict, damaged, judged
 
 from gensim2.bench import read_problems
-from gensim2.episodes.trajectory import Provenance, TrajectoryStore
-from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
-from gensim2.pipeline.designs import CandidateRecord, Design, DesignRecord, StageRecord
-from gensim2.pipeline.inputs import task_and_strategies
-from gensim2.pipeline.reading import read_record
-from gensim2.pipeline.records import Verification, VerificationRecord
-from gensim2.pipeline.report import write_report
-from gensim2.pipeline.runfolder import RunFolder, TaskFolder
+from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
+from gensim2.data.records import Verification, VerificationRecord
+from gensim2.data.runfolder import RunFolder, TaskFolder
+from gensim2.data.trajectory import Provenance, TrajectoryStore
+from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
+from gensim2.design.report import write_report
+from gensim2.record_files import read_record
+from gensim2.rollout.inputs import task_and_strategies
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 TASK = "OpenDrawer"

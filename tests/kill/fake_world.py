@@ -1,7 +1,7 @@
 """A made-up world in place of the simulator: what an episode gives follows from its seed, in a few milliseconds.
 
 It stands in where runs are tested and physics is not the point. Its functions have the names and the results of those
-in ``gensim2.pipeline.worker``, and run in worker processes as they do.
+in ``gensim2.rollout.worker``, and run in worker processes as they do.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from typing import Any
 import numpy as np
 
 from gensim2 import seeding
-from gensim2.designers.base import StepStrategies, Strategies
-from gensim2.episodes.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
-from gensim2.episodes.recording import Recording
 from gensim2.objects import open_library
-from gensim2.pipeline import worker
-from gensim2.pipeline.setting import Circumstances, Setting
+from gensim2.rollout import worker
+from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
+from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import Circumstances, Setting
 from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import StepStrategies, Strategies
 
 EPISODE_SECONDS = float(os.environ.get("FAKE_EPISODE_SECONDS", "0.2"))
 
 
-#: What `install` puts something else in the place of, in `gensim2.pipeline.worker`.
+#: What `install` puts something else in the place of, in `gensim2.rollout.worker`.
 REPLACED = ("PRELOAD", "prepare", "screen_scene", "episode", "trial", "demonstrate", "record")
 
 
 def install() -> None:
     """Let this process's runs happen in the made-up world."""
-    worker.PRELOAD = ("gensim2.pipeline.worker", "gensim2.episodes.recording")
+    worker.PRELOAD = ("gensim2.rollout.worker", "gensim2.rollout.recording")
     worker.prepare = prepare
     worker.screen_scene = screen_scene
     worker.episode = worker.trial = episode

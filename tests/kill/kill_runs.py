@@ -75,7 +75,7 @@ COMMANDS = (
 def child(world: str, arguments: list[str]) -> int:
     """Run the command line as it is, but for a search that takes seconds, and for the world."""
     from gensim2.cli.main import run
-    from gensim2.pipeline import search
+    from gensim2.design import search
 
     small = search.Budget(
         screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.3, enough_episodes=3

@@ -16,7 +16,7 @@ import yaml
 
 from gensim2.cli import main as cli
 from gensim2.objects import open_library
-from gensim2.pipeline.inputs import task_and_strategies
+from gensim2.rollout.inputs import task_and_strategies
 
 
 @pytest.fixture(autouse=True)

@@ -15,21 +15,21 @@ from PIL import Image
 from playwright.sync_api import Browser
 from run_folders import fake_world
 
-from gensim2.data import DataSet, collect
+from gensim2.data import DataSet, collect, video
 from gensim2.data import report as quality_report
+from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.observation_file import write_observation
 from gensim2.data.rendering import observation_path
-from gensim2.episodes import video
-from gensim2.episodes.video import Film
+from gensim2.data.runfolder import TaskFolder
+from gensim2.data.video import Film
+from gensim2.design import shelf, tasks_gallery
+from gensim2.design.report import write_report
 from gensim2.inspection import pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
 from gensim2.observations.cloud import to_steps
-from gensim2.pipeline import shelf, tasks_gallery, worker
-from gensim2.pipeline.attempts import AttemptLog, LoggedEpisode
-from gensim2.pipeline.report import write_report
-from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.robots import robot
+from gensim2.rollout import worker
 from gensim2.sim import rendering
 from gensim2.sim.cameras import observation_cameras
 from gensim2.tasks.library import load_strategies, load_task

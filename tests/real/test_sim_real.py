@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gensim2.episodes.motion import changes
-from gensim2.episodes.still import still_arm
+from gensim2.rollout.motion import changes
+from gensim2.rollout.still import still_arm
 from gensim2.sim.lane import Lane
 from gensim2.tasks.library import task_names
 

@@ -12,13 +12,13 @@ from PIL import Image
 
 from gensim2.errors import InputError
 from gensim2.observations import Camera, CloudSettings, DepthNoise
+from gensim2.raycast.caster import Caster, Solid
+from gensim2.raycast.observer import Observer
+from gensim2.raycast.scene import RaycastScene
+from gensim2.raycast.shapes import Surface, read_mesh
 from gensim2.robots import robot, robot_names
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.lane import Lane
-from gensim2.sim.raycast.caster import Caster, Solid
-from gensim2.sim.raycast.observer import Observer
-from gensim2.sim.raycast.scene import RaycastScene
-from gensim2.sim.raycast.shapes import Surface, read_mesh
 from gensim2.sim.rendering import can_render
 
 HOLD = np.array([0, -0.32, 0, -2.618, 0, 2.23, 0.785, 1], dtype=np.float32)

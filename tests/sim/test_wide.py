@@ -8,11 +8,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from gensim2.episodes.run import run
-from gensim2.episodes.still import StillController
-from gensim2.episodes.trajectory import env_kwargs
-from gensim2.pipeline.setting import Circumstances
+from gensim2.data.trajectory import env_kwargs
 from gensim2.robots import robot
+from gensim2.rollout.run import run
+from gensim2.rollout.still import StillController
+from gensim2.scenes.config import Circumstances
 from gensim2.sim.lane import Lane
 from gensim2.sim.parts import ArticulatedPart, Part
 from gensim2.sim.registration import env_id

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from gensim2.designers.drafting import chains, verbs
-from gensim2.designers.proposals import joint_goal
+from gensim2.design.drafting import chains, verbs
+from gensim2.design.proposals import joint_goal
 from gensim2.objects import open_library
 from gensim2.tasks.library import load_strategies, load_task, task_names
 from gensim2.tasks.likeness import normal_form, why_alike

@@ -12,7 +12,7 @@ import pytest
 from run_folders import fake_world
 
 from gensim2.errors import InputError
-from gensim2.pipeline.figures import rows_of
+from gensim2.evaluation.figures import rows_of
 from gensim2.tasks.figures import Condition, Figures, figures, figures_of, read_figures
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, PAPER

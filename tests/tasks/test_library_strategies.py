@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.setting import Circumstances
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.scenes.config import Circumstances
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 pytest.importorskip("mani_skill")
@@ -46,8 +46,8 @@ def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator
     ],
 )
 def test_what_is_done_stays_done(name: str, physics: str, instance: str, seed: int) -> None:
-    from gensim2.episodes.chain import ChainController
-    from gensim2.episodes.run import run
+    from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.run import run
     from gensim2.sim.lane import Lane
 
     lane = Lane(name, assets="builtin", physics=physics, instances=instance)

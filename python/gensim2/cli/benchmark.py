@@ -46,7 +46,7 @@ def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> No
     Tasks for which these objects do not do are named and left out.
     """
     with report(json_file, _show) as (progress, give):
-        from gensim2.pipeline import benchmark as function
+        from gensim2.evaluation import benchmark as function
 
         give(function(tasks, progress=progress, **given).to_dict())
 

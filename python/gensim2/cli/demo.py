@@ -31,7 +31,7 @@ def demo(ctx: click.Context, /, task: str, episodes: int, json_file: str | None,
     were asked for.
     """
     with report(json_file, _show) as (progress, give):
-        from gensim2.pipeline import demo as function
+        from gensim2.design import demo as function
 
         result = function(task, episodes=episodes, progress=progress, **given).to_dict()
         give(result)

@@ -11,8 +11,8 @@ import click
 from gensim2.cli import options
 
 if TYPE_CHECKING:
-    from gensim2.designers import Designer
-    from gensim2.pipeline.setting import Circumstances
+    from gensim2.design import Designer
+    from gensim2.scenes.config import Circumstances
     from gensim2.tasks.spec import TaskSpec
 
 OFFLINE = "offline"
@@ -84,8 +84,8 @@ def designer_of_command(
         InputError: an option cannot be used, or means nothing to this designer.
         MissingExtraError: the extra ``llm`` is not installed.
     """
+    from gensim2.design.designing import model_designer, offline_designer
     from gensim2.errors import InputError
-    from gensim2.pipeline.designing import model_designer, offline_designer
     from gensim2.tasks.library import task_names
 
     review = _confirmed if asked.pop("review") else None
@@ -97,7 +97,7 @@ def designer_of_command(
         if asked["mode"] == "topdown":
             raise InputError("needs a language model", field="--mode topdown", remedy="give --designer MODEL")
         return offline_designer(asked["mode"], target_object, review), target_task
-    from gensim2.designers.llm import Asking
+    from gensim2.design.llm import Asking
 
     asking = {name: asked.pop(name) for name in _ASKING}
     new = target_task is not None and target_task not in task_names()

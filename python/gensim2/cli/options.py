@@ -176,7 +176,7 @@ def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
     return decorate
 
 
-#: What scenes and episodes follow from: ``gensim2.pipeline.inputs.SceneArguments``, and the seed.
+#: What scenes and episodes follow from: ``gensim2.rollout.inputs.SceneArguments``, and the seed.
 scenes = _all(seed, assets, instances, physics, randomization, robot, open_loop)
 #: How simulator processes work.
 processes = _all(workers, time_limit, jobs_per_worker)

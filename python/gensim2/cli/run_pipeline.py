@@ -14,7 +14,7 @@ from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_memory import show_remembered
 
 if TYPE_CHECKING:
-    from gensim2.pipeline.setting import Physics
+    from gensim2.scenes.config import Physics
     from gensim2.tasks.presets import PresetName
 
 
@@ -79,10 +79,10 @@ def run_pipeline(
     answer and what it cost (docs/pipeline.md).
     """
     with report(json_file, _show) as (progress, give):
+        from gensim2.design import run_pipeline as function
+        from gensim2.design.remembering import remember
         from gensim2.objects import open_library
-        from gensim2.pipeline import run_pipeline as function
-        from gensim2.pipeline.remembering import remember
-        from gensim2.pipeline.setting import Circumstances
+        from gensim2.scenes.config import Circumstances
 
         asked = {name: given.pop(name) for name in NAMES}
         circumstances = Circumstances(open_library(assets).location, physics, robot, randomization=randomization)

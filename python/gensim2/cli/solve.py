@@ -32,7 +32,7 @@ def solve(ctx: click.Context, /, task: str, browser: bool, json_file: str | None
     and the reason say why.
     """
     with report(json_file, _show) as (_, give):
-        from gensim2.pipeline import solve as function
+        from gensim2.rollout import solve as function
 
         result = function(task, view=_browse if browser else None, **given)
         give(result.to_dict())

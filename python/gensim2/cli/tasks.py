@@ -58,9 +58,9 @@ def show(task: str, json_file: str | None) -> None:
     paper, with the original's release, and here.
     """
     with report(json_file, _show_task) as (_, give):
+        from gensim2.design.description import description_of
         from gensim2.objects import open_library
-        from gensim2.pipeline.description import description_of
-        from gensim2.pipeline.inputs import task_and_strategies
+        from gensim2.rollout.inputs import task_and_strategies
 
         spec, strategies = task_and_strategies(task)
         give({"schema_version": 1, **description_of(spec, strategies, open_library("builtin"))})

@@ -30,7 +30,7 @@ def gallery(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None
     random episodes the first that holds. What is finished stays: after Ctrl-C the same with --resume goes on.
     """
     with report(json_file, _show) as (progress, give):
-        from gensim2.pipeline import tasks_gallery as function
+        from gensim2.design import tasks_gallery as function
 
         give(function(tasks, progress=progress, **given).to_dict())
 

@@ -22,7 +22,7 @@ def add(run: Path, json_file: str | None) -> None:
     A task that the library has already, by its name or in other words, is named and left out.
     """
     with report(json_file, show_remembered) as (_, give):
-        from gensim2.pipeline.remembering import remember
+        from gensim2.design.remembering import remember
 
         give({"schema_version": 1, **asdict(remember(run))})
 

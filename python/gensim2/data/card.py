@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
-from gensim2.pipeline.attempts import LoggedEpisode
-from gensim2.pipeline.tally import interval
+from gensim2.rollout.tally import interval
 
 CARD = "README.md"
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.episodes.recording import Recording
 from gensim2.objects import Library, ObjectModel
 from gensim2.objects.types import Instance
+from gensim2.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.robots import RobotProfile
-from gensim2.sim.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
+from gensim2.rollout.recording import Recording
 from gensim2.sim.table import HALF_SIZE, corners
 from gensim2.tasks.spec import TABLE, TaskSpec
 

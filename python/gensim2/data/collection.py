@@ -10,8 +10,8 @@ from typing import Any, Unpack
 
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
-from gensim2.pipeline.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.rollout.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -82,7 +82,7 @@ def collect(
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
         listener: is told how far it is.
-        scene: see :class:`~gensim2.pipeline.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.
@@ -99,7 +99,7 @@ def collect(
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
     from gensim2.data.queue import Queue
-    from gensim2.pipeline.evaluator import PoolEvaluator
+    from gensim2.rollout.evaluator import PoolEvaluator
 
     listener = listener or NullListener()
     with CollectionFolder(
@@ -131,7 +131,7 @@ def _pool(ray: str | None) -> Any:
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
     """What ``dataset.json`` says before the first episode."""
-    from gensim2.pipeline.identity import digest, listings, versions
+    from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(
         arguments=asdict(given[0].circumstances),

@@ -9,11 +9,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+from gensim2.data.lock import FolderLock
 from gensim2.data.record import DatasetRecord
 from gensim2.data.store import DATASET_JSON, DataSet
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries, write_json
-from gensim2.pipeline.lock import FolderLock
 
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
 """What says when, where and how; everything else in the folder follows from ``dataset.json``."""

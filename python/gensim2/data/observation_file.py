@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.episodes.episode_file import LIBVER
+from gensim2.data.episode_file import LIBVER
 from gensim2.errors import InputError
 from gensim2.observations.cloud import from_steps
 from gensim2.sealed_file import HEADER_SIZE, Seal

@@ -10,15 +10,15 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.episodes.recording import Recording
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import Library, ObjectModel, open_library
 from gensim2.observations import CloudSettings, EmptyCloudError, PointCloud, View
 from gensim2.observations.cloud import to_steps
+from gensim2.raycast.observer import Observer
 from gensim2.robots import RobotProfile
 from gensim2.robots import robot as robot_profile
+from gensim2.rollout.recording import Recording
 from gensim2.sim.cameras import PLACES, observation_cameras
-from gensim2.sim.raycast.observer import Observer
 from gensim2.tasks.spec import TaskSpec
 
 Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]

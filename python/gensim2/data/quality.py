@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
 from gensim2.data.store import DataSet, TaskStore
-from gensim2.episodes.recording import Recording
 from gensim2.objects import Library, open_library
-from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.recording import Recording
 
 SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
 """m, rad and share within which two scenes are the same to a policy."""

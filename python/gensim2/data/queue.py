@@ -14,15 +14,15 @@ from gensim2.data.card import card
 from gensim2.data.folder import CollectionFolder, now
 from gensim2.data.page import write_page
 from gensim2.data.record import ObjectUsed
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
 from gensim2.data.task_queue import TaskQueue
 from gensim2.errors import InputError, NotRunError
 from gensim2.files import remove_temporaries
 from gensim2.objects import Library
-from gensim2.pipeline import worker
-from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.inputs import TaskInput
-from gensim2.pipeline.runfolder import TaskFolder
+from gensim2.rollout import worker
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.inputs import TaskInput
 
 UPDATE_SECONDS = 0.5
 """Between two words to whoever watches."""

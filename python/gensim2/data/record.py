@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gensim2.pipeline.setting import Circumstances
+from gensim2.scenes.config import Circumstances
 from gensim2.seeding import scene_seeds
 
 DATASET_SCHEMA: Literal[1] = 1
@@ -55,7 +55,7 @@ class DatasetRecord(_Record):
     """``dataset.json``.
 
     Attributes:
-        arguments: what all episodes follow from, as :class:`~gensim2.pipeline.setting.Circumstances` has it:
+        arguments: what all episodes follow from, as :class:`~gensim2.scenes.config.Circumstances` has it:
             ``assets``, ``physics``, ``robot``, ``open_loop``, ``disturbance``, ``randomization`` and ``attempts``.
         seed: of the collection.
         episodes: tried of each task.

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
 from gensim2.data.observing import Plan, Shown, observe
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries
-from gensim2.pipeline.attempts import LoggedEpisode
-from gensim2.pipeline.lock import FolderLock
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
 from gensim2.progress import NULL_PROGRESS, Progress
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.objects import open_library
-from gensim2.pipeline.attempts import LoggedEpisode
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 

@@ -10,12 +10,12 @@ import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUD, Observation, read_observation
 from gensim2.data.rendering import observation_path
 from gensim2.data.store import TaskStore
-from gensim2.episodes.video import CONTROL_STEPS_PER_SECOND, write_video
+from gensim2.data.video import CONTROL_STEPS_PER_SECOND, write_video
 from gensim2.files import replacing
-from gensim2.pipeline.attempts import LoggedEpisode
 
 Frame = npt.NDArray[np.uint8]
 

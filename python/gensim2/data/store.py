@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from gensim2.data.record import DatasetRecord
-from gensim2.episodes.episode_file import (
+from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
+from gensim2.data.episode_file import (
     DamagedEpisodeError,
     EpisodeRow,
     StoredEpisode,
@@ -23,12 +23,12 @@ from gensim2.episodes.episode_file import (
     read_row,
     write_episode,
 )
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
+from gensim2.data.record import DatasetRecord
 from gensim2.errors import InputError
 from gensim2.files import replacing, write_json
-from gensim2.pipeline.attempts import LoggedEpisode, log_line, parse_line
-from gensim2.pipeline.reading import read_record
+from gensim2.record_files import read_record
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 

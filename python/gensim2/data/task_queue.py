@@ -12,12 +12,12 @@ from pathlib import Path
 from gensim2.data.record import DatasetRecord
 from gensim2.data.status import TaskStatus
 from gensim2.data.store import TaskStore
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
 from gensim2.errors import InputError
-from gensim2.pipeline.evaluator import PoolEvaluator
-from gensim2.pipeline.inputs import TaskInput
 from gensim2.processes import Job
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.inputs import TaskInput
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 
 
 @dataclass(frozen=True)

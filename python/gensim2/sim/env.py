@@ -18,6 +18,8 @@ from mani_skill.utils.structs.types import SimConfig
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
 from gensim2.observations import CloudSettings
 from gensim2.planning.scene import Scene
+from gensim2.raycast.sensor import OBS_MODE as RAYCAST
+from gensim2.raycast.sensor import RaycastSensor
 from gensim2.robots import DEFAULT_ROBOT, robot_names
 from gensim2.robots import robot as robot_profile
 from gensim2.sim import agents, rendering
@@ -37,8 +39,6 @@ from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RaycastObservations
 from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.physics import named_physics
-from gensim2.sim.raycast.sensor import OBS_MODE as RAYCAST
-from gensim2.sim.raycast.sensor import RaycastSensor
 from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.scene_state import RobotReader, read_scene
 from gensim2.sim.setup import set_up

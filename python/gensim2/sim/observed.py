@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 
+from gensim2.raycast.sensor import OBS_MODE as RAYCAST
+from gensim2.raycast.sensor import RaycastSensor
 from gensim2.robots import RobotProfile
-from gensim2.sim.raycast.sensor import OBS_MODE as RAYCAST
-from gensim2.sim.raycast.sensor import RaycastSensor
 from gensim2.sim.standing import Standing
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
+from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
 from gensim2.data.formats.frames import Array, Frames, frames_of
 from gensim2.data.formats.replay_zarr import ZarrWriter
@@ -20,10 +21,9 @@ from gensim2.data.record import DatasetRecord
 from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
-from gensim2.episodes.trajectory import Provenance, write_trajectory
+from gensim2.data.trajectory import Provenance, write_trajectory
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing
-from gensim2.pipeline.attempts import LoggedEpisode, log_line
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.episodes.recording import Recording
 from gensim2.robots import RobotProfile
+from gensim2.rollout.recording import Recording
 
 Array = npt.NDArray[Any]
 

@@ -17,23 +17,23 @@ import h5py
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
+from gensim2.data.attempt_log import LoggedEpisode, log_line
+from gensim2.data.episode_file import read_recording
 from gensim2.data.formats.export import NATIVE, Format
 from gensim2.data.formats.frames import Frames, frames_of
 from gensim2.data.formats.replay_zarr import zarr_frames
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.record import DatasetRecord
+from gensim2.data.runfolder import TaskFolder
 from gensim2.data.store import ROWS, DataSet, TaskStore
-from gensim2.episodes.episode_file import read_recording
-from gensim2.episodes.record import Episode
-from gensim2.episodes.recording import Recording
-from gensim2.episodes.trajectory import H5_NAME, JSON_NAME
+from gensim2.data.trajectory import H5_NAME, JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing
-from gensim2.pipeline.attempts import LoggedEpisode, log_line
-from gensim2.pipeline.reading import parse_record, read_record
-from gensim2.pipeline.runfolder import TaskFolder
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import parse_record, read_record
 from gensim2.robots import robot
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
 from gensim2.tasks.parse import parse_task
 
 _REMEDY = "give a folder that `gensim2 data export` wrote"

@@ -1,0 +1,267 @@
+"""What the pipeline knows after a run, a design, a verification: plain values that become JSON."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.record import Episode
+from gensim2.rollout.tally import Tally
+
+RUN_SCHEMA_VERSION: Literal[4] = 4
+"""Of ``run.json``, and with it of what a run can go on with."""
+
+Instances = Literal["new", "test", "all"]
+
+
+class Record(BaseModel):
+    """A file of the run folder; nothing is converted and nothing is let pass."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Effort(Record):
+    """What it took to design and verify a task, in the call in which that was finished: CPU of all processes, time."""
+
+    cpu_s: Annotated[float, Field(ge=0)]
+    wall_s: Annotated[float, Field(ge=0)]
+
+
+class RunRecord(Record):
+    """``run.json``."""
+
+    schema_version: Literal[4]
+    arguments: dict[str, Any]
+    identity: dict[str, str]
+    command_line: list[str]
+    started: str
+    finished: str | None
+    versions: dict[str, str]
+    platform: str
+    assets: dict[str, str]
+    licenses: dict[str, str]
+    result: dict[str, Any] | None
+    resumed: Annotated[int, Field(ge=0)]
+    effort: dict[str, Effort] = {}
+
+
+class VerificationRecord(Record):
+    """``verification.json``."""
+
+    schema_version: Literal[2]
+    threshold: Annotated[float, Field(ge=0, le=1)]
+    kept: bool
+    instances: Instances
+    paper: Annotated[int, Field(ge=0)]
+    held: Annotated[int, Field(ge=0)]
+    strict: Annotated[int, Field(ge=0)]
+    partial: Annotated[int, Field(ge=0)]
+    causes: dict[str, int]
+    strict_misses: dict[str, int]
+    objects: dict[str, int]
+    episodes: Annotated[list[Episode], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _counts_are_those_of_the_episodes(self) -> Self:
+        told = self.verification
+        counts = self.model_dump(exclude={"schema_version", "threshold", "kept", "instances", "episodes"})
+        if self.kept != told.kept or counts != told.tally.to_dict():
+            raise ValueError("the counts are not those of the episodes")
+        return self
+
+    @property
+    def verification(self) -> Verification:
+        """As a value."""
+        return Verification(tuple(self.episodes), self.threshold, self.instances)
+
+
+class EnvironmentSummary(BaseModel):
+    """What a report says of the environment of demonstrations."""
+
+    env_id: str
+
+
+class RecordingSummary(BaseModel):
+    """What a report says of ``trajectory.json``."""
+
+    env_info: EnvironmentSummary
+    episodes: list[Any]
+
+
+class ArgumentsSummary(BaseModel):
+    """What a report says of what a run was asked for."""
+
+    command: str
+    seed: int
+    assets: str
+    physics: str
+    robot: str
+    open_loop: bool
+    randomization: str
+
+
+class RejectionSummary(BaseModel):
+    """Why a task was not designed."""
+
+    name: str
+    reason: str
+
+
+class ResultSummary(BaseModel):
+    """What a report says of how a run ended."""
+
+    rejected: list[RejectionSummary] = []
+    notes: list[str] = []
+
+
+class RunSummary(BaseModel):
+    """What a report says of ``run.json`` beyond what every run has."""
+
+    arguments: ArgumentsSummary
+    result: ResultSummary | None
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A task and its strategies put to the test on fresh seeds.
+
+    Attributes:
+        episodes: in the order of the seeds.
+        threshold: share of them that must hold.
+        instances: which objects they drew from: ``"new"`` (numbers beyond the listed ones of a generated class) and
+            ``"test"`` were seen by no search; ``"all"`` where a class is too small to keep some apart.
+    """
+
+    episodes: tuple[Episode, ...]
+    threshold: float
+    instances: Instances
+
+    @cached_property
+    def tally(self) -> Tally:
+        """What the episodes add up to."""
+        return Tally.of(self.episodes)
+
+    @property
+    def rate(self) -> float:
+        """Share of episodes that held."""
+        return self.tally.held / len(self.episodes) if self.episodes else 0.0
+
+    @property
+    def kept(self) -> bool:
+        """Whether the rate reaches the threshold."""
+        return self.rate >= self.threshold
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": 2,
+            "threshold": self.threshold,
+            "kept": self.kept,
+            "instances": self.instances,
+            **self.tally.to_dict(),
+            "episodes": [episode.to_dict() for episode in self.episodes],
+        }
+
+
+@dataclass(frozen=True)
+class DesignEffort:
+    """What a search took.
+
+    Attributes:
+        candidates: that were planned.
+        episodes: of physics.
+        cpu_s: CPU of all processes in this call; next to nothing where it was done in an earlier one.
+    """
+
+    candidates: int
+    episodes: int
+    cpu_s: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"candidates": self.candidates, "episodes": self.episodes, "cpu_s": round(self.cpu_s, 3)}
+
+
+@dataclass(frozen=True)
+class TaskOutcome:
+    """One line of the result: a task that was verified, kept or not.
+
+    Attributes:
+        name: of the task.
+        asset_class: of its objects, with commas between them.
+        goal: types of the criteria that must hold in the end.
+        kept: whether enough episodes of the verification held.
+        verification: over its episodes.
+        fresh: over the episodes of the verification and of the collection.
+        demos: demonstrations that were collected.
+        cpu_s: CPU of all processes for these episodes, in this call.
+        effort: of the search; None where there was none.
+    """
+
+    name: str
+    asset_class: str
+    goal: str
+    kept: bool
+    verification: Tally
+    fresh: Tally
+    demos: int
+    cpu_s: float
+    effort: DesignEffort | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it with the field names of the command's JSON."""
+        return {
+            "name": self.name,
+            "class": self.asset_class,
+            "goal": self.goal,
+            "kept": self.kept,
+            "verified": {
+                "episodes": self.verification.episodes,
+                "successes": self.verification.held,
+                **self.verification.verdicts(),
+                "objects": self.verification.objects,
+            },
+            "demos": self.demos,
+            "episodes_run": self.fresh.episodes,
+            **self.fresh.verdicts(),
+            "cpu_s": round(self.cpu_s, 3),
+            "design": None if self.effort is None else self.effort.to_dict(),
+        }
+
+
+@dataclass(frozen=True)
+class PipelineResult:
+    """What ``run_pipeline`` returns.
+
+    Attributes:
+        run_dir: the run folder.
+        tasks: every task that was designed, in order.
+        rejected: proposals for which no candidate got past the screening, with the reason.
+        notes: what a reader should know (fewer tasks than asked for, instances left out, ...).
+    """
+
+    run_dir: str
+    tasks: tuple[TaskOutcome, ...]
+    rejected: tuple[dict[str, str], ...]
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "run_dir": self.run_dir,
+            "tasks": [task.to_dict() for task in self.tasks],
+            "rejected": list(self.rejected),
+            "notes": list(self.notes),
+        }
+
+
+def merge_causes(causes: Sequence[str | None]) -> dict[str, int]:
+    """Count the causes that are not None."""
+    return dict(Counter(cause for cause in causes if cause is not None))

@@ -1,0 +1,264 @@
+"""The run folder: what a run leaves behind, and what lets a second run go on where the first one stopped.
+
+OUT/run.json                    command, identity, versions, hashes and licences of the objects, outcome
+OUT/report.html
+OUT/errors.log                  tries that came to nothing, with their tracebacks
+OUT/tasks/<Task>/               task.yaml, strategies/, design.json, verification.json, trajectory.h5, ...
+OUT/rejected/<Task>/            the same for what was designed and not kept
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.lock import FolderLock
+from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
+from gensim2.errors import InputError
+from gensim2.files import remove_temporaries, write_atomic, write_json
+from gensim2.objects import Library, ObjectModel
+from gensim2.record_files import read_record
+from gensim2.rollout.identity import versions
+from gensim2.rollout.record import Episode
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
+from gensim2.yaml_files import dump_yaml
+
+#: Arguments that a resumed run must share with the run it resumes; the others change its length or its speed.
+FIXED_ARGUMENTS = (
+    "command",
+    "seed",
+    "assets",
+    "physics",
+    "robot",
+    "open_loop",
+    "disturbance",
+    "randomization",
+    "attempts",
+    "designer",
+    "target_task",
+    "stored_tasks",
+    "episodes",
+    "instances",
+    "verify",
+    "from_empty",
+)
+
+RUN_JSON = "run.json"
+
+
+def default_run_dir() -> Path:
+    """Return ``runs/<date>-<time>`` under the present folder."""
+    return Path("runs") / time.strftime("%Y%m%d-%H%M%S")
+
+
+class RunFolder:
+    """A run folder, new or resumed, with one owner at a time. A context manager: leaving it gives the folder up.
+
+    Args:
+        path: the folder.
+        arguments: what the run was asked to do; those in ``FIXED_ARGUMENTS`` must agree when resuming.
+        identity: digests of everything else that the run's results follow from; all must agree when resuming.
+        resume: go on with a folder that a run began.
+
+    Raises:
+        InputError: the folder exists and ``resume`` is off, or it belongs to a different run, or another process is at
+            work in it, or its record is damaged, or it cannot be written.
+    """
+
+    def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:
+        self.path = path
+        self._check(resume)
+        self._lock = FolderLock(path)
+        try:
+            self._check(resume)  # what another process did until we had the lock
+            remove_temporaries(path)
+            if (path / RUN_JSON).exists():
+                self.record = self._resumed(arguments, identity)
+            else:
+                self.record = self._new(arguments, identity)
+            self.save()
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    @property
+    def errors_log(self) -> Path:
+        """Where tries that came to nothing are written down."""
+        return self.path / "errors.log"
+
+    def save(self) -> None:
+        """Write ``run.json``."""
+        self.record.assets = dict(sorted(self.record.assets.items()))
+        self.record.licenses = dict(sorted(self.record.licenses.items()))
+        write_json(self.path / RUN_JSON, self.record.model_dump())
+
+    def add_object(self, model: ObjectModel) -> None:
+        """Note an object that the run uses.
+
+        Raises:
+            InputError: the run used it before, and it was made from something else then.
+        """
+        key = f"{model.asset_class}/{model.id}"
+        before = self.record.assets.setdefault(key, model.content_hash)
+        if before != model.content_hash:
+            raise InputError(
+                f"the object has changed since the run began (hash {before[:12]}, now {model.content_hash[:12]})",
+                file=self.path / RUN_JSON,
+                field=f"assets.{key}",
+                remedy="restore the object, or choose another --out",
+            )
+        self.record.licenses[key] = model.license
+
+    def add_episodes(self, library: Library, episodes: Iterable[Episode], source: Path) -> None:
+        """Note the objects of episodes.
+
+        Args:
+            source: file that holds the episodes.
+
+        Raises:
+            InputError: an object is not the one that an episode was run with.
+        """
+        for episode in episodes:
+            for record in episode.objects.values():
+                model = library.load(record.asset_class, record.id)
+                self.add_object(model)
+                if record.content_hash != model.content_hash:
+                    raise InputError(
+                        f"was run with another {record.asset_class}/{record.id} than there is now",
+                        file=source,
+                        field=f"seed {episode.seed}",
+                        remedy="restore the object, or delete the file and resume",
+                    )
+
+    def note_effort(self, task: str, cpu_s: float, wall_s: float) -> None:
+        """Note what it took to design and verify a task, unless that is known from an earlier call."""
+        self.record.effort.setdefault(task, Effort(cpu_s=round(cpu_s, 3), wall_s=round(wall_s, 3)))
+        self.save()
+
+    def finish(self, result: dict[str, Any]) -> None:
+        """Note the outcome and the time."""
+        self.record.result = result
+        self.record.finished = _now()
+        self.save()
+
+    def task(self, name: str) -> TaskFolder:
+        """Return the folder of a task, kept or not, as it stands."""
+        rejected = self.path / "rejected" / name
+        return TaskFolder(rejected if rejected.exists() else self.path / "tasks" / name)
+
+    def reject(self, name: str) -> None:
+        """Move a task's folder from ``tasks`` to ``rejected``."""
+        source, target = self.path / "tasks" / name, self.path / "rejected" / name
+        if source.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            source.rename(target)
+
+    def _check(self, resume: bool) -> None:
+        if not self.path.exists():
+            return
+        if not self.path.is_dir():
+            raise InputError("is not a folder", file=self.path, remedy="choose another --out")
+        if (self.path / RUN_JSON).exists():
+            if not resume:
+                raise InputError("holds a run already", file=self.path, remedy="add --resume, or choose another --out")
+        elif any(entry.name != FolderLock.NAME for entry in self.path.iterdir() if not _is_leftover(entry)):
+            raise InputError("is not empty and holds no run", file=self.path, remedy="choose another --out")
+
+    def _resumed(self, arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
+        path = self.path / RUN_JSON
+        record = read_record(path, RunRecord, "restore the file, or choose another --out")
+        remedy = "resume with the same, or choose another --out"
+        for name in FIXED_ARGUMENTS:
+            before, now = record.arguments.get(name), arguments.get(name)
+            if before != now:
+                text = f"the run was started with {before!r}, not {now!r}"
+                raise InputError(text, file=path, field=f"arguments.{name}", remedy=remedy)
+        for name in sorted(record.identity.keys() | identity.keys()):
+            if record.identity.get(name) != identity.get(name):
+                text = f"the run was started with another {name}"
+                raise InputError(text, file=path, field=f"identity.{name}", remedy=remedy)
+        now_installed = versions()
+        for name in sorted(record.versions.keys() | now_installed.keys()):
+            before, now = record.versions.get(name), now_installed.get(name)
+            if before != now:
+                text = f"the run was started with {before}, installed is {now}"
+                raise InputError(text, file=path, field=f"versions.{name}", remedy=remedy)
+        update = {"arguments": arguments, "finished": None, "result": None, "resumed": record.resumed + 1}
+        return record.model_copy(update=update)
+
+    @staticmethod
+    def _new(arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
+        return RunRecord(
+            schema_version=RUN_SCHEMA_VERSION,
+            arguments=arguments,
+            identity=dict(identity),
+            command_line=sys.argv[1:],
+            started=_now(),
+            finished=None,
+            versions=versions(),
+            platform=platform.platform(),
+            assets={},
+            licenses={},
+            result=None,
+            resumed=0,
+        )
+
+
+class TaskFolder:
+    """The files of one task."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def write_task(self, task: TaskSpec) -> None:
+        """Write ``task.yaml``, unless it stands there."""
+        self._write("task.yaml", dump_yaml(task.model_dump(mode="json", exclude_none=True)))
+
+    def write_strategies(self, strategies: Strategies) -> None:
+        """Write ``strategies/<name>.yaml`` each, unless it stands there."""
+        for name, data in strategies.items():
+            self._write(f"strategies/{name}.yaml", dump_yaml(data))
+
+    @property
+    def verification_path(self) -> Path:
+        """``verification.json``."""
+        return self.path / "verification.json"
+
+    def write_verification(self, verification: Verification) -> None:
+        """Write ``verification.json``."""
+        write_json(self.verification_path, verification.to_dict())
+
+    def verification(self) -> Verification | None:
+        """Return the verification, or None where it has not been done yet.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        path = self.verification_path
+        if not path.exists():
+            return None
+        return read_record(path, VerificationRecord, "delete the file and resume").verification
+
+    def _write(self, name: str, text: str) -> None:
+        path = self.path / name
+        if not path.is_file() or path.read_bytes() != text.encode():
+            write_atomic(path, text)
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
+
+
+def _is_leftover(path: Path) -> bool:
+    return path.name.startswith(f".{RUN_JSON}.")

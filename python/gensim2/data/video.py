@@ -1,0 +1,178 @@
+"""Pictures of recorded episodes: the actions are replayed in a rendering environment. Physics came first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import imageio.v2 as imageio
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data.trajectory import JSON_NAME, env_kwargs
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.files import replacing
+from gensim2.rollout.recording import Recording
+from gensim2.tasks.spec import TaskSpec
+
+Frame = npt.NDArray[np.uint8]
+
+CONTROL_STEPS_PER_SECOND = 20
+
+LONG = 200
+"""Control steps beyond which every second one is shown: a picture without a GPU takes a quarter of a second."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the states of an episode follow from.
+
+    Attributes:
+        env_id, env_kwargs: of the environment, for ``gymnasium.make``.
+        reset_kwargs: seed and options of the reset.
+        actions: (T, m + 1), one a control step.
+    """
+
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    reset_kwargs: Mapping[str, Any]
+    actions: npt.NDArray[np.float32]
+
+    @staticmethod
+    def stored(trajectory: Path, episode: int = 0) -> Replay:
+        """Return that of an episode of ``trajectory.h5``, by its number; the JSON file lies beside it.
+
+        Raises:
+            InputError: the file or the episode is not there.
+        """
+        info, entry = _entry(trajectory, episode)
+        with h5py.File(trajectory, "r") as file:
+            actions = file[f"traj_{episode}"]["actions"][:]
+        return Replay(info["env_id"], info["env_kwargs"], entry["reset_kwargs"], actions)
+
+    @staticmethod
+    def of(recording: Recording, task: TaskSpec, assets: str, environment: Mapping[str, Any]) -> Replay:
+        """Return that of an episode that was just recorded.
+
+        Args:
+            assets: ``"builtin"``, or a folder.
+            environment: further arguments of the environment.
+        """
+        from gensim2.sim.registration import env_id
+
+        chosen = {name: [each] for name, each in recording.instances.items()}
+        reset = {"seed": recording.seed, "options": recording.reset_options}
+        return Replay(env_id(task), env_kwargs(task, assets, chosen, environment), reset, recording.actions)
+
+
+@dataclass(frozen=True)
+class Film:
+    """What filming an episode gave.
+
+    Attributes:
+        frames: number of frames in the video.
+        success: the task's criteria held at the end of the replay.
+    """
+
+    frames: int
+    success: bool
+
+
+def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int | None = None, speed: int = 1) -> Film:
+    """Replay an episode and write it as an mp4: H.264, which browsers play, 640 x 480.
+
+    Needs 2.2 GB of memory and, once a process, 10 s for shaders: run it in a worker process.
+
+    Args:
+        video: file to write, atomically.
+        still: also write a picture of the moment when a keypoint of an object is farthest from where it began; its
+            suffix says in which format.
+        stride: control steps from one frame to the next; None: every one, or every second one of a long episode.
+        speed: 1 plays in real time, 2 twice as fast.
+
+    Raises:
+        GenSim2Error: no Vulkan driver works on this machine.
+    """
+    from gensim2.sim import rendering
+
+    if not rendering.can_render():
+        raise GenSim2Error(rendering.NO_DRIVER)
+    shown = _Shown()
+    stride = stride or (1 if len(replay.actions) <= LONG else 2)
+    with replacing(video) as path:
+        write_video(path, _frames(replay, shown, stride), speed * CONTROL_STEPS_PER_SECOND / stride)
+    if still is not None:
+        with replacing(still) as path:
+            imageio.imwrite(path, shown.farthest)
+    return Film(shown.frames, shown.success)
+
+
+class _Shown:
+    """What is kept of a replay besides the video: frames themselves are not, 200 of them are 180 MB."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.success = False
+        self.farthest: Frame | None = None
+        self._start: npt.NDArray[np.float64] | None = None
+        self._distance = -1.0
+
+    def add(self, frame: Frame, keypoints: npt.NDArray[np.float64], success: bool) -> None:
+        if self._start is None:
+            self._start = keypoints
+        distance = float(np.linalg.norm(keypoints - self._start, axis=1).max())
+        if distance > self._distance:
+            self._distance, self.farthest = distance, frame
+        self.frames += 1
+        self.success = success
+
+
+def _entry(trajectory: Path, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    path = trajectory.with_name(JSON_NAME) if trajectory.name == "trajectory.h5" else trajectory.with_suffix(".json")
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}", file=path) from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"is not valid JSON: {error.msg}", file=path, field=f"line {error.lineno}") from error
+    for entry in document["episodes"]:
+        if entry["episode_id"] == episode:
+            return document["env_info"], entry
+    raise InputError(f"there is no episode {episode}", file=path, field="episodes")
+
+
+def _frames(replay: Replay, shown: _Shown, stride: int) -> Iterator[Frame]:
+    import gymnasium as gym
+
+    env = gym.make(replay.env_id, **{**replay.env_kwargs, "obs_mode": "none", "render_mode": "rgb_array"})
+
+    def see(outcome: dict[str, Any]) -> Frame:
+        frame = np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8)  # type: ignore[index, union-attr]
+        keypoints = env.unwrapped.measure().keypoints.values()  # type: ignore[attr-defined]
+        points = [point for own in keypoints for point in own.values()]
+        shown.add(frame, np.stack(points), bool(outcome["success"][0]))
+        return frame
+
+    try:
+        yield see(env.reset(**replay.reset_kwargs)[1])
+        for number, action in enumerate(replay.actions, 1):
+            outcome = env.step(action)[4]
+            if number % stride == 0 or number == len(replay.actions):
+                yield see(outcome)
+    finally:
+        env.close()
+
+
+def write_video(path: Path, frames: Iterable[Frame], frames_per_second: float) -> None:
+    """Write (H, W, 3) pictures as an mp4: H.264, which browsers play. Sides are even numbers of pixels."""
+    # ImageIO's plugin types do not say that a writer can append.
+    # "faststart": a browser shows the first frame before it has the whole file.
+    start: dict[str, Any] = {"pixelformat": "yuv420p", "output_params": ["-movflags", "+faststart"]}
+    writer: Any = imageio.get_writer(path, fps=frames_per_second, codec="libx264", quality=7, **start)
+    with writer:
+        for frame in frames:
+            writer.append_data(frame)

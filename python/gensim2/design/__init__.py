@@ -1,0 +1,65 @@
+"""Designers, the search that judges what they propose, and the runs that keep what holds.
+
+Names are imported when asked for: what refuses bad input needs none of what runs good input.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.design.affordance import Affordance
+    from gensim2.design.base import (
+        Brief,
+        Candidate,
+        CandidateResult,
+        Declined,
+        Designer,
+        Known,
+        Settings,
+        StageResult,
+    )
+    from gensim2.design.diagnosis import Diagnosis
+    from gensim2.design.gallery import tasks_gallery
+    from gensim2.design.offline import OfflineDesigner
+    from gensim2.design.run import run_pipeline
+    from gensim2.design.single import demo
+
+__all__ = [
+    "Affordance",
+    "Brief",
+    "Candidate",
+    "CandidateResult",
+    "Declined",
+    "Designer",
+    "Diagnosis",
+    "Known",
+    "OfflineDesigner",
+    "Settings",
+    "StageResult",
+    "demo",
+    "run_pipeline",
+    "tasks_gallery",
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Affordance": "gensim2.design.affordance",
+        "Brief": "gensim2.design.base",
+        "Candidate": "gensim2.design.base",
+        "CandidateResult": "gensim2.design.base",
+        "Declined": "gensim2.design.base",
+        "Designer": "gensim2.design.base",
+        "Diagnosis": "gensim2.design.diagnosis",
+        "Known": "gensim2.design.base",
+        "OfflineDesigner": "gensim2.design.offline",
+        "Settings": "gensim2.design.base",
+        "StageResult": "gensim2.design.base",
+        "demo": "gensim2.design.single",
+        "run_pipeline": "gensim2.design.run",
+        "tasks_gallery": "gensim2.design.gallery",
+    },
+)

@@ -1,0 +1,104 @@
+"""What a designer is told of a library and of the settings of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from gensim2 import seeding
+from gensim2.data.runfolder import RunFolder
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import Settings
+from gensim2.design.unseen import seen_by_search
+from gensim2.design.views import view_of
+from gensim2.errors import InputError
+from gensim2.objects import Instance, Library, RigidObject
+from gensim2.progress import Progress
+from gensim2.robots import robot
+from gensim2.rollout.inputs import has_instances
+from gensim2.scenes.config import Circumstances
+
+#: Instances from which an affordance is read.
+AFFORDANCE_INSTANCES = 3
+
+
+def settings_of(circumstances: Circumstances) -> Settings:
+    """What a designer is told of the robot and of what scenes are drawn with."""
+    profile = robot(circumstances.robot)
+    x, y, _ = profile.base_position
+    return Settings(
+        robot=profile.name,
+        base=(x, y),
+        reach=profile.reach,
+        stroke=len(profile.gripper.joints) * profile.gripper.open,
+        tool_keypoints=dict(profile.tool_keypoint_descriptions),
+        randomization=circumstances.randomization,
+        physics=circumstances.physics,
+    )
+
+
+class Classes(Mapping[str, Affordance]):
+    """What each class of a library affords, articulated ones first, in a seeded order; read when it is asked for.
+
+    Args:
+        library: of the objects.
+        instances: as in ``--instances``: only classes that have such are there.
+        seed: of the order, and of which instances are looked at.
+        folder: notes the objects that were looked at.
+        progress: listener.
+
+    Attributes:
+        notes: instances that were left out, and why.
+    """
+
+    def __init__(self, library: Library, instances: str, seed: int, folder: RunFolder, progress: Progress) -> None:
+        self._library, self._seed, self._folder, self._progress = library, seed, folder, progress
+        self._names: list[str] = []
+        for kind in ("articulated", "rigid"):
+            names = [name for name in library.classes(kind) if has_instances(library, name, instances)]
+            order = seeding.rng(seed, "classes" if kind == "articulated" else "rigid classes").permutation(len(names))
+            self._names += [names[index] for index in order]
+        self._read: dict[str, Affordance] = {}
+        self.notes: list[str] = []
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> Affordance:
+        if name not in self._read:
+            if name not in self._names:
+                raise KeyError(name)
+            self._read[name] = self._affordance(name)
+        return self._read[name]
+
+    def _affordance(self, name: str) -> Affordance:
+        """What a few instances have in common, of those that a search may see.
+
+        Raises:
+            InputError: none of them can be used.
+        """
+        ids = seen_by_search(self._library, name)
+        order = seeding.rng(self._seed, f"{name}/affordance").permutation(len(ids))
+        found: list[Instance | RigidObject] = []
+        failed: InputError | None = None
+        self._progress.start(f"{name}: look at objects", min(AFFORDANCE_INSTANCES, len(ids)))
+        for index in order:
+            try:
+                found.append(self._library.load(name, ids[index]))
+                self._progress.advance()
+            except InputError as error:
+                failed = error
+                self.notes.append(f"{name}/{ids[index]} left out: {error}")
+            if len(found) == AFFORDANCE_INSTANCES:
+                break
+        if not found:
+            raise InputError(f"no instance of {name} can be used", field="assets") from failed
+        for each in found:
+            self._folder.add_object(each)
+        picture = view_of(self._library.location, name, found[0].id)
+        return Affordance.of(found, self._library.describe(name), picture)

@@ -1,0 +1,124 @@
+"""Long tasks made of joints that are worked one after the other for one purpose, and of one joint worked to and fro."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+
+from gensim2.design.base import Brief
+from gensim2.design.containers import NARROW
+from gensim2.design.drafting import BESIDE, PAIRED, Draft, Family, in_turn
+from gensim2.design.pieces import ENDS, Piece, is_known, pieces
+from gensim2.design.proposals import camel_case, holdable, role_of
+from gensim2.design.serving import carry, into_it, place_support
+from gensim2.objects.words import Purpose, noun, purposes, to_and_fro
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen
+from gensim2.tasks.spec import ObjectSpec, Place
+
+#: Long tasks for purposes that one piece is in at most.
+OF_ONE = 3
+
+#: Where a plate or a bowl stands beside what has a joint.
+ASIDE = (-0.12, -0.22)
+
+
+def again(brief: Brief) -> Iterator[Draft]:
+    """What is switched on and off, and what is opened for a look."""
+    for each in to_and_fro():
+        if each.asset_class not in brief.classes or not all(is_known(brief, each.asset_class, end) for end in ENDS):
+            continue
+        role = role_of(brief.classes[each.asset_class].noun)
+        draft = Draft(each.name, each.sentence, {role: ObjectSpec(asset_class=each.asset_class)})
+        draft.joint(each.there, role, ArticulatedOpen(object=role), lasting=False)
+        draft.joint(each.back, role, ArticulatedClosed(object=role))
+        yield draft
+
+
+def pairs(brief: Brief) -> Iterator[Draft]:
+    """Two pieces that serve one purpose; purposes take turns, and each piece is in as few as can be."""
+    there = _narrow(brief)
+    choices = list(in_turn(_pairs_for(purpose, there) for purpose in purposes()))
+    used: Counter[tuple[str, str]] = Counter()
+    told: set[tuple[tuple[str, str], tuple[str, str]]] = set()
+    for most in range(OF_ONE):
+        for purpose, first, second in choices:
+            one, other = first[:2], second[:2]
+            if (one, other) not in told and used[one] <= most and used[other] <= most:
+                told.update(((one, other), (other, one)))
+                used.update((one, other))
+                yield _pair(purpose, first, second)
+
+
+def errands(brief: Brief) -> Iterator[Draft]:
+    """One piece and something that is put on a plate or into a bowl, for one purpose."""
+    there = {piece[:2]: piece for piece in _narrow(brief)}
+    queues = [[(purpose, there[goal], put) for goal, put in purpose.errands if goal in there] for purpose in purposes()]
+    used: Counter[tuple[str, str]] = Counter()
+    for purpose, piece, (below, thing) in in_turn(queues):
+        support, held = brief.classes.get(below), brief.classes.get(thing)
+        if support is None or held is None or not holdable(held, brief.settings.stroke) or used[piece[:2]] >= OF_ONE:
+            continue
+        used[piece[:2]] += 1
+        task = piece.known.task
+        put = f"put the {held.noun} {into_it(support)} the {support.noun}"
+        name = f"{task.name}AndPut{camel_case(held.noun)}{into_it(support).capitalize()}{camel_case(support.noun)}"
+        draft = Draft(name, purpose.say.format(f"{task.description} and {put}"))
+        _work(draft, piece, *PAIRED[0])
+        place_support(draft, support, ASIDE)
+        carry(draft, support, held, BESIDE)
+        yield draft
+
+
+FAMILIES: dict[str, Family] = {"pairs": pairs, "to and fro": again, "errands": errands}
+
+
+def wanted_ends() -> set[tuple[str, str]]:
+    """Classes and goals that chores are made of."""
+    goals = {goal for purpose in purposes() for goal in (*purpose.goals, *(goal for goal, _ in purpose.errands))}
+    return goals | {(each.asset_class, end) for each in to_and_fro() for end in ENDS}
+
+
+def _narrow(brief: Brief) -> list[Piece]:
+    """Pieces on things that leave room for another beside them."""
+    return [piece for piece in pieces(brief) if max(brief.classes[piece.asset_class].size[:2]) < NARROW]
+
+
+def _pairs_for(purpose: Purpose, there: list[Piece]) -> list[tuple[Purpose, Piece, Piece]]:
+    known = {piece[:2]: piece for piece in there}
+    serving = [known[goal] for goal in purpose.goals if goal in known]
+    return [
+        (purpose, first, second)
+        for first, second in itertools.combinations(serving, 2)
+        if noun(first.asset_class) != noun(second.asset_class)
+    ]
+
+
+def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
+    tasks = first.known.task, second.known.task
+    draft = Draft(f"{tasks[0].name}And{tasks[1].name}", purpose.say.format(_both(first, second)))
+    for piece, (at, yaw) in zip((first, second), PAIRED, strict=True):
+        _work(draft, piece, at, yaw)
+    return draft
+
+
+def _both(first: Piece, second: Piece) -> str:
+    """What is done to both in one phrase, its verb said once where it is the same."""
+    said = [piece.known.task.description for piece in (first, second)]
+    parts = [
+        sentence.partition(f" the {noun(piece.asset_class)}")
+        for sentence, piece in zip(said, (first, second), strict=True)
+    ]
+    if parts[0][::2] == parts[1][::2]:
+        return f"{parts[0][0]}{parts[0][1]} and{parts[1][1]}{parts[0][2]}"
+    return " and ".join(said)
+
+
+def _work(draft: Draft, piece: Piece, at: tuple[float, float], yaw: float) -> None:
+    """A step that does what a piece does, on its object at another place."""
+    (step,) = piece.known.task.steps
+    thing = piece.known.task.objects[step.object]
+    role = step.object if step.object not in draft.objects else f"other_{step.object}"[:60]
+    about = thing.randomization.model_copy(update={"x": (-0.04, 0.04), "y": (-0.04, 0.04), "yaw": 0.15})
+    draft.objects[role] = ObjectSpec(asset_class=piece.asset_class, place=Place(at=at, yaw=yaw), randomization=about)
+    draft.joint(step.name.split("_")[0], role, step.done[0].model_copy(update={"object": role}))

@@ -1,0 +1,101 @@
+"""Everything that is known of a task, as plain data: for ``gensim2 tasks show`` and for pages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gensim2.objects import Library
+from gensim2.rollout.tally import interval
+from gensim2.tasks.figures import Figure, figures_of
+from gensim2.tasks.library import load_strategies, load_task, packaged_names
+from gensim2.tasks.published import MEASURED, PAPER
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+from gensim2.tasks.strategies import Strategies
+from gensim2.tasks.wording import criteria_in_words, name_in_words, place_in_words, randomization_in_words
+
+VERDICTS = ("paper", "held", "strict")
+
+
+def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> dict[str, Any]:
+    """Objects, steps, strategies and goal in words; figures where the task and its strategies are those of the library.
+
+    Args:
+        strategies: by name, as plain data.
+        library: says which objects have joints.
+    """
+    return {
+        "name": task.name,
+        "type": "single-step" if task.is_single_step else "long-horizon",
+        "description": task.description,
+        **_provenance(task),
+        "env_id": task.env_id if task.name in packaged_names() else None,
+        "max_episode_steps": task.max_episode_steps,
+        "objects": [
+            {
+                "name": name,
+                "class": thing.asset_class,
+                "place": place_in_words(thing),
+                "randomization": randomization_in_words(thing, with_joint=_has_joint(library, thing.asset_class)),
+            }
+            for name, thing in task.objects.items()
+        ],
+        "steps": [_step(task, step, strategies) for step in task.steps],
+        "goal": criteria_in_words(task.success),
+        "figures": _figures(task.name, measured=_is_stored(task, strategies)),
+    }
+
+
+def _provenance(task: TaskSpec) -> dict[str, Any]:
+    told = None if task.provenance is None else task.provenance.model_dump(mode="json")
+    return {name: None if told is None else told[name] for name in ("origin", "prompts", "verification")}
+
+
+def _is_stored(task: TaskSpec, strategies: Strategies) -> bool:
+    """Whether figures under the task's name are its own."""
+    if task.name not in packaged_names():
+        return False
+    return task == load_task(task.name) and dict(strategies) == load_strategies(task.name)
+
+
+def _has_joint(library: Library, asset_class: str) -> bool:
+    return asset_class not in library.classes() or library.kind(asset_class) == "articulated"
+
+
+def _step(task: TaskSpec, step: Step, strategies: Strategies) -> dict[str, Any]:
+    made = {} if task.provenance is None else task.provenance.strategies
+    return {
+        "name": name_in_words(step.name),
+        "object": step.object,
+        "tool": None if step.tool == HAND else step.tool,
+        "done": criteria_in_words(step.done),
+        "strategies": [
+            {
+                "name": name,
+                "kind": "grasp" if "grasp" in strategies[name] else "solver config",
+                "by": made[name].by if name in made else None,
+                "seen": made[name].seen if name in made else None,
+            }
+            for name in step.strategies
+        ],
+    }
+
+
+def _figures(name: str, *, measured: bool) -> dict[str, Any]:
+    published, released = PAPER.get(name), MEASURED.get(name)
+    return {
+        "paper": None if published is None else {"mean": published[0], "deviation": published[1]},
+        "original": None if released is None else {"successes": released[0], "episodes": released[1]},
+        "measured": [_measured(row) for row in figures_of(name)] if measured else [],
+    }
+
+
+def _measured(row: Figure) -> dict[str, Any]:
+    return {
+        **row.model_dump(mode="json", exclude={"task"}),
+        "is_plain": row.condition.is_plain,
+        "in_words": row.condition.in_words,
+        "rates": {
+            verdict: {"mean": count / row.episodes, "interval": list(interval(count, row.episodes))}
+            for verdict, count in ((verdict, getattr(row, verdict)) for verdict in VERDICTS)
+        },
+    }

@@ -1,0 +1,96 @@
+"""Who designs: the offline designer or a language model, as a caller asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gensim2.design import Designer, OfflineDesigner
+from gensim2.design.chosen import Chosen
+from gensim2.errors import InputError
+from gensim2.files import cache_dir
+from gensim2.scenes.config import Circumstances
+from gensim2.tasks.spec import TaskSpec
+
+if TYPE_CHECKING:
+    from gensim2.design.llm import Asking, Mode
+
+
+def offline_designer(
+    mode: Mode | None = None, target_object: str | None = None, review: Callable[[TaskSpec], bool] | None = None
+) -> Designer:
+    """The designer that needs no model.
+
+    Args:
+        mode: ``"explore"``: tasks of one step; ``"bottomup"``: of several; None: any.
+        target_object: class that tasks are to be about; None: any.
+        review: asked of every proposal; None: nobody is.
+    """
+    designer: Designer = OfflineDesigner()
+    if mode is not None:
+        designer = Chosen(designer, lambda task: task.is_single_step == (mode == "explore"), f"are not for {mode}")
+    if target_object is not None:
+
+        def is_about_it(task: TaskSpec) -> bool:
+            return target_object in {thing.asset_class for thing in task.objects.values()}
+
+        designer = Chosen(designer, is_about_it, f"are not about {target_object}")
+    return _reviewed(designer, review)
+
+
+def model_designer(
+    model: str | None,
+    asking: Asking,
+    circumstances: Circumstances,
+    *,
+    prompts: Path | None = None,
+    record: Path | None = None,
+    replay: Path | None = None,
+    config: Path | None = None,
+    review: Callable[[TaskSpec], bool] | None = None,
+    **options: Any,
+) -> Designer:
+    """A language model as a designer.
+
+    Args:
+        model: its name at its endpoint; None: what ``config`` or ``replay`` says.
+        asking: what for.
+        circumstances: of the run; for what the model is shown.
+        prompts: folder with prompts of one's own.
+        record: folder that gets every answer, for a replay.
+        replay: folder that all answers come from; no model is asked. It says which model, and ``asking``.
+        config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
+        review: asked of every proposal; None: nobody is.
+        **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which go before the file's; None: not given.
+
+    Raises:
+        InputError: an argument cannot be used.
+        MissingExtraError: the extra ``llm`` is not installed.
+    """
+    from gensim2.design.llm import AnswerStore, Asking, LLMDesigner, Model, Prompts, model_options
+
+    if record is not None and replay is not None:
+        raise InputError("a run is recorded or replayed, not both", field="replay")
+    texts = Prompts(prompts)
+    if replay is None:
+        given = model_options(config, model=model, **options)
+    else:
+        recorded = AnswerStore(replay).model()
+        if recorded.prompts != texts.digest:
+            remedy = "replay with the --prompts of the run that was recorded"
+            raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
+        given, asking = recorded.options, Asking(**recorded.asking)
+    cache = None if replay is not None else cache_dir() / "answers"
+    asked = Model(given, texts.digest, asdict(asking), cache=cache, record=record, replay=replay)
+    views = None
+    if asking.visual:
+        from gensim2.design.views import SceneViews
+
+        views = SceneViews(circumstances)
+    return _reviewed(LLMDesigner(asked, texts, asking, circumstances.robot, views), review)
+
+
+def _reviewed(designer: Designer, review: Callable[[TaskSpec], bool] | None) -> Designer:
+    return designer if review is None else Chosen(designer, review, "were not wanted by who was asked")

@@ -1,0 +1,121 @@
+"""A long task in the making, and whether its steps follow from one another.
+
+Taking something up needs an empty hand and leaves it full; putting it down needs a full hand and what it is put into
+open, and leaves the hand empty; a joint is not brought to where it stands (:func:`chains`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from gensim2.design.base import DESIGNED, Brief
+from gensim2.tasks.criteria import ArticulatedClosed, ArticulatedOpen, Criterion, DistanceGripperRigid
+from gensim2.tasks.spec import HAND, ObjectSpec, Provenance, Randomization, Step, TaskSpec
+
+Item = TypeVar("Item")
+
+#: Tasks that differ in nothing but the rigid object.
+ALIKE = 3
+
+#: Control steps that a step of a long task is given.
+STEPS_EACH = 300
+
+#: Where a rigid object waits beside what it is put into, x and y in the world, and what is drawn about it.
+BESIDE, OTHER_SIDE = (-0.2, -0.45), (-0.2, 0.45)
+ABOUT = Randomization(x=(-0.1, 0.1), y=(-0.1, 0.1))
+CLOSE_ABOUT = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
+
+#: Where two things with joints stand beside each other, x and y in the world, and by how much they are turned.
+PAIRED = (((-0.05, 0.3), -0.4), ((-0.05, -0.3), 0.4))
+
+
+@dataclass
+class Draft:
+    """A task in the making.
+
+    Attributes:
+        name, sentence: of the task.
+        objects: by name, in the order in which they are placed.
+        steps: in order.
+        goal: what must hold in the end.
+    """
+
+    name: str
+    sentence: str
+    objects: dict[str, ObjectSpec] = field(default_factory=dict)
+    steps: list[Step] = field(default_factory=list)
+    goal: list[Criterion] = field(default_factory=list)
+
+    def joint(self, verb: str, role: str, criterion: Criterion, lasting: bool = True) -> None:
+        """A step that works a joint."""
+        self._step(f"{verb}_{role}", role, HAND, (criterion,))
+        if lasting:
+            self.goal.append(criterion)
+
+    def grasp(self, role: str) -> None:
+        """A step that takes something up."""
+        self._step(f"grasp_{role}", role, HAND, (DistanceGripperRigid(rigid=role),))
+
+    def put(self, verb: str, role: str, where: str, criterion: Criterion) -> None:
+        """A step that puts down what is held."""
+        self._step(f"{verb}_{role}", where, role, (criterion,))
+        self.goal.append(criterion)
+
+    def task(self) -> TaskSpec:
+        """As a value."""
+        return TaskSpec(
+            name=self.name,
+            description=self.sentence,
+            objects=self.objects,
+            steps=tuple(self.steps),
+            goal=tuple(self.goal),
+            max_episode_steps=STEPS_EACH * len(self.steps),
+            provenance=Provenance(origin="offline"),
+        )
+
+    def _step(self, name: str, role: str, tool: str, done: tuple[Criterion, ...]) -> None:
+        self.steps.append(Step(name=name[:60], object=role, tool=tool, strategies=(DESIGNED,), done=done))
+
+
+Family = Callable[[Brief], Iterator[Draft]]
+"""Drafts of one kind, as far as they can be made of what is known."""
+
+
+def chains(task: TaskSpec) -> list[str]:
+    """What stands in the way of a chain of steps: conditions that a step needs and those before it do not leave."""
+    held: str | None = None
+    openness: dict[str, str] = {}
+    wrong = []
+    for step in task.steps:
+        if step.tool != (held or HAND):
+            wrong.append(f"{step.name}: the hand holds {held or 'nothing'}")
+        rigid = {name for criterion in step.done for name in criterion.objects if name not in openness}
+        if step.tool != HAND:
+            if openness.get(step.object) == "closed":
+                wrong.append(f"{step.name}: {step.object} is closed")
+            held = None
+        for criterion in step.done:
+            if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
+                state = "open" if isinstance(criterion, ArticulatedOpen) else "closed"
+                if openness.get(criterion.object) == state:
+                    wrong.append(f"{step.name}: {criterion.object} is {state} already")
+                openness[criterion.object] = state
+            elif isinstance(criterion, DistanceGripperRigid) and step.object in rigid:
+                held = step.object
+    if held is not None:
+        wrong.append(f"the hand still holds {held}")
+    return wrong
+
+
+def verbs(task: TaskSpec) -> tuple[str, ...]:
+    """The chain of verbs of a task: the first word of each step."""
+    return tuple(step.name.split("_")[0] for step in task.steps)
+
+
+def in_turn(queues: Iterable[Iterable[Item]]) -> Iterator[Item]:
+    """The first of each, then the second of each, and so on."""
+    for row in itertools.zip_longest(*queues):
+        yield from (item for item in row if item is not None)

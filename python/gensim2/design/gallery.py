@@ -1,0 +1,134 @@
+"""``gensim2 tasks gallery``: a page with a film of each task, in which an episode is shown that held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from gensim2.errors import GenSim2Error
+from gensim2.files import write_atomic
+from gensim2.pages import template
+from gensim2.processes import TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.inputs import check_workers, read_task_inputs
+from gensim2.scenes.config import Physics
+
+INDEX = "index.html"
+
+
+@dataclass(frozen=True)
+class TasksGallery:
+    """What ``tasks_gallery`` left behind.
+
+    Attributes:
+        index: the page.
+        shown: seed of the episode that is shown, by task.
+        without: tasks of which no episode held, with the cause of the last.
+        skipped: tasks that these objects do not do for, with the reason.
+    """
+
+    index: Path
+    shown: dict[str, int]
+    without: dict[str, str]
+    skipped: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"schema_version": SCHEMA_VERSION, **asdict(self), "index": str(self.index)}
+
+
+def tasks_gallery(
+    tasks: Sequence[str] = (),
+    *,
+    origin: str | None = None,
+    out: Path,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    physics: Physics = "ours",
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    progress: Progress = NULL_PROGRESS,
+) -> TasksGallery:
+    """Make a folder with a page that shows each task: an episode that held, its sentence, its steps, its figures.
+
+    The page is written anew whenever a task is finished. Films are H.264, about 100 kB.
+
+    Args:
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+        out: folder to write to.
+        seed: of the scenes; of the first five of each task the first that holds is shown.
+        assets, physics, workers, time_limit: as for ``demo``.
+        resume: go on with the gallery that ``out`` holds.
+        progress: listener.
+
+    Raises:
+        InputError: an argument cannot be used.
+        GenSim2Error: no Vulkan driver works on this machine.
+        NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
+    """
+    check_workers(time_limit, jobs_per_worker=1)
+    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, assets=assets, physics=physics)
+    # Only now what takes long to import.
+    from gensim2.data.runfolder import RunFolder
+    from gensim2.design.shelf import SPEED, Shelf, film_one_that_holds
+    from gensim2.processes import Job
+    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.identity import identity
+    from gensim2.sim import rendering
+
+    if not rendering.can_render():
+        raise GenSim2Error(rendering.NO_DRIVER)
+    circumstances, library = given[0].circumstances, given[0].library
+    with (
+        RunFolder(
+            out,
+            {
+                "command": "tasks gallery",
+                "stored_tasks": [one.spec.name for one in given],
+                "seed": seed,
+                **asdict(circumstances),
+                "workers": workers,
+            },
+            identity(given),
+            resume,
+        ) as folder,
+        PoolEvaluator(circumstances, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,
+    ):
+        shelves = [Shelf(one, folder.task(one.spec.name), seed) for one in given]
+        for shelf in shelves:
+            folder.add_episodes(library, shelf.episodes, shelf.log.path)
+
+        def write_page() -> None:
+            folder.save()
+            page = template("gensim2.design", "tasks.html.j2").render(
+                run=folder.record.model_dump(), shelves=shelves, skipped=skipped, speed=SPEED
+            )
+            write_atomic(folder.path / INDEX, page)
+
+        progress.start("tasks", len(shelves))
+        progress.advance(sum(shelf.is_finished for shelf in shelves))
+        write_page()
+        jobs = [
+            Job(index, (evaluator.setting(shelf.spec, "all"), shelf.strategies, shelf.seeds, shelf.folder))
+            for index, shelf in enumerate(shelves)
+            if not shelf.is_finished
+        ]
+        for index, episodes in evaluator.run(film_one_that_holds, jobs, "films"):
+            shelves[index].finish(episodes)
+            folder.add_episodes(library, episodes, shelves[index].log.path)
+            write_page()
+            progress.advance()
+        result = TasksGallery(
+            folder.path / INDEX,
+            {shelf.name: shelf.shown.seed for shelf in shelves if shelf.shown is not None},
+            {shelf.name: str(shelf.episodes[-1].cause) for shelf in shelves if shelf.shown is None},
+            skipped,
+        )
+        folder.finish(result.to_dict())
+        write_page()
+    return result

@@ -1,0 +1,142 @@
+"""One question after the other, each until its answer can be used: what is wrong goes back to the model in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from gensim2.design.llm.extraction import Data, mappings
+from gensim2.design.llm.log import MODEL_FOLDER, ConversationRecord, Log, TurnRecord
+from gensim2.design.llm.model import Model
+from gensim2.design.llm.questions import Message, Question
+from gensim2.design.llm.templating import Prompts
+from gensim2.design.pictures import Picture
+from gensim2.errors import GenSim2Error, InputError
+
+#: Characters of a wrong answer that are shown to the model again.
+SHOWN_AGAIN = 6000
+
+#: Problems told at once: more are not read.
+MOST_PROBLEMS = 12
+
+T = TypeVar("T")
+
+
+class Wrong(GenSim2Error):
+    """An answer can be read and not be used.
+
+    Args:
+        problems: each names what is wrong, in words for the model.
+    """
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = tuple(problems)
+
+
+class Dropped(GenSim2Error):
+    """A question had no answer that could be used, after all rounds."""
+
+
+@dataclass(frozen=True)
+class Ask(Generic[T]):
+    """What a stage wants to know.
+
+    Attributes:
+        stage: which prompt.
+        subject: name of the task; empty where there is none yet.
+        about: which part of it, to tell questions of one stage apart.
+        prompt: the text.
+        schema: JSON schema of the answer.
+        read: makes a value of what an answer holds.
+
+            Raises:
+                Wrong, InputError: it cannot be used.
+        pictures: that go along.
+        sample: number among equal questions.
+        prose: ``read`` is given the answer as it is, as the only field ``text``.
+    """
+
+    stage: str
+    subject: str
+    about: str
+    prompt: str
+    schema: dict[str, Any]
+    read: Callable[[list[Data]], T]
+    pictures: tuple[Picture, ...] = ()
+    sample: int = 0
+    prose: bool = False
+
+
+class Conversations:
+    """Asks a model, and keeps what was said.
+
+    Args:
+        model: who is asked.
+        prompts: in which words.
+        max_rounds: answers to one question before it is dropped.
+
+    Attributes:
+        seed: of the run: runs with other seeds get other answers to the same questions.
+        log: of what was asked.
+    """
+
+    def __init__(self, model: Model, prompts: Prompts, max_rounds: int) -> None:
+        self.model, self.prompts, self.max_rounds = model, prompts, max_rounds
+        self.seed = 0
+        self.log = Log()
+
+    def open(self, folder: Path) -> None:
+        """Keep everything in the run folder ``folder``."""
+        self.model.open(folder / MODEL_FOLDER)
+        self.log.open(folder / MODEL_FOLDER)
+
+    def ask(self, ask: Ask[T]) -> tuple[T, ConversationRecord]:
+        """A value that could be read, and the record of how it came about, which says that it was used.
+
+        Raises:
+            Dropped: no answer could be used; the record says why.
+            BudgetSpent: asking might cost more than is left.
+            ModelError: the endpoint gives no answer.
+        """
+        first = (Message("system", self.prompts.text("system")), Message("user", ask.prompt, ask.pictures))
+        start = Question(ask.stage, ask.subject or ask.about, first, ask.schema, (self.seed, ask.sample))
+        question = start
+        turns: list[TurnRecord] = []
+        for number in range(1, self.max_rounds + 1):
+            answer = self.model.answer(question)
+            digest = self.model.digest(question)
+            try:
+                value = self._read(ask, answer.text, answer.problem)
+            except (Wrong, InputError) as wrong:
+                problems = list(wrong.problems[:MOST_PROBLEMS]) if isinstance(wrong, Wrong) else [str(wrong)]
+                turns.append(TurnRecord(answer=digest, problems=problems))
+            else:
+                record = self._record(ask, [*turns, TurnRecord(answer=digest, problems=[])], "")
+                self.log.add(record)
+                return value, record
+            shown = answer.text if len(answer.text) <= SHOWN_AGAIN else f"{answer.text[:SHOWN_AGAIN]} ..."
+            reply = self.prompts.text("correction", problems=problems)
+            question = start.followed_by(shown or "(nothing)", reply, number)
+        reason = f"{len(turns)} answers could not be used; the last: {'; '.join(turns[-1].problems)}"
+        self.log.add(self._record(ask, turns, reason))
+        raise Dropped(f"{ask.stage}{f' ({ask.about})' if ask.about else ''}: {reason}")
+
+    @staticmethod
+    def _read(ask: Ask[T], text: str, problem: str | None) -> T:
+        if problem is not None:
+            raise Wrong([problem])
+        return ask.read([{"text": text}] if ask.prose else mappings(text))
+
+    @staticmethod
+    def _record(ask: Ask[T], turns: list[TurnRecord], reason: str) -> ConversationRecord:
+        return ConversationRecord(
+            stage=ask.stage,
+            subject=ask.subject,
+            about=ask.about,
+            outcome="dropped" if reason else "used",
+            reason=reason,
+            turns=list(turns),
+        )

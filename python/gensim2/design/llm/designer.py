@@ -1,0 +1,256 @@
+"""A designer that asks a language model, stage by stage as the paper does; physics is the judge of what it says."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
+from gensim2.design.llm.conversations import Conversations, Dropped
+from gensim2.design.llm.ledger import BudgetSpent
+from gensim2.design.llm.model import Model
+from gensim2.design.llm.solutions import Asking, Solutions, Views, in_words, tried_of
+from gensim2.design.llm.stages import code as code_stage
+from gensim2.design.llm.stages import composition, decomposition, proposal, solving
+from gensim2.design.llm.stages.proposal import Wish
+from gensim2.design.llm.stages.solving import Config, Job
+from gensim2.design.llm.templating import Prompts
+from gensim2.design.llm.world import World
+from gensim2.robots import robot
+from gensim2.tasks.spec import HAND, ObjectSpec, Step, TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+#: Proposals in a row that come to nothing before no more are asked for.
+MOST_FAILURES = 5
+
+#: Strategies of a step that are tried one after the other.
+MOST_IN_TURN = 4
+
+GRASPS: Strategies = {
+    "grasp": {"grasp": "antipodal"},
+    "grasp_from_any_side": {"grasp": "antipodal", "tilt": 1.6, "candidates": 60},
+}
+"""How a rigid object is taken up: by rule, as the paper's ``grasp``."""
+
+
+class LLMDesigner:
+    """Fills :class:`~gensim2.design.base.Designer`.
+
+    Args:
+        model: who is asked.
+        prompts: in which words.
+        asking: what for.
+        robot_name: against whose keypoints configs are checked.
+        views: draws scenes; None: they are not shown.
+    """
+
+    def __init__(
+        self, model: Model, prompts: Prompts, asking: Asking, robot_name: str = "panda", views: Views | None = None
+    ) -> None:
+        self.model, self.prompts, self.asking = model, prompts, asking
+        self.talk = Conversations(model, prompts, asking.max_rounds)
+        self._solutions = Solutions(self.talk, asking, views)
+        self._profile = robot(robot_name)
+        self._proposed: list[TaskSpec] = []
+        self._skills: dict[str, Mapping[str, Strategies]] = {}
+        self._notes: list[str] = []
+
+    @property
+    def name(self) -> str:
+        """``llm:`` and the model's name."""
+        return f"llm:{self.model.options.model}"[:100]
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Why there are no more proposals, and how many questions had no answer that could be used."""
+        dropped = sum(each.outcome == "dropped" for each in self.talk.log.conversations)
+        refused = sum(each.outcome == "refused" for each in self.talk.log.conversations)
+        counts = []
+        if dropped:
+            counts.append(f"{dropped} question{'s' * (dropped > 1)} had no answer that could be used and were dropped")
+        if refused:
+            counts.append(f"{refused} proposal{'s' * (refused > 1)} of the model were found bad by itself")
+        return [*self._notes, *counts]
+
+    def open(self, folder: Path) -> None:
+        """Keep questions, answers and what became of them in ``folder/model``."""
+        self.talk.open(folder)
+
+    def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
+        """Yield what the model proposes, one after the other, until it has nothing more that can be used."""
+        self.talk.seed = seed
+        refused: list[str] = []
+        failures = 0
+        for number in itertools.count():
+            if failures == MOST_FAILURES:
+                self._notes.append(f"{failures} proposals in a row came to nothing; no more were asked for")
+                return
+            try:
+                task = self._proposal(brief, number, refused)
+            except Dropped as error:
+                refused.append(str(error)[:300])
+                task = None
+            except BudgetSpent as error:
+                self._notes.append(f"no more tasks were proposed: {error}")
+                return
+            failures = 0 if task is not None else failures + 1
+            if task is not None:
+                self._proposed.append(task)
+                yield task
+                if self.asking.target_task is not None:
+                    return
+
+    def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
+        """Stages 1 and 2 for each step that is not known or done by rule; trial n of each step makes candidate n.
+
+        Raises:
+            Declined: the model's answers cannot be used, or the budget is spent.
+        """
+        self.talk.seed = seed
+        fixed = {step.name: found for step in task.steps if (found := self._fixed(task, step)) is not None}
+        jobs = [self._job(task, step, brief) for step in task.steps if step.name not in fixed]
+        try:
+            with ThreadPoolExecutor(max_workers=self.model.options.concurrency) as pool:
+                designed = list(pool.map(lambda job: self._solutions.configs(job, brief, fixed), jobs))
+        except (Dropped, BudgetSpent) as error:
+            raise Declined(str(error)) from error
+        ways = {job.step.name: found for job, found in zip(jobs, designed, strict=True)}
+        count = max((len(found) for found in ways.values()), default=1)
+        choices = [
+            (f"trial {n + 1}", {name: [found[n % len(found)]] for name, found in ways.items()}) for n in range(count)
+        ]
+        if not task.is_single_step and count > 1:
+            choices.insert(0, ("all trials in turn", {name: list(found) for name, found in ways.items()}))
+        made = []
+        for label, chosen in choices:
+            steps = {
+                step.name: dict(fixed[step.name])
+                if step.name in fixed
+                else _in_turn(step.strategies[0], chosen[step.name])
+                for step in task.steps
+            }
+            made.append(self._candidate(label, steps, {name: each[0] for name, each in chosen.items()}))
+        return made
+
+    def refine(
+        self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
+    ) -> list[Candidate]:
+        """Ask for better configs of the step that is to blame, with what went wrong in words."""
+        if round >= self.asking.max_rounds or not results:
+            return []
+        parent = _furthest(task, results)
+        step = self._to_blame(task, parent)
+        if step is None:
+            return []
+        self.talk.seed = seed
+        name = step.strategies[0]
+        told = [parent, *(each for each in results if each is not parent)]
+        tried = tried_of(step, [each for each in told if name in each.candidate.steps[step.name]])
+        ask = solving.regeneration(self.prompts, self._job(task, step, brief), tried, self.asking.trials, round)
+        try:
+            found, _ = self.talk.ask(ask)
+        except (Dropped, BudgetSpent) as error:
+            self._notes.append(f"{task.name}: no better configs: {error}")
+            return []
+        seen = [result.candidate.steps for result in results]
+        children = []
+        for number, config in enumerate(found):
+            former = [] if task.is_single_step else list(parent.candidate.steps[step.name].values())
+            steps = {**parent.candidate.steps, step.name: _in_turn(name, [config, *former])}
+            if steps not in seen:
+                children.append(self._candidate(f"round {round + 1}, config {number + 1}", steps, {step.name: config}))
+        return children
+
+    def _proposal(self, brief: Brief, number: int, refused: list[str]) -> TaskSpec | None:
+        """One proposal; None where the model itself finds it bad."""
+        world = World.of(brief, articulated_only=self.asking.mode == "explore")
+        world = replace(world, known=tuple({task.name: task for task in (*world.known, *self._proposed)}.values()))
+        wish = Wish(self.asking.mode == "topdown", self.asking.target_task, self.asking.target_object)
+        if self.asking.mode == "bottomup":
+            return self._composed(brief, world, wish, number, refused)
+        found, record = self.talk.ask(proposal.proposal(self.prompts, world, wish, refused, number))
+        self.talk.log.settle(record, found.name, "used")
+        (good, why), _ = self.talk.ask(proposal.reflection(self.prompts, world, found, wish))
+        if not good:
+            self.talk.log.settle(record, found.name, "refused", why)
+            refused.append(f"{found.name} ({found.sentence}): {why}")
+            return None
+        if wish.long:
+            task, _ = self.talk.ask(decomposition.decomposition(self.prompts, world, found, self.name))
+        else:
+            task = proposal.task_of(found, world, self.name)
+        return self._as_code(task, brief) if self.asking.code else task
+
+    def _composed(self, brief: Brief, world: World, wish: Wish, number: int, refused: Sequence[str]) -> TaskSpec | None:
+        skills = composition.skills_of(brief.known, world)
+        if not skills:
+            raise Dropped("there are no verified tasks of one step to put together")
+        ask = composition.composition(self.prompts, world, skills, wish, refused, number, self.name)
+        found, record = self.talk.ask(ask)
+        self.talk.log.settle(record, found.task.name, "used")
+        self._skills[found.task.name] = found.strategies
+        return self._as_code(found.task, brief) if self.asking.code else found.task
+
+    def _as_code(self, task: TaskSpec, brief: Brief) -> TaskSpec:
+        """The task by way of generated code in a sandbox; as it is where there is no sandbox."""
+        from gensim2.design.sandbox import NoSandboxError, run_task_code, task_code
+
+        try:
+            known = [each.task for each in brief.known if each.task.is_single_step == task.is_single_step]
+            references = [(each.name, task_code(each)) for each in known[: code_stage.REFERENCES]]
+            found, _ = self.talk.ask(code_stage.code(self.prompts, task, references, run_task_code))
+        except NoSandboxError as error:
+            self._notes.append(f"generated code is refused: {error}")
+            return task
+        names = {step.name: step.strategies for step in task.steps}
+        steps = tuple(step.model_copy(update={"strategies": names[step.name]}) for step in found.steps)
+        # Where the code says nothing of an object's place, it stands where it was to stand.
+        placed = dict(zip(found.objects, task.objects.values(), strict=True))
+        objects = {
+            name: placed[name] if thing == ObjectSpec(asset_class=thing.asset_class) else thing
+            for name, thing in found.objects.items()
+        }
+        return found.model_copy(update={"steps": steps, "objects": objects, "provenance": task.provenance})
+
+    def _fixed(self, task: TaskSpec, step: Step) -> Strategies | None:
+        """How a step is done that nobody is asked about."""
+        known = self._skills.get(task.name, {}).get(step.name)
+        if known is not None:
+            return known
+        return GRASPS if step.tool == HAND and step.name.startswith("grasp") else None
+
+    def _job(self, task: TaskSpec, step: Step, brief: Brief) -> Job:
+        return Job(task, step, brief.of(task), brief.settings.tool_keypoints, self._profile)
+
+    def _to_blame(self, task: TaskSpec, result: CandidateResult) -> Step | None:
+        """The step whose config is to be written anew: the one that failed, else the last that the model wrote."""
+        own = [step for step in task.steps if self._fixed(task, step) is None]
+        blamed = (step for each in result.diagnoses for step in own if step.name == each.step)
+        return next(blamed, own[-1] if own else None)
+
+    def _candidate(self, label: str, steps: Mapping[str, Strategies], written: Mapping[str, Config]) -> Candidate:
+        told = [
+            f"{name}: {in_words(config)}" if len(steps) > 1 else in_words(config) for name, config in written.items()
+        ]
+        ways = {name: dict(each) for name, each in steps.items()}
+        return Candidate(f"{label}: {'; '.join(told)}"[:400], ways, {"by": self.name})
+
+
+def _furthest(task: TaskSpec, results: Sequence[CandidateResult]) -> CandidateResult:
+    """Of those that hold as often as the first, the one whose failures come latest in the task."""
+    order = [step.name for step in task.steps]
+
+    def reached(result: CandidateResult) -> int:
+        blamed = result.diagnoses[0].step if result.diagnoses else None
+        return order.index(blamed) if blamed in order else -1
+
+    same = [each for each in results if each.episodes and each.physics_score == results[0].physics_score]
+    return max(same, key=reached, default=results[0])
+
+
+def _in_turn(name: str, configs: Sequence[Config]) -> Strategies:
+    """Configs as strategies of a step, in order of preference, the first under ``name``."""
+    return {name if n == 0 else f"{name}_{n + 1}": config for n, config in enumerate(configs[:MOST_IN_TURN])}

@@ -1,0 +1,146 @@
+"""Configs of a step: the solver's two stages, with pictures where they are wanted, and how configs fared in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from gensim2.design.base import Brief, CandidateResult
+from gensim2.design.llm.conversations import Conversations
+from gensim2.design.llm.stages import solving
+from gensim2.design.llm.stages.solving import Config, Job, Sight
+from gensim2.design.pictures import Picture
+from gensim2.tasks.spec import Step, TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+Mode = Literal["explore", "topdown", "bottomup"]
+
+#: Configs of a step that are shown, with how they fared, when better ones are asked for.
+SHOWN_TRIED = 3
+
+FRAMES = "red, green, blue: x, y, z of the frames of the robot's base and of the object, whose keypoints are named"
+
+
+class Views(Protocol):
+    """Draws scenes that a model is shown, with the frames of robot and object and the object's keypoints."""
+
+    def start(self, task: TaskSpec, step: str) -> Picture:
+        """A scene as it stands at first, marked for ``step``."""
+        ...
+
+    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
+        """The same scene with the arm at the actuation pose that the strategies of ``step`` lead to."""
+        ...
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How a model's designs are asked for.
+
+    Attributes:
+        mode: ``"explore"``: tasks of one motion; ``"topdown"``: long tasks, taken apart; ``"bottomup"``: long tasks,
+            put together from verified ones.
+        target_task: propose this task; None: any.
+        target_object: propose tasks on this class; None: any.
+        trials: configs of a step that are asked for at once.
+        max_rounds: answers to a question before it is dropped, and rounds of better configs after physics.
+        visual: show pictures.
+        code: ask for each task as code, too.
+    """
+
+    mode: Mode = "explore"
+    target_task: str | None = None
+    target_object: str | None = None
+    trials: int = 3
+    max_rounds: int = 3
+    visual: bool = False
+    code: bool = False
+
+
+class Solutions:
+    """Asks for configs.
+
+    Args:
+        talk: with the model.
+        asking: what for.
+        views: draws scenes; None: they are not shown.
+    """
+
+    def __init__(self, talk: Conversations, asking: Asking, views: Views | None) -> None:
+        self.talk, self.asking, self.views = talk, asking, views
+
+    def configs(self, job: Job, brief: Brief, fixed: Mapping[str, Strategies]) -> list[Config]:
+        """Both stages of the solver for one step."""
+        sight = self._sight(job)
+        found, _ = self.talk.ask(solving.constraints(self.talk.prompts, job, brief.known, sight))
+        sight = self._with_actuation(job, found, fixed, sight)
+        trials, _ = self.talk.ask(
+            solving.motions(self.talk.prompts, job, brief.known, found, self.asking.trials, sight)
+        )
+        return trials
+
+    def _sight(self, job: Job) -> Sight:
+        """Pictures of the step's objects and of a scene, where pictures are wanted and can be had."""
+        if not self.asking.visual:
+            return Sight()
+        captions, pictures = [], []
+        for thing in (job.things[job.step.object], job.held):
+            if thing is not None and thing.picture is not None:
+                captions.append(
+                    f"`{thing.asset_class}`, seen from the side of the robot, its keypoints marked and named"
+                )
+                pictures.append(thing.picture)
+        if self.views is not None:
+            captions.append(f"the scene at the start; {FRAMES}")
+            pictures.append(self.views.start(job.task, job.step.name))
+        return Sight(tuple(captions), tuple(pictures))
+
+    def _with_actuation(
+        self, job: Job, constraint_list: list[Any], fixed: Mapping[str, Strategies], sight: Sight
+    ) -> Sight:
+        """With the actuation pose that the constraints of stage 1 lead to."""
+        if not self.asking.visual or self.views is None:
+            return sight
+        fingers = "closed" if job.held is None else "release"
+        name = job.step.strategies[0]
+        config = {
+            "constraint_list": constraint_list,
+            "pre_actuation_motions": [["translate_z", -0.08]],
+            "gripper": fingers,
+        }
+        picture = self.views.actuation(job.task, {**fixed, job.step.name: {name: config}}, job.step.name)
+        caption = (
+            "the arm at the actuation pose that the constraints below lead to (where no motion gets there, the frame "
+            f"of the hand alone); {FRAMES}, and of the hand"
+        )
+        return Sight((*sight.captions, caption), (*sight.pictures, picture))
+
+
+def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tried]:
+    """The best configs of a step so far, each with how it fared."""
+    name = step.strategies[0]
+    found: list[solving.Tried] = []
+    for result in results:
+        config = result.candidate.steps[step.name][name]
+        if len(found) == SHOWN_TRIED or any(each.config == config for each in found):
+            continue
+        told = f"Planned on {result.plan_score:.0%} of the scenes."
+        if result.episodes:
+            told += f" In physics it held in {result.held:.0f} of {result.episodes} episodes."
+        words = tuple(str(each) for each in result.diagnoses if each.step in (None, step.name))
+        found.append(solving.Tried(config, told, words))
+    return found
+
+
+def in_words(config: Config) -> str:
+    """What a config does, in one phrase."""
+    points = [each["target_keypoint_name"] for each in config["constraint_list"] if "target_keypoint_name" in each]
+    motions = [
+        " ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in motion)
+        if isinstance(motion, list)
+        else str(motion)
+        for motion in config.get("post_actuation_motions", [])
+    ]
+    target = str(points[0]).removeprefix("articulated_object_") if points else "its part"
+    return f"{config.get('gripper', 'open')} at {target}" + (f", {', '.join(motions)}" if motions else "")

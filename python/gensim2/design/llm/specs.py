@@ -1,0 +1,109 @@
+"""Task specs from what a model said, in the paper's words for goals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import DESIGNED
+from gensim2.design.llm.world import role_of
+from gensim2.tasks.criteria import (
+    ArticulatedClosed,
+    ArticulatedOpen,
+    Criterion,
+    DistanceArticulatedRigid,
+    DistanceGripperArticulated,
+    DistanceGripperRigid,
+)
+from gensim2.tasks.spec import ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+
+CRITERIA = (
+    "articulated_open",
+    "articulated_closed",
+    "distance_articulated_rigidbody",
+    "distance_gripper_rigidbody",
+    "distance_gripper_articulated",
+)
+"""The paper's kinds of success criteria."""
+
+#: Where a rigid object stands that is to be taken up, m: beside the robot, out of the way of what opens.
+BESIDE = (-0.2, -0.45)
+
+#: Control steps that a step of a long task may take.
+STEPS_A_STEP = 300
+
+#: Openness at the start of what things are put into without being opened first.
+STANDS_OPEN = 0.95
+
+
+def roles_of(articulated: Affordance, rigid: Affordance | None) -> tuple[str, str | None]:
+    """What a task calls its two objects."""
+    role = role_of(articulated)
+    if rigid is None:
+        return role, None
+    other = role_of(rigid)
+    return role, other if other != role else f"small_{other}"
+
+
+def criterion(kind: str, articulated: str, rigid: str | None) -> Criterion:
+    """A criterion of one of the paper's kinds, about the objects of these names."""
+    if kind == "articulated_open":
+        return ArticulatedOpen(object=articulated)
+    if kind == "articulated_closed":
+        return ArticulatedClosed(object=articulated)
+    if kind == "distance_gripper_articulated":
+        return DistanceGripperArticulated(articulated=articulated)
+    assert rigid is not None
+    if kind == "distance_gripper_rigidbody":
+        return DistanceGripperRigid(rigid=rigid)
+    return DistanceArticulatedRigid(articulated=articulated, rigid=rigid)
+
+
+def single_step(name: str, sentence: str, thing: Affordance, kind: str, origin: str) -> TaskSpec:
+    """A task of one motion on one articulated object."""
+    role = role_of(thing)
+    done = criterion(kind, role, None)
+    return TaskSpec(
+        name=name,
+        description=sentence,
+        objects={role: ObjectSpec(asset_class=thing.asset_class)},
+        steps=(Step(name=_verb(kind), object=role, strategies=(DESIGNED,), done=(done,)),),
+        provenance=Provenance(origin=origin[:100]),
+    )
+
+
+def long_task(
+    name: str,
+    sentence: str,
+    articulated: Affordance,
+    rigid: Affordance | None,
+    steps: Sequence[Step],
+    goal: Sequence[str],
+    origin: str,
+) -> TaskSpec:
+    """A task of several steps, whose objects are called as :func:`roles_of` says."""
+    role, other = roles_of(articulated, rigid)
+    opens = any(isinstance(c, ArticulatedOpen) for step in steps for c in step.done)
+    first = next((c for step in steps for c in step.done if isinstance(c, ArticulatedOpen | ArticulatedClosed)), None)
+    mean = None
+    if rigid is not None and articulated.is_container:
+        mean = STANDS_OPEN if not opens or isinstance(first, ArticulatedClosed) else 0.5
+    scene = Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=mean) if rigid else Randomization()
+    if mean == STANDS_OPEN:
+        scene = scene.model_copy(update={"openness_spread": 1 - STANDS_OPEN})
+    objects = {role: ObjectSpec(asset_class=articulated.asset_class, randomization=scene)}
+    if rigid is not None and other is not None:
+        objects[other] = ObjectSpec(asset_class=rigid.asset_class, place=Place(at=BESIDE))
+    return TaskSpec(
+        name=name,
+        description=sentence,
+        objects=objects,
+        steps=tuple(steps),
+        goal=tuple(criterion(kind, role, other) for kind in goal),
+        max_episode_steps=max(400, STEPS_A_STEP * len(steps)),
+        provenance=Provenance(origin=origin[:100]),
+    )
+
+
+def _verb(kind: str) -> str:
+    return {"articulated_open": "open", "articulated_closed": "close"}.get(kind, "reach")

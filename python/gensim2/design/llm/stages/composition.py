@@ -1,0 +1,252 @@
+"""Bottom-up: a long task out of what the robot can do already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gensim2.design.base import Known
+from gensim2.design.llm.conversations import Ask, Wrong
+from gensim2.design.llm.extraction import Data
+from gensim2.design.llm.specs import criterion, long_task, roles_of
+from gensim2.design.llm.stages.decomposition import BRINGING, GRASP, WORKING
+from gensim2.design.llm.stages.proposal import Wish
+from gensim2.design.llm.templating import Prompts
+from gensim2.design.llm.world import World, name_of, sentence_of
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+#: Steps of the longest chain.
+MOST_STEPS = 5
+
+PLACE = "place"
+
+SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": {
+        "reasoning": {"type": "string"},
+        "task-name": {"type": "string"},
+        "task-description": {"type": "string"},
+        "steps": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "properties": {
+                    "skill": {"type": "string"},
+                    "object": {"type": "string"},
+                    "into": {"type": "string"},
+                },
+                "required": ["skill", "object"],
+            },
+        },
+    },
+    "required": ["task-name", "task-description", "steps"],
+}
+
+
+@dataclass(frozen=True)
+class Skill:
+    """A task of one step that the robot does.
+
+    Attributes:
+        name: of the task.
+        object: class that it works on.
+        kind: what it brings about.
+        strategies: how.
+    """
+
+    name: str
+    object: str
+    kind: str
+    strategies: Strategies
+
+    @property
+    def before(self) -> str:
+        """What it needs."""
+        return "empty hand, closed or ajar" if self.kind == "articulated_open" else "empty hand, open or ajar"
+
+    @property
+    def after(self) -> str:
+        """What it brings about."""
+        return self.kind
+
+
+@dataclass(frozen=True)
+class Composition:
+    """A task, and the strategies of those of its steps that are known."""
+
+    task: TaskSpec
+    strategies: Mapping[str, Strategies]
+
+
+def skills_of(known: Sequence[Known], world: World) -> list[Skill]:
+    """The tasks of one step on one articulated object, and how they are done."""
+    found = []
+    for each in known:
+        task = each.task
+        if not task.is_single_step or len(task.success) != 1 or task.success[0].type not in WORKING:
+            continue
+        (thing, *rest) = task.objects.values()
+        if not rest and thing.asset_class in world.articulated:
+            found.append(Skill(task.name, thing.asset_class, task.success[0].type, each.strategies))
+    return sorted(found, key=lambda skill: (skill.object, skill.name))
+
+
+def composition(
+    prompts: Prompts,
+    world: World,
+    skills: Sequence[Skill],
+    wish: Wish,
+    refused: Sequence[str],
+    number: int,
+    origin: str,
+) -> Ask[Composition]:
+    """Ask for a new task made of ``skills``."""
+    text = prompts.text(
+        "composition",
+        **world.for_prompts(),
+        skills=skills,
+        target_object=wish.object,
+        refused=list(refused),
+        most=MOST_STEPS,
+    )
+    return Ask(
+        "composition",
+        "",
+        f"proposal {number + 1}",
+        text,
+        SCHEMA,
+        lambda data: read_composition(data, world, skills, wish, origin),
+        sample=number,
+    )
+
+
+def read_composition(
+    data: Sequence[Data], world: World, skills: Sequence[Skill], wish: Wish, origin: str
+) -> Composition:
+    """The task in an answer.
+
+    Raises:
+        Wrong: a step is none, or its turn comes when it cannot be done; names it.
+    """
+    given = next((each for each in reversed(data) if "steps" in each), None)
+    if given is None:
+        raise Wrong(['there is no JSON object with the keys "task-name", "task-description" and "steps"'])
+    problems: list[str] = []
+    name = name_of(given.get("task-name"), problems, world.known)
+    sentence = sentence_of(given.get("task-description"), problems)
+    steps = given["steps"]
+    if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
+        problems.append('"steps" must be a list of objects')
+    elif not 2 <= len(steps) <= MOST_STEPS:
+        problems.append(f'"steps" must be 2 to {MOST_STEPS}, not {len(steps)}')
+    if problems:
+        raise Wrong(problems)
+    classes = _classes(steps, world, skills, wish, problems)
+    if problems:
+        raise Wrong(problems)
+    articulated, rigid = world.articulated[classes[0]], world.rigid[classes[1]] if classes[1] else None
+    role, other = roles_of(articulated, rigid)
+    chain = _Chain(role, other, {skill.name: skill for skill in skills}, problems)
+    for number, step in enumerate(steps):
+        chain.add(f"step {number + 1}", str(step.get("skill", "")).strip())
+    chain.end()
+    if problems:
+        raise Wrong(problems)
+    task = long_task(name, sentence, articulated, rigid, chain.steps, chain.goal, origin)
+    return Composition(task, chain.strategies)
+
+
+def _classes(
+    steps: Sequence[Data], world: World, skills: Sequence[Skill], wish: Wish, problems: list[str]
+) -> tuple[str, str | None]:
+    """The articulated and the rigid class that the steps are about."""
+    known = {skill.name: skill for skill in skills}
+    articulated: set[str] = set()
+    rigid: set[str] = set()
+    for number, step in enumerate(steps):
+        skill, thing = str(step.get("skill", "")).strip(), str(step.get("object", "")).strip()
+        where = f"step {number + 1}"
+        if skill in known:
+            articulated.add(known[skill].object)
+            if thing and thing != known[skill].object:
+                problems.append(f"{where}: {skill} works on {known[skill].object}, not on {thing[:80]}")
+        elif skill in (GRASP, PLACE):
+            if thing in world.rigid:
+                rigid.add(thing)
+            else:
+                problems.append(f"{where}: {skill} needs a rigid object: {world.unknown(thing)}")
+            into = str(step.get("into", "")).strip()
+            if skill == PLACE and into in world.articulated:
+                articulated.add(into)
+            elif skill == PLACE:
+                problems.append(f'{where}: "into" must be an articulated object: {world.unknown(into)}')
+        else:
+            problems.append(f"{where}: there is no skill {skill[:80]!r}")
+    if not problems and (len(articulated) != 1 or len(rigid) > 1):
+        problems.append(
+            f"the steps are about {', '.join(sorted(articulated | rigid))}; one articulated object and at most one "
+            "rigid one are allowed"
+        )
+    if wish.object is not None and wish.object not in articulated | rigid:
+        problems.append(f"the steps must be about {wish.object}")
+    return next(iter(articulated), ""), next(iter(rigid), None)
+
+
+class _Chain:
+    """Steps so far."""
+
+    def __init__(self, role: str, other: str | None, skills: Mapping[str, Skill], problems: list[str]) -> None:
+        self.role, self.other, self.skills, self.problems = role, other, skills, problems
+        self.steps: list[Step] = []
+        self.strategies: dict[str, Strategies] = {}
+        self._held = False
+        self._joint: str | None = None
+        self._placed = False
+
+    @property
+    def goal(self) -> list[str]:
+        """Kinds that hold in the end."""
+        return ([BRINGING] if self._placed else []) + ([self._joint] if self._joint else [])
+
+    def add(self, where: str, skill: str) -> None:
+        if skill == GRASP:
+            self._grasp(where)
+        elif skill == PLACE:
+            self._place(where)
+        elif self._held:
+            self.problems.append(f"{where}: the hand holds an object; place it before {skill}")
+        elif self.skills[skill].kind == self._joint:
+            self.problems.append(f"{where}: {skill} brings about what is so already")
+        else:
+            self._joint = self.skills[skill].kind
+            found = self._step("open" if self._joint == "articulated_open" else "close", self.role, HAND, self._joint)
+            self.strategies[found] = self.skills[skill].strategies
+
+    def end(self) -> None:
+        if self._held:
+            self.problems.append("at the end the hand still holds the object; place it")
+
+    def _grasp(self, where: str) -> None:
+        if self._held:
+            self.problems.append(f"{where}: the hand holds an object already")
+            return
+        self._step(GRASP, str(self.other), HAND, "distance_gripper_rigidbody")
+        self._held = True
+
+    def _place(self, where: str) -> None:
+        if not self._held:
+            self.problems.append(f"{where}: nothing is held; grasp it before")
+            return
+        if self._joint == "articulated_closed":
+            self.problems.append(f"{where}: nothing can be put into what was closed just before")
+        self._step(PLACE, self.role, str(self.other), BRINGING)
+        self._held, self._placed = False, True
+
+    def _step(self, verb: str, on: str, tool: str, kind: str) -> str:
+        taken = sum(step.name.rstrip("_0123456789") == verb for step in self.steps)
+        name = verb if not taken else f"{verb}_{taken + 1}"
+        done = criterion(kind, self.role, self.other)
+        self.steps.append(Step(name=name, object=on, tool=tool, strategies=(f"designed_{name}",), done=(done,)))
+        return name

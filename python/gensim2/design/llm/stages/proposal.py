@@ -1,0 +1,241 @@
+"""A new task: of one motion, or a long one that is taken apart later; and a second look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gensim2.design.llm.conversations import Ask, Wrong
+from gensim2.design.llm.extraction import Data
+from gensim2.design.llm.specs import CRITERIA, single_step
+from gensim2.design.llm.templating import Prompts
+from gensim2.design.llm.world import World, name_of, sentence_of
+from gensim2.tasks.criteria import CLOSED, OPEN
+from gensim2.tasks.spec import TaskSpec
+
+#: Half the width of the band from which the initial openness is drawn.
+SPREAD = 0.15
+
+KEYS = ("task-name", "task-description", "assets-used", "success-criteria")
+
+SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": {
+        "reasoning": {"type": "string"},
+        "task-name": {"type": "string"},
+        "task-description": {"type": "string"},
+        "assets-used": {"type": "array", "items": {"type": "string"}},
+        "success-criteria": {"type": "array", "items": {"type": "string", "enum": list(CRITERIA)}},
+    },
+    "required": list(KEYS),
+}
+
+REFLECTION_SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": {
+        "verdict": {"type": "string", "enum": ["good", "bad"]},
+        "reasons": {"type": "array", "items": {"type": "string"}},
+        "usefulness": {"type": "number"},
+    },
+    "required": ["verdict", "reasons", "usefulness"],
+}
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A task in the paper's four keys.
+
+    Attributes:
+        name: CamelCase.
+        sentence: what a person would ask for.
+        articulated: class of its articulated object.
+        rigid: class of its rigid object; None: it has none.
+        criteria: kinds that must hold in the end.
+    """
+
+    name: str
+    sentence: str
+    articulated: str
+    rigid: str | None
+    criteria: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The paper's keys."""
+        return {
+            "task-name": self.name,
+            "task-description": self.sentence,
+            "assets-used": [self.articulated] + ([self.rigid] if self.rigid else []),
+            "success-criteria": list(self.criteria),
+        }
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What the user wants tasks to be about.
+
+    Attributes:
+        long: of several motions.
+        task: name; None: any.
+        object: class; None: any.
+    """
+
+    long: bool
+    task: str | None = None
+    object: str | None = None
+
+
+def proposal(prompts: Prompts, world: World, wish: Wish, refused: Sequence[str], number: int) -> Ask[Proposal]:
+    """Ask for a new task.
+
+    Args:
+        refused: proposals that were not taken, with reasons.
+        number: of the proposal in the run.
+    """
+    bank = prompts.bank
+    text = prompts.text(
+        "proposal",
+        **world.for_prompts(),
+        good=bank["long" if wish.long else "single"],
+        bad=bank["bad"],
+        long=wish.long,
+        target_task=wish.task,
+        target_object=wish.object,
+        refused=list(refused),
+    )
+    return Ask(
+        "proposal",
+        "",
+        f"proposal {number + 1}",
+        text,
+        SCHEMA,
+        lambda data: read_proposal(data, world, wish),
+        sample=number,
+    )
+
+
+def read_proposal(data: Sequence[Data], world: World, wish: Wish) -> Proposal:
+    """The proposal in an answer, the last where there are several: a model that thinks again says so later.
+
+    Raises:
+        Wrong: it breaks a rule; names all that it breaks.
+    """
+    given = next((_in_kebab(each) for each in reversed(data) if "task-name" in _in_kebab(each)), None)
+    if given is None:
+        raise Wrong(["there is no JSON object with the keys " + ", ".join(f'"{key}"' for key in KEYS)])
+    problems = [f'the key "{key}" is missing' for key in KEYS if key not in given]
+    if problems:
+        raise Wrong(problems)
+    if wish.task is None:
+        name = name_of(given["task-name"], problems, world.known)
+    else:
+        name = name_of(kebab(wish.task), problems, ())
+    sentence = sentence_of(given["task-description"], problems)
+    articulated, rigid = _objects(given["assets-used"], world, wish, problems)
+    criteria = _criteria(given["success-criteria"], bool(rigid), wish, problems)
+    if problems:
+        raise Wrong(problems)
+    found = Proposal(name, sentence, articulated, rigid, criteria)
+    if not wish.long:
+        _check_single(found, world, problems)
+    if problems:
+        raise Wrong(problems)
+    return found
+
+
+def task_of(found: Proposal, world: World, origin: str) -> TaskSpec:
+    """The task of a proposal of one motion."""
+    thing = world.articulated[found.articulated]
+    return single_step(found.name, found.sentence, thing, found.criteria[0], origin)
+
+
+def reflection(prompts: Prompts, world: World, found: Proposal, wish: Wish) -> Ask[tuple[bool, str]]:
+    """Ask whether a proposal is any good; the value says so, and why."""
+    classes = [name for name in (found.articulated, found.rigid) if name]
+    text = prompts.text(
+        "reflection",
+        **world.about(*classes).for_prompts(),
+        task=found.to_dict(),
+        bad=prompts.bank["bad"],
+        long=wish.long,
+    )
+    return Ask("reflection", found.name, "", text, REFLECTION_SCHEMA, read_reflection)
+
+
+def read_reflection(data: Sequence[Data]) -> tuple[bool, str]:
+    """Whether a proposal is good, and the reasons.
+
+    Raises:
+        Wrong: the answer does not say.
+    """
+    given = next((each for each in reversed(data) if "verdict" in each), {})
+    verdict = str(given.get("verdict", "")).strip().lower()
+    if verdict not in ("good", "bad"):
+        raise Wrong(['the key "verdict" must be "good" or "bad"'])
+    reasons = given.get("reasons", [])
+    said = [str(each) for each in reasons] if isinstance(reasons, list) else [str(reasons)]
+    return verdict == "good", " ".join(" ".join(said).split())[:500]
+
+
+def kebab(name: str) -> str:
+    """``"OpenSafe"`` as ``"open-safe"``."""
+    return "".join(f"-{c.lower()}" if c.isupper() else c for c in name).strip("-")
+
+
+def _in_kebab(given: Data) -> Data:
+    return {str(key).strip().lower().replace("_", "-").replace(" ", "-"): value for key, value in given.items()}
+
+
+def _objects(given: Any, world: World, wish: Wish, problems: list[str]) -> tuple[str, str | None]:
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        problems.append('"assets-used" must be a list of object names')
+        return "", None
+    for name in names:
+        if name not in world.articulated and name not in world.rigid:
+            problems.append(f'"assets-used": {world.unknown(name)}')
+    articulated = [name for name in names if name in world.articulated]
+    rigid = [name for name in names if name in world.rigid]
+    if len(articulated) != 1:
+        problems.append(f'"assets-used" must name exactly one articulated object, not {len(articulated)}')
+    if wish.long and len(rigid) != 1:
+        problems.append(f'"assets-used" must name exactly one rigid object, not {len(rigid)}')
+    if not wish.long and rigid:
+        problems.append(f'"assets-used": a task of one motion uses no rigid object, take out {", ".join(rigid)}')
+    if wish.object is not None and wish.object not in names:
+        problems.append(f'"assets-used" must name {wish.object}')
+    return (articulated[0] if articulated else ""), (rigid[0] if rigid else None)
+
+
+def _criteria(given: Any, has_rigid: bool, wish: Wish, problems: list[str]) -> tuple[str, ...]:
+    kinds = [given] if isinstance(given, str) else given
+    if not isinstance(kinds, list) or not kinds or not all(isinstance(kind, str) for kind in kinds):
+        problems.append('"success-criteria" must be a list of kinds')
+        return ()
+    found = tuple(dict.fromkeys(kind.strip() for kind in kinds))
+    for kind in found:
+        if kind not in CRITERIA:
+            problems.append(f'"success-criteria": there is no kind {kind[:80]!r}; the kinds are {", ".join(CRITERIA)}')
+        elif "rigidbody" in kind and not has_rigid:
+            problems.append(f'"success-criteria": {kind} needs a rigid object')
+    if {"articulated_open", "articulated_closed"} <= set(found):
+        problems.append('"success-criteria": nothing is both open and closed at the end')
+    if not wish.long and len(found) > 1:
+        problems.append('"success-criteria": a task of one motion has one')
+    return found
+
+
+def _check_single(found: Proposal, world: World, problems: list[str]) -> None:
+    """Refuse what is true from the start, what no keypoint can be worked by, and what repeats a task."""
+    thing, (kind,) = world.articulated[found.articulated], found.criteria
+    start = thing.default_openness or 0.0
+    if kind == "articulated_open" and start + SPREAD >= OPEN:
+        problems.append(f"{found.articulated} is open at the start already (openness about {start:.2f})")
+    if kind == "articulated_closed" and start - SPREAD <= CLOSED:
+        problems.append(f"{found.articulated} is closed at the start already (openness about {start:.2f})")
+    if not thing.lever_arms:
+        problems.append(f"{found.articulated} has no keypoint on the part that moves; take another object")
+    for task in world.known:
+        same = [each.asset_class for each in task.objects.values()] == [found.articulated]
+        if task.is_single_step and same and [c.type for c in task.success] == [kind] and task.name != found.name:
+            problems.append(f"the task {task.name} is the same: {kind} of {found.articulated}")

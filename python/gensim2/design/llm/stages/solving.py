@@ -1,0 +1,263 @@
+"""The solver's stages: constraints, then motions in several ways, and better configs after they were tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import Known
+from gensim2.design.llm import configs
+from gensim2.design.llm.configs import CONSTRAINTS, FINGERS, MOTIONS
+from gensim2.design.llm.conversations import Ask, Wrong
+from gensim2.design.llm.extraction import ITEMS, Data
+from gensim2.design.llm.templating import Prompts
+from gensim2.design.pictures import Picture
+from gensim2.planning.strategies import PLANNER_FIELDS
+from gensim2.robots import RobotProfile
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+from gensim2.tasks.wording import criteria_in_words
+
+Config = dict[str, Any]
+
+#: Examples that a prompt shows.
+EXAMPLES = 3
+
+_LIST = {"type": "array"}
+_MOTION_FIELDS: dict[str, Any] = {
+    "pre_actuation_motions": _LIST,
+    "post_actuation_motions": _LIST,
+    "gripper": {"type": "string", "enum": ["open", "closed", "grasp", "hold", "release"]},
+    "let_go": {"type": "number"},
+}
+_CONSTRAINT_FIELDS: dict[str, Any] = {CONSTRAINTS: {"type": "array", "items": {"type": "object"}}}
+
+
+def _schema(properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties, "required": list(properties)}
+
+
+def _listed_schema(field: str, properties: dict[str, Any]) -> dict[str, Any]:
+    return _schema({field: {"type": "array", "items": {"type": "object", "properties": properties}}})
+
+
+@dataclass(frozen=True)
+class Job:
+    """A step for which configs are wanted.
+
+    Attributes:
+        task: of the step.
+        step: what is to be done.
+        things: the task's objects by their names in it.
+        tool_keypoints: of the hand, name to description.
+        profile: the robot, against which names are checked.
+    """
+
+    task: TaskSpec
+    step: Step
+    things: Mapping[str, Affordance]
+    tool_keypoints: Mapping[str, str]
+    profile: RobotProfile
+
+    @property
+    def held(self) -> Affordance | None:
+        """What the hand holds meanwhile."""
+        return None if self.step.tool == HAND else self.things[self.step.tool]
+
+    def for_prompts(self) -> dict[str, Any]:
+        """Values that all solver prompts share."""
+        done = criteria_in_words(self.step.done)
+        sentence = self.task.description if self.task.is_single_step else f"{self.step.name}: {done}"
+        return {
+            "sentence": sentence,
+            "task_name": self.task.name,
+            "step_name": self.step.name,
+            "thing": self.things[self.step.object],
+            "held": self.held,
+            "tool_keypoints": self.tool_keypoints,
+        }
+
+    def problems(self, config: Mapping[str, Any]) -> list[str]:
+        """What is wrong with a whole config for this step."""
+        found = configs.problems_of_config(config)
+        gripper = config.get("gripper", "open")
+        if not found and self.held is not None and gripper not in ("hold", "release"):
+            found = [f"gripper: the hand holds {self.held.asset_class}; use release (or hold), not {gripper}"]
+        if not found and self.held is None and gripper in ("hold", "release"):
+            found = [f"gripper: nothing is held; use open, closed or grasp, not {gripper}"]
+        if not found:
+            found = configs.problems_of_names(self.task, self.step, config, self.things, self.profile)
+        return found
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Pictures that go along, each with a line that says what it shows."""
+
+    captions: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+
+
+def constraints(prompts: Prompts, job: Job, known: Sequence[Known], sight: Sight) -> Ask[list[Any]]:
+    """Stage 1: ask for the constraints of the actuation pose."""
+    stage = "constraints_visual" if sight.pictures else "constraints"
+    examples = [
+        {"name": each.name, "sentence": each.sentence, "constraints": {CONSTRAINTS: each.config[CONSTRAINTS]}}
+        for each in examples_for(job, known)
+    ]
+    text = prompts.text(stage, **job.for_prompts(), examples=examples, captions=sight.captions)
+    schema = _schema(_CONSTRAINT_FIELDS)
+    return Ask(
+        stage, job.task.name, job.step.name, text, schema, lambda data: read_constraints(data, job), sight.pictures
+    )
+
+
+def read_constraints(data: Sequence[Data], job: Job) -> list[Any]:
+    """The constraint list in an answer.
+
+    Raises:
+        Wrong: it breaks the language, or names what is not there.
+    """
+    found = next((each[CONSTRAINTS] for each in data if CONSTRAINTS in each), None)
+    if found is None:
+        found = next((each[ITEMS] for each in data if isinstance(each.get(ITEMS), list)), None)
+    if found is None:
+        raise Wrong([f'there is no field "{CONSTRAINTS}"'])
+    problems = configs.problems_of_constraints(found)
+    if not problems:
+        fingers = "closed" if job.held is None else "release"
+        whole = {CONSTRAINTS: found, "pre_actuation_motions": [["translate_z", -0.08]], "gripper": fingers}
+        problems = configs.problems_of_names(job.task, job.step, whole, job.things, job.profile)
+    if problems:
+        raise Wrong(problems)
+    return list(found)
+
+
+def motions(
+    prompts: Prompts, job: Job, known: Sequence[Known], constraint_list: Sequence[Any], trials: int, sight: Sight
+) -> Ask[list[Config]]:
+    """Stage 2: ask for ``trials`` ways to get to the actuation pose and on; the value is whole configs."""
+    stage = "motions_visual" if sight.pictures else "motions"
+    examples = [
+        {"name": each.name, "sentence": each.sentence, "motions": _motions_of(each.config)}
+        for each in examples_for(job, known)
+    ]
+    text = prompts.text(
+        stage,
+        **job.for_prompts(),
+        examples=examples,
+        constraints={CONSTRAINTS: list(constraint_list)},
+        trials=trials,
+        captions=sight.captions,
+    )
+    schema = _listed_schema("trials", _MOTION_FIELDS)
+
+    def read(data: list[Data]) -> list[Config]:
+        given = _several(data, "trials", {*MOTIONS, *FINGERS})
+        return _valid([{CONSTRAINTS: list(constraint_list), **configs.cleaned(each)} for each in given], job, trials)
+
+    return Ask(stage, job.task.name, job.step.name, text, schema, read, sight.pictures)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A config and how it fared, for the model.
+
+    Attributes:
+        config: of the step.
+        outcome: how often it was planned and held, in a sentence.
+        diagnosis: what went wrong, a sentence each.
+    """
+
+    config: Config
+    outcome: str
+    diagnosis: tuple[str, ...]
+
+
+def regeneration(prompts: Prompts, job: Job, tried: Sequence[Tried], trials: int, round: int) -> Ask[list[Config]]:
+    """Ask for better configs after some were tried."""
+    text = prompts.text("regeneration", **job.for_prompts(), tried=tried, trials=trials)
+    schema = _listed_schema("configs", {**_CONSTRAINT_FIELDS, **_MOTION_FIELDS})
+
+    def read(data: list[Data]) -> list[Config]:
+        return _valid([configs.cleaned(each) for each in _several(data, "configs", {CONSTRAINTS})], job, trials)
+
+    about = f"{job.step.name}, round {round + 1}"
+    return Ask("regeneration", job.task.name, about, text, schema, read, sample=round)
+
+
+@dataclass(frozen=True)
+class Example:
+    """A config of a task that is there."""
+
+    name: str
+    sentence: str
+    config: Config
+
+
+def examples_for(job: Job, known: Sequence[Known]) -> list[Example]:
+    """Configs of tasks that are there, those most like the step first (tool, goal, class); no two of one class."""
+    own = job.things[job.step.object]
+    kinds = [criterion.type for criterion in job.step.done]
+    ranked: list[tuple[tuple[bool, ...], str, Example, str]] = []
+    for each in known:
+        for step in each.task.steps:
+            name = step.strategies[0]
+            config = each.strategies.get(name, {})
+            asset_class = each.task.objects[step.object].asset_class
+            same = (asset_class, [criterion.type for criterion in step.done]) == (own.asset_class, kinds)
+            if CONSTRAINTS not in config or each.task.name == job.task.name or (same and job.task.is_single_step):
+                continue  # what is designed anew is hidden
+            unlike = (
+                (step.tool == HAND) != (job.step.tool == HAND),
+                [criterion.type for criterion in step.done] != kinds,
+                asset_class != own.asset_class,
+                not each.task.is_single_step,
+            )
+            shown = {field: value for field, value in config.items() if field not in configs.DROPPED}
+            sentence = each.task.description if each.task.is_single_step else f"{step.name} ({each.task.description})"
+            ranked.append((unlike, each.task.name, Example(each.task.name, sentence, shown), asset_class))
+    chosen: list[Example] = []
+    classes: set[str] = set()
+    for _, _, example, asset_class in sorted(ranked, key=lambda item: item[:2]):
+        if asset_class not in classes and len(chosen) < EXAMPLES:
+            classes.add(asset_class)
+            chosen.append(example)
+    return chosen
+
+
+def _motions_of(config: Mapping[str, Any]) -> Config:
+    return {name: config[name] for name in (*MOTIONS, *FINGERS, *PLANNER_FIELDS) if name in config}
+
+
+def _several(data: Sequence[Data], field: str, marks: set[str]) -> list[Data]:
+    """The maps under ``field``; or those that stand by themselves and look like what is wanted."""
+    for each in data:
+        for name in (field, ITEMS):
+            if isinstance(each.get(name), list):
+                listed = [item for item in each[name] if isinstance(item, dict)]
+                if listed:
+                    return listed
+    loose = [each for each in data if marks & set(each)]
+    if not loose:
+        raise Wrong([f'there is no list "{field}"'])
+    return loose
+
+
+def _valid(given: Sequence[Config], job: Job, most: int) -> list[Config]:
+    """Those that can be used, no two alike; one that cannot be used does not spoil the others.
+
+    Raises:
+        Wrong: none can be used; names what is wrong with each.
+    """
+    found: list[Config] = []
+    problems: list[str] = []
+    for number, config in enumerate(given[: 4 * most]):
+        wrong = job.problems(config)
+        problems += [f"number {number + 1}: {problem}" for problem in wrong]
+        if not wrong and config not in found:
+            found.append(config)
+    if not found:
+        raise Wrong(problems or ["the list is empty"])
+    return found[:most]

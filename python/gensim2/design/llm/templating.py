@@ -1,0 +1,120 @@
+"""Prompts: one template a file in ``prompts/`` (jinja2), and the bank of good and bad tasks beside them.
+
+A folder of one's own may hold files of the same names, which take the place of ours.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from gensim2.design.llm import wording
+from gensim2.errors import InputError
+from gensim2.yaml_files import parse_yaml
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+    from jinja2 import Template
+
+SUFFIX = ".md.j2"
+BANK = "tasks.yaml"
+
+#: Characters of the longest text out of an object's files that goes into a prompt.
+LONGEST_QUOTE = 300
+
+
+class Prompts:
+    """The templates of all stages.
+
+    Args:
+        folder: with files that take the place of the package's; None: there is none.
+
+    Raises:
+        InputError: the folder is none, or a file in it has a name that no prompt has, or cannot be read.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        import jinja2.sandbox
+
+        self._texts = _texts(files("gensim2.design.llm") / "prompts")
+        if folder is not None:
+            self._texts.update(_own(folder, set(self._texts)))
+        self._environment = jinja2.sandbox.SandboxedEnvironment(
+            loader=jinja2.DictLoader(self._texts),
+            undefined=jinja2.StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            keep_trailing_newline=True,
+            autoescape=False,
+        )
+        self._environment.filters["quoted"] = quoted
+        self._environment.filters.update(yaml=as_yaml, motion=wording.motion, size=wording.size)
+        self._folder = folder
+
+    @cached_property
+    def digest(self) -> str:
+        """Of all texts."""
+        return hashlib.sha256(json.dumps(self._texts, sort_keys=True).encode()).hexdigest()[:16]
+
+    @cached_property
+    def bank(self) -> dict[str, Any]:
+        """Good and bad tasks, each with its reason."""
+        return parse_yaml(self._texts[BANK].encode(), BANK)
+
+    def text(self, prompt: str, /, **values: Any) -> str:
+        """A prompt with its values filled in.
+
+        Raises:
+            InputError: the template cannot be filled in; possible only with one of the user's own.
+        """
+        import jinja2
+
+        try:
+            template: Template = self._environment.get_template(prompt + SUFFIX)
+            return template.render(**values).strip() + "\n"
+        except jinja2.TemplateError as error:
+            file = (self._folder or Path("prompts")) / (prompt + SUFFIX)
+            raise InputError(f"cannot be filled in: {error}", file=file) from error
+
+
+def quoted(text: str) -> str:
+    """Words out of an object's files as one line of quoted data: whatever they say, they end where the quote ends."""
+    line = " ".join(text.split())
+    line = line if len(line) <= LONGEST_QUOTE else f"{line[:LONGEST_QUOTE]} ..."
+    return json.dumps(line, ensure_ascii=True).replace("`", "'").replace("<", "(").replace(">", ")")
+
+
+def as_yaml(value: Any) -> str:
+    """Plain data as YAML."""
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True).strip()
+
+
+def _texts(folder: Traversable) -> dict[str, str]:
+    return {
+        entry.name: entry.read_text(encoding="utf-8")
+        for entry in sorted(folder.iterdir(), key=lambda entry: entry.name)
+        if entry.name.endswith(SUFFIX) or entry.name == BANK
+    }
+
+
+def _own(folder: Path, known: set[str]) -> dict[str, str]:
+    if not folder.is_dir():
+        raise InputError("is no folder", file=folder, field="prompts")
+    found: dict[str, str] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or path.name == "README.md":
+            continue
+        if path.name not in known:
+            raise InputError("is no prompt", file=path, remedy=f"one of {', '.join(sorted(known))}")
+        try:
+            found[path.name] = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read: {error}", file=path) from error
+    return found

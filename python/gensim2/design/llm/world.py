@@ -1,0 +1,107 @@
+"""What the prompts say there is, and what answers may name: a brief, read once."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import Brief, Settings
+from gensim2.design.llm.wording import known_task
+from gensim2.errors import InputError
+from gensim2.tasks.spec import HAND, TABLE, TaskSpec
+
+_KEBAB = re.compile(r"^[a-z][a-z0-9]*(-[a-z0-9]+)*$")
+LONGEST_NAME = 60
+LONGEST_SENTENCE = 160
+
+
+@dataclass(frozen=True)
+class World:
+    """Settings, objects and tasks.
+
+    Attributes:
+        settings: of the robot.
+        articulated, rigid: classes by name; those that cannot be read are left out.
+        known: tasks that are there.
+    """
+
+    settings: Settings
+    articulated: dict[str, Affordance]
+    rigid: dict[str, Affordance]
+    known: tuple[TaskSpec, ...]
+
+    @staticmethod
+    def of(brief: Brief, articulated_only: bool = False) -> World:
+        """Read a brief, in which articulated classes come first; each takes a moment."""
+        found: dict[str, Affordance] = {}
+        for name in brief.classes:
+            try:
+                found[name] = brief.classes[name]
+            except InputError:
+                continue  # the run's notes name it
+            if articulated_only and found[name].kind == "rigid":
+                break
+        return World(
+            brief.settings,
+            {name: each for name, each in found.items() if each.kind == "articulated"},
+            {name: each for name, each in found.items() if each.kind == "rigid"},
+            tuple(known.task for known in brief.known),
+        )
+
+    def about(self, *classes: str) -> World:
+        """With these classes only."""
+        return World(
+            self.settings,
+            {name: each for name, each in self.articulated.items() if name in classes},
+            {name: each for name, each in self.rigid.items() if name in classes},
+            self.known,
+        )
+
+    def for_prompts(self) -> dict[str, Any]:
+        """Values of the prompts' part ``_world``."""
+        return {
+            "settings": self.settings,
+            "articulated": list(self.articulated.values()),
+            "rigid": list(self.rigid.values()),
+            "known": [known_task(task) for task in self.known],
+        }
+
+    def unknown(self, name: object) -> str:
+        """Why a class cannot be used, with near names."""
+        near = difflib.get_close_matches(str(name), [*self.articulated, *self.rigid], n=3)
+        return f"there is no object {str(name)[:80]!r}" + (f"; did you mean {', '.join(near)}?" if near else "")
+
+
+def name_of(kebab: object, problems: list[str], known: Sequence[TaskSpec], field: str = "task-name") -> str:
+    """CamelCase of a lower-case hyphenated name; what is wrong with it is added to ``problems``."""
+    text = str(kebab).strip().lower().replace("_", "-").replace(" ", "-")
+    if not isinstance(kebab, str) or not _KEBAB.match(text) or len(text) > LONGEST_NAME:
+        problems.append(f'"{field}" must be lower-case words joined by hyphens, at most {LONGEST_NAME} characters')
+        return ""
+    name = "".join(word.capitalize() for word in text.split("-"))
+    if name.lower() in {task.name.lower() for task in known}:
+        problems.append(f"there is a task {name} already; propose another")
+    return name
+
+
+def sentence_of(text: object, problems: list[str], field: str = "task-description") -> str:
+    """One sentence in lower case and in English letters; what is wrong with it is added to ``problems``."""
+    if not isinstance(text, str) or not text.strip():
+        problems.append(f'"{field}" must be a sentence')
+        return ""
+    found = " ".join(text.split()).rstrip(".")
+    if not (found.isascii() and found.isprintable()):
+        problems.append(f'"{field}" must be in English, in plain letters')
+    if len(found) > LONGEST_SENTENCE:
+        problems.append(f'"{field}" must be one short sentence, at most {LONGEST_SENTENCE} characters')
+    return found[:1].lower() + found[1:]
+
+
+def role_of(thing: Affordance) -> str:
+    """What a task calls an object: its noun, as a name."""
+    role = re.sub(r"[^a-z0-9]+", "_", thing.noun.lower()).strip("_")[:50]
+    return f"the_{role}" if role in (HAND, TABLE) or not role[:1].isalpha() else role

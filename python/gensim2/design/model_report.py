@@ -1,0 +1,116 @@
+"""What a report says of a language model: every question and answer of a task, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gensim2.design.llm.log import MODEL_FOLDER, ConversationRecord, read_log
+from gensim2.design.llm.store import MODEL_JSON, AnswerRecord, AnswerStore
+
+#: Characters of an answer that are shown; the rest is counted.
+SHOWN_ANSWER = 20_000
+
+#: The order in which a task comes to be.
+STAGES = (
+    "proposal",
+    "composition",
+    "reflection",
+    "decomposition",
+    "code",
+    "constraints",
+    "constraints_visual",
+    "motions",
+    "motions_visual",
+    "regeneration",
+)
+
+
+class ModelReport:
+    """Of one run folder.
+
+    Args:
+        run_dir: the folder.
+
+    Raises:
+        InputError: a file of it is damaged.
+    """
+
+    def __init__(self, run_dir: Path) -> None:
+        folder = run_dir / MODEL_FOLDER
+        self._store = AnswerStore(folder)
+        self._model = self._store.model().model if (folder / MODEL_JSON).exists() else None
+        self._conversations = read_log(folder).conversations
+
+    def of_task(self, name: str) -> dict[str, Any] | None:
+        """The conversations about a task and what they cost; None where there are none."""
+        own = [each for each in self._conversations if each.subject == name]
+        return self._told(own) if own else None
+
+    def of_run(self) -> dict[str, Any] | None:
+        """The model, its conversations by stage, those that came to no task, the whole cost; None without a model."""
+        if self._model is None:
+            return None
+        stages = sorted({each.stage for each in self._conversations}, key=_rank)
+        nameless = [each for each in self._conversations if not each.subject]
+        return {
+            "model": self._model,
+            "stages": [self._stage(stage) for stage in stages],
+            "sums": self._sums(self._conversations),
+            "nameless": self._told(nameless) if nameless else None,
+        }
+
+    def _stage(self, stage: str) -> dict[str, Any]:
+        own = [each for each in self._conversations if each.stage == stage]
+        return {
+            "name": stage,
+            "questions": len(own),
+            **{word: sum(each.outcome == word for each in own) for word in ("used", "refused", "dropped")},
+            "complaints": sum(bool(turn.problems) for each in own for turn in each.turns),
+            **self._sums(own),
+        }
+
+    def _told(self, conversations: Sequence[ConversationRecord]) -> dict[str, Any]:
+        ordered = sorted(conversations, key=lambda each: (_rank(each.stage), each.about))
+        return {"conversations": [self._conversation(each) for each in ordered], "sums": self._sums(conversations)}
+
+    def _conversation(self, given: ConversationRecord) -> dict[str, Any]:
+        turns = []
+        for turn in given.turns:
+            record = self._store.record(turn.answer)
+            if record is not None:
+                turns.append(
+                    {
+                        "question": str(record.messages[-1]["text"]),
+                        "pictures": record.messages[1].get("pictures", []) if len(record.messages) == 2 else [],
+                        "answer": record.text[:SHOWN_ANSWER],
+                        "more": max(0, len(record.text) - SHOWN_ANSWER),
+                        "problems": turn.problems,
+                    }
+                )
+        return {
+            "stage": given.stage.replace("_", ", "),
+            "about": given.about,
+            "outcome": given.outcome,
+            "reason": given.reason,
+            "turns": turns,
+        }
+
+    def _sums(self, conversations: Iterable[ConversationRecord]) -> dict[str, Any]:
+        """Answers, retries, tokens and USD; ``cost`` is None where no prices are known."""
+        records = [self._store.record(turn.answer) for each in conversations for turn in each.turns]
+        found: list[AnswerRecord] = [record for record in records if record is not None]
+        costs = [record.cost for record in found]
+        return {
+            "answers": len(found),
+            "retries": sum(record.retries for record in found),
+            "tokens_in": sum(record.tokens_in for record in found),
+            "tokens_out": sum(record.tokens_out for record in found),
+            "estimated": any(not record.counted for record in found),
+            "cost": None if None in costs else sum(cost for cost in costs if cost is not None),
+        }
+
+
+def _rank(stage: str) -> int:
+    return STAGES.index(stage) if stage in STAGES else len(STAGES)

@@ -1,0 +1,189 @@
+"""A designer that needs no key: rules first, then a search over alignments, keypoints and motions.
+
+Tasks of one step come from what objects afford, longer ones from those by their pre- and post-conditions. Physics says
+what holds.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from gensim2 import seeding
+from gensim2.design import composition, joint_search, pieces, proposals, skills, steering
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import Brief, Candidate, CandidateResult, Declined
+from gensim2.design.manipulation import Manipulation
+from gensim2.objects.words import Goal
+from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedClosed, ArticulatedOpen, RigidMoved
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+#: Alignments drawn for a joint beside the rules, at first, and once more where those beside them hold too seldom.
+FIRST_DRAW, SECOND_DRAW = 8, 60
+
+#: How many of the best are varied in a round of refinement, and how often each.
+REFINE_PARENTS = 3
+REFINE_CHILDREN = 4
+REFINE_ROUNDS = 3
+
+#: Tasks of one step that are proposed before the first long one, which needs some to be made of.
+FIRST_SINGLE = 12
+
+#: Strategies of one step that is done by several.
+TEAM = 3
+
+OPENING: dict[Goal, bool] = {
+    "articulated_open": True,
+    "half_open": True,
+    "articulated_closed": False,
+    "half_closed": False,
+}
+
+
+class OfflineDesigner:
+    """Proposes what the library lacks and searches for how to do it."""
+
+    name = "offline"
+    notes: Sequence[str] = ()
+
+    def open(self, folder: Path) -> None:
+        """It keeps no records of its own."""
+
+    def propose(self, brief: Brief, seed: int) -> Iterator[TaskSpec]:
+        """Yield tasks of one step, and soon in turn with them such as can be made of what is known by then."""
+        known = [each.task for each in brief.known]
+        wanted = composition.wanted_ends(brief)
+        single = proposals.propose(brief.classes, known, brief.settings.stroke, brief.familiar, wanted)
+        yield from itertools.islice(single, FIRST_SINGLE)
+        long = composition.propose(brief)
+        while True:
+            found = [task for task in (next(single, None), next(long, None)) if task is not None]
+            if not found:
+                return
+            yield from found
+
+    def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
+        """Return the first round: all rules together, each alone, and for a joint a draw of alignments beside them."""
+        if task.is_single_step and (goal := proposals.joint_goal(task)) is not None:
+            step, thing = task.steps[0], brief.classes[goal[0]]
+            rules = skills.joint_ways(thing, "open" if OPENING[goal[1]] else "close", goal[1].startswith("half"))
+            teams = [_rules(step, rules), _rules(step, dict(reversed(rules.items())))]
+            alone = [_rules(step, {name: data}) for name, data in rules.items()]
+            likely = joint_search.likely(thing, OPENING[goal[1]], _end(goal[1]))
+            drawn = _drawn(task, thing, goal[1], FIRST_DRAW, seed)
+            return [*teams, *alone, *(_candidate(task, each) for each in likely), *drawn]
+        ways = {step.name: self._ways(task, step, brief) for step in task.steps}
+        return _orders(ways)
+
+    def refine(
+        self, task: TaskSpec, brief: Brief, results: Sequence[CandidateResult], seed: int, round: int
+    ) -> list[Candidate]:
+        """Put the best together, vary those that were drawn, and draw more of what is likely by how all fared."""
+        if round >= REFINE_ROUNDS:
+            return []
+        seen = {str(result.candidate.steps) for result in results}
+        if not task.is_single_step or (goal := proposals.joint_goal(task)) is None:
+            return [each for each in _reordered(results) if str(each.steps) not in seen]
+        found = [_team(task.steps[0], group) for group in _groups(results)]
+        generator = seeding.rng(seed, f"{task.name}/refine", round)
+        halfway = goal[1].startswith("half")
+        drawn = [result for result in results if "approach" in result.candidate.provenance and result.held]
+        parents = drawn[:REFINE_PARENTS]
+        for parent in parents:
+            manipulation = joint_search.manipulation_from(parent.candidate.provenance)
+            for _ in range(REFINE_CHILDREN):
+                found.append(_candidate(task, joint_search.vary(manipulation, halfway, generator)))
+        if round == 0:
+            every = list(joint_search.alignments(brief.classes[goal[0]], OPENING[goal[1]], _end(goal[1])))
+            found += [_candidate(task, each) for each in steering.draw(every, results, SECOND_DRAW, generator)]
+        return list({str(each.steps): each for each in found if str(each.steps) not in seen}.values())
+
+    @staticmethod
+    def _ways(task: TaskSpec, step: Step, brief: Brief) -> Strategies:
+        """What is known of how to do one step of a long task."""
+        things = brief.of(task)
+        thing = things[step.object]
+        if step.tool == HAND and thing.kind == "rigid":
+            moved = next((criterion for criterion in step.done if isinstance(criterion, RigidMoved)), None)
+            return skills.grasps() if moved is None else skills.hand_overs(thing, moved.direction)
+        if step.tool != HAND and things[step.tool].kind == "rigid":
+            held = things[step.tool]
+            if thing.kind == "rigid":
+                return skills.places_on(thing, held)
+            if thing.is_container:
+                return skills.places_in(thing, held)
+        for criterion in step.done:
+            if isinstance(criterion, ArticulatedOpen | ArticulatedClosed | ArticulatedBetween):
+                return pieces.piece_ways(brief, thing.asset_class, criterion.type) or skills.joint_ways(
+                    thing, "open" if isinstance(criterion, ArticulatedOpen) else "close"
+                )
+        raise Declined(f"the offline designer knows no way to do the step {step.name!r}")
+
+
+def _rules(step: Step, rules: Strategies) -> Candidate:
+    label = " or else ".join(name.replace("_", " ") for name in rules)
+    return Candidate(label, {step.name: rules}, {"rules": list(rules)})
+
+
+def _drawn(task: TaskSpec, thing: Affordance, goal: Goal, count: int, seed: int) -> list[Candidate]:
+    drawn = joint_search.sample(thing, OPENING[goal], _end(goal), count, seed, f"{task.name}/candidates")
+    return [_candidate(task, manipulation) for manipulation in drawn]
+
+
+def _end(goal: Goal) -> float:
+    """Openness at which motions end."""
+    ends = {"articulated_open": joint_search.OPENED, "articulated_closed": joint_search.CLOSED_UP}
+    return ends.get(goal, joint_search.HALFWAY)
+
+
+def _candidate(task: TaskSpec, manipulation: Manipulation) -> Candidate:
+    step = task.steps[0]
+    return Candidate(
+        manipulation.label, {step.name: {step.strategies[0]: manipulation.config()}}, manipulation.provenance()
+    )
+
+
+def _groups(results: Sequence[CandidateResult]) -> list[list[CandidateResult]]:
+    """The best that held at all, two and three at once, each with the first in front."""
+    alone = [result for result in results if result.held and len(result.candidate.strategies) == 1]
+    return [alone[:count] for count in range(2, TEAM + 1) if len(alone) >= count]
+
+
+def _team(step: Step, group: Sequence[CandidateResult]) -> Candidate:
+    """One candidate that does a step as several do: as the first where that can be planned, else as the next."""
+    ways: Strategies = {}
+    for number, result in enumerate(group, 1):
+        ((name, data),) = result.candidate.strategies.items()
+        ways[name if name != step.strategies[0] else f"{name}_{number}"] = data
+    label = " or else ".join(result.candidate.label for result in group)
+    return Candidate(label, {step.name: ways}, {"team": [result.candidate.provenance for result in group]})
+
+
+def _orders(ways: dict[str, Strategies]) -> list[Candidate]:
+    """All ways of all steps; and the same with those of one or of every step in another order of preference."""
+    turned = {name: dict([*list(own.items())[1:], *list(own.items())[:1]]) for name, own in ways.items()}
+    found = [Candidate("every step by its first rule that serves", ways, {"turned": []})]
+    several = [name for name, own in ways.items() if len(own) > 1]
+    for group in [*([name] for name in several), several]:
+        steps = {name: turned[name] if name in group else own for name, own in ways.items()}
+        label = f"another rule first for {', '.join(group)}"
+        if all(str(steps) != str(other.steps) for other in found):
+            found.append(Candidate(label, steps, {"turned": list(group)}))
+    return found
+
+
+def _reordered(results: Sequence[CandidateResult]) -> list[Candidate]:
+    """The best, with the first two rules of the step changed that its failures blame most."""
+    found = []
+    for result in results[:2]:
+        blamed = next((each.step for each in result.diagnoses if each.step in result.candidate.steps), None)
+        if blamed is None or len(result.candidate.steps[blamed]) < 2:
+            continue
+        items = list(result.candidate.steps[blamed].items())
+        for order in itertools.islice(itertools.permutations(items[:3]), 1, 4):
+            steps: dict[str, Any] = {**result.candidate.steps, blamed: dict([*order, *items[3:]])}
+            found.append(Candidate(f"{result.candidate.label}; {blamed} reordered", steps, {"blamed": blamed}))
+    return found

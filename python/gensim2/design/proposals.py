@@ -1,0 +1,236 @@
+"""Which tasks of one step objects afford, in the words of people: by its joint, its openness, its size."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any, Literal, get_args
+
+from gensim2.design.affordance import Affordance
+from gensim2.design.base import DESIGNED
+from gensim2.objects.words import Goal, Phrase, halfway, handled, words
+from gensim2.tasks.criteria import (
+    CLOSED,
+    OPEN,
+    ArticulatedBetween,
+    ArticulatedClosed,
+    ArticulatedOpen,
+    Criterion,
+    RigidLifted,
+    RigidMoved,
+)
+from gensim2.tasks.spec import HAND, TABLE, ObjectSpec, Place, Provenance, Randomization, Step, TaskSpec
+
+#: Usefulness of a phrase below which a task is proposed only when nothing better is left.
+ASKED_FOR = 0.5
+
+#: Half the width of the band from which the initial openness is drawn, as in the paper's scenes.
+OPENNESS_SPREAD = 0.15
+
+#: Mean and spread of the openness of what is to start shut, and open.
+SHUT_AT, OPEN_AT = (0.05, 0.05), (0.95, 0.05)
+
+#: Metres by which something is lifted: half of what a grasp lifts by.
+LIFT = 0.06
+
+#: Tasks that differ in nothing but the rigid object, and how likely anybody is to ask for one.
+RIGID, RIGID_USEFUL = 3, 0.8
+
+Direction = Literal["left", "right", "away"]
+
+#: Ways to hand something over: name, sentence, and where it begins, x and y in the world.
+HANDING: dict[Direction, tuple[str, str, tuple[float, float]]] = {
+    "left": ("Hand{}ToTheLeft", "hand the {} to the person on the left", (-0.1, 0.0)),
+    "right": ("Hand{}ToTheRight", "hand the {} to the person on the right", (-0.1, 0.0)),
+    "away": ("Hand{}Across", "hand the {} to the person across the table", (-0.15, 0.0)),
+}
+
+GOALS: tuple[Goal, ...] = get_args(Goal)
+
+
+def joint_goal(task: TaskSpec) -> tuple[str, Goal] | None:
+    """Return which class a task of one step brings to which openness; None for a task that is something else."""
+    if not task.is_single_step or len(task.success) != 1:
+        return None
+    criterion = task.success[0]
+    if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
+        return task.objects[criterion.object].asset_class, criterion.type
+    if isinstance(criterion, ArticulatedBetween):
+        thing = task.objects[criterion.object]
+        from_shut = (thing.randomization.openness_mean or 0.0) < criterion.low
+        return thing.asset_class, "half_open" if from_shut else "half_closed"
+    return None
+
+
+def goal_of(task: TaskSpec) -> str:
+    """Return the types of the criteria that must hold in the end, in one phrase."""
+    return ", ".join(criterion.type for criterion in task.success)
+
+
+def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
+    """Return the task of bringing an object of this class to ``goal``: one object, one step, in people's words."""
+    phrase = phrase_of(thing, goal)
+    assert phrase is not None, f"nobody asks for {thing.asset_class} to be {goal}"
+    role = role_of(phrase.noun)
+    return TaskSpec(
+        name=phrase.name,
+        description=phrase.sentence,
+        objects={role: ObjectSpec(asset_class=thing.asset_class, randomization=start(thing, goal))},
+        steps=(
+            Step(
+                name=phrase.sentence.split()[0], object=role, strategies=(DESIGNED,), done=(criterion_of(role, goal),)
+            ),
+        ),
+        provenance=Provenance(origin=origin),
+    )
+
+
+def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
+    """How a person asks for it; None where nobody does."""
+    if goal in ("half_open", "half_closed"):
+        return halfway(thing.asset_class, goal)
+    return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
+
+
+def criterion_of(role: str, goal: Goal) -> Criterion:
+    """What must hold of an object when its joint is brought to ``goal``."""
+    if goal == "articulated_open":
+        return ArticulatedOpen(object=role)
+    return ArticulatedClosed(object=role) if goal == "articulated_closed" else ArticulatedBetween(object=role)
+
+
+def start(thing: Affordance, goal: Goal, **given: Any) -> Randomization:
+    """Ranges of a scene in which ``goal`` is left to be done: the object's own openness, or where that is there already
+    the other end."""
+    if goal in ("half_open", "half_closed") or not _undone(thing, goal):
+        mean, spread = SHUT_AT if goal in ("articulated_open", "half_open") else OPEN_AT
+        return Randomization(openness_mean=mean, openness_spread=spread, **given)
+    return Randomization(**given)
+
+
+def goals(thing: Affordance) -> list[Goal]:
+    """Return the goals that people ask for and that can be left undone: what hangs falls shut by itself."""
+    hangs = thing.joint_type == "prismatic" and thing.joint_axis == "vertical"
+    return [
+        goal
+        for goal in GOALS
+        if phrase_of(thing, goal) is not None and (goal == "articulated_open" or not hangs or _undone(thing, goal))
+    ]
+
+
+def lift(thing: Affordance, origin: str = "offline") -> TaskSpec:
+    """Return the task of picking up a rigid object."""
+    role = role_of(thing.noun)
+    return TaskSpec(
+        name=f"PickUp{camel_case(thing.noun)}",
+        description=f"pick up the {thing.noun}",
+        objects={role: ObjectSpec(asset_class=thing.asset_class, randomization=Randomization())},
+        steps=(
+            Step(name="pick_up", object=role, strategies=(DESIGNED,), done=(RigidLifted(rigid=role, height=LIFT),)),
+        ),
+        provenance=Provenance(origin=origin),
+    )
+
+
+def hand_over(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
+    """Return the task of holding a rigid object out to somebody."""
+    role = role_of(thing.noun)
+    name, sentence, at = HANDING[direction]
+    about = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))
+    done = (RigidMoved(rigid=role, direction=direction), RigidLifted(rigid=role, height=LIFT / 2))
+    return TaskSpec(
+        name=name.format(camel_case(thing.noun)),
+        description=sentence.format(thing.noun),
+        objects={role: ObjectSpec(asset_class=thing.asset_class, place=Place(at=at), randomization=about)},
+        steps=(Step(name="hand_over", object=role, strategies=(DESIGNED,), done=done),),
+        provenance=Provenance(origin=origin),
+    )
+
+
+def propose(
+    classes: Mapping[str, Affordance],
+    known: Iterable[TaskSpec],
+    stroke: float,
+    familiar: Iterable[TaskSpec] = (),
+    wanted: Collection[tuple[str, str]] = (),
+) -> Iterator[TaskSpec]:
+    """Yield tasks of one step that ``known`` lacks, no two of one name.
+
+    First one a class, its most useful one, opening and closing in turn where both are as useful; then the others, the
+    most useful ones first. What hardly anybody would ask for (below ``ASKED_FOR``) comes last. What longer tasks are
+    made of (``wanted``: classes and goals) comes before all that; only as such is proposed what is ``familiar``.
+    """
+    known = list(known)
+    names = {task.name for task in known}
+    taken = {joint_goal(task) for task in known}
+    taken |= {reached for task in familiar if (reached := joint_goal(task)) is not None and reached not in wanted}
+    first: list[TaskSpec] = []
+    later: list[tuple[float, TaskSpec]] = []
+    opening: Goal = "articulated_open"
+    for thing in classes.values():
+        if thing.kind == "rigid" or not thing.lever_arms:
+            continue
+        fresh = [(_usefulness(thing, goal), goal) for goal in goals(thing) if (thing.asset_class, goal) not in taken]
+        fresh.sort(key=lambda choice: (-choice[0], choice[1] != opening))
+        for rank, (usefulness, goal) in enumerate(fresh):
+            task = spec(thing, goal)
+            if task.name in names:
+                continue
+            names.add(task.name)
+            if rank == 0 and usefulness >= ASKED_FOR:
+                first.append(task)
+                opening = "articulated_closed" if goal == "articulated_open" else "articulated_open"
+            else:
+                later.append((usefulness, task))
+    later += [
+        (RIGID_USEFUL, task) for task in (*_lifts(classes, stroke), *_handed(classes, stroke)) if task.name not in names
+    ]
+    later.sort(key=lambda choice: -choice[0])
+    yield from sorted([*first, *(task for _, task in later)], key=lambda task: joint_goal(task) not in wanted)
+
+
+def redesigned(task: TaskSpec) -> TaskSpec:
+    """Return the task with one strategy a step, under the name of the first, which a designer is to write: how the
+    former ones came about is not said of it.
+    """
+    steps = tuple(step.model_copy(update={"strategies": step.strategies[:1]}) for step in task.steps)
+    provenance = None if task.provenance is None else Provenance(origin=task.provenance.origin)
+    return task.model_copy(update={"steps": steps, "provenance": provenance})
+
+
+def holdable(thing: Affordance, stroke: float) -> bool:
+    """Whether two fingers get around a rigid object, and it is not too flat for them on a table."""
+    return thing.kind == "rigid" and 0.0 < (thing.grip_width or 0.0) < stroke - 0.005 and thing.size[2] > 0.015
+
+
+def role_of(noun: str) -> str:
+    """A noun as an object's name in a task; what a task cannot call an object gets an article."""
+    role = noun.lower().replace(" ", "_").replace("'", "")[:50]
+    return f"the_{role}" if role in (HAND, TABLE) or not role[0].isalpha() else role
+
+
+def camel_case(phrase: str) -> str:
+    """``"box of crackers"`` is ``"BoxOfCrackers"``."""
+    return "".join(word[0].upper() + word[1:] for word in phrase.replace("'", "").split())
+
+
+def _lifts(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
+    things = [classes[name] for name in handled("lifted") if name in classes and holdable(classes[name], stroke)]
+    return [lift(thing) for thing in things[:RIGID]]
+
+
+def _handed(classes: Mapping[str, Affordance], stroke: float) -> list[TaskSpec]:
+    things = [classes[name] for name in handled("handed over") if name in classes and holdable(classes[name], stroke)]
+    return [hand_over(thing, direction) for direction in HANDING for thing in things[:RIGID]]
+
+
+def _usefulness(thing: Affordance, goal: Goal) -> float:
+    phrase = phrase_of(thing, goal)
+    return 0.0 if phrase is None else phrase.usefulness
+
+
+def _undone(thing: Affordance, goal: Goal) -> bool:
+    """Whether every start at the object's own openness leaves an end undone."""
+    openness = thing.default_openness or 0.0
+    if goal == "articulated_open":
+        return openness + OPENNESS_SPREAD < OPEN
+    return openness - OPENNESS_SPREAD > CLOSED

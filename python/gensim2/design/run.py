@@ -1,0 +1,189 @@
+"""``gensim2 run-pipeline``: propose, design, verify, keep, demonstrate; whatever is finished stays finished."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from gensim2 import seeding
+from gensim2.data.records import PipelineResult
+from gensim2.data.runfolder import RunFolder, default_run_dir
+from gensim2.design import Designer, OfflineDesigner
+from gensim2.design.base import Known
+from gensim2.design.execution import Execution, Extent, Wanted
+from gensim2.design.proposals import redesigned
+from gensim2.design.remembering import known_before
+from gensim2.design.report import reported
+from gensim2.design.search import LONG_BUDGET, Budget
+from gensim2.design.verification import VERIFY_EPISODES
+from gensim2.errors import InputError
+from gensim2.objects import open_library
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import DEFAULT_ROBOT
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.identity import digest, listing
+from gensim2.rollout.inputs import (
+    check_circumstances,
+    check_counts,
+    check_workers,
+    chosen_word,
+    has_instances,
+    read_task_input,
+)
+from gensim2.scenes.config import Circumstances, Physics
+from gensim2.tasks.library import PAPER, load_strategies, load_task, task_names
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
+
+DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
+
+
+def run_pipeline(
+    *,
+    num_tasks: int = 2,
+    single: int | None = None,
+    long: int | None = None,
+    verify: int = VERIFY_EPISODES,
+    from_empty: bool = False,
+    episodes: int = 5,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    out: Path | None = None,
+    workers: int = 2,
+    target_task: str | None = None,
+    stored_tasks: Sequence[str] = (),
+    physics: Physics = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
+    instances: str = "all",
+    resume: bool = False,
+    designer: str | Designer = "offline",
+    video: bool = True,
+    budget: Budget | None = None,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+) -> PipelineResult:
+    """Design new tasks, verify them in physics and collect demonstrations of those that hold.
+
+    Args:
+        num_tasks: how many tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
+            ``long`` take its place where one of them is given.
+        single, long: how many tasks of one step, and of several.
+        verify: fresh episodes that decide of each task whether it is kept.
+        from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
+            repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
+        episodes: demonstrations to keep of each task; 0: none.
+        seed: of everything that is drawn.
+        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        out: run folder; default ``runs/<date>-<time>``.
+        workers: simulator processes; the result does not depend on their number.
+        target_task: design this task of the task library anew, with that task hidden from the designer.
+        stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        randomization: ``"paper"`` for the tasks' own ranges, ``"paper-half"`` or ``"wide"``.
+        instances: what demonstrations draw from, as for ``demo``; search and verification keep theirs apart. Only tasks
+            on objects that have such instances are proposed.
+        resume: go on with the run that ``out`` holds.
+        designer: ``"offline"``, or a designer.
+        video: film each kept task where this machine can render.
+        budget: of the search.
+        time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
+        jobs_per_worker: jobs after which a simulator process is renewed.
+        progress: listener.
+
+    Raises:
+        InputError: an argument cannot be used.
+        NotRunError: some jobs could not be run; what else there was to do with the task at hand is done, and
+            ``resume`` goes on.
+    """
+    wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
+    check_counts(num_tasks=wanted.total, verify=verify, workers=workers)
+    if episodes < 0:
+        raise InputError(f"must be at least 0, not {episodes}", field="episodes")
+    check_workers(time_limit, jobs_per_worker)
+    by = _designer(designer)
+    target = redesigned(load_task(target_task)) if target_task is not None else None
+    seeding.check_seed(seed)
+    check_circumstances(physics, robot, randomization)
+    library = open_library(assets)
+    if target is not None:
+        chosen_word(target, library, instances, seed)  # what is not there is said before anything starts
+    elif not any(has_instances(library, name, instances) for name in library.classes()):
+        raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
+    stored = [
+        read_task_input(
+            name,
+            library.location,
+            instances,
+            seed,
+            physics=physics,
+            robot=robot,
+            open_loop=open_loop,
+            randomization=randomization,
+        )
+        for name in dict.fromkeys(stored_tasks)
+    ]
+    known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in known_before(out)]
+    familiar = [load_task(name) for name in task_names(PAPER)] if from_empty else []
+    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {
+                "command": "run-pipeline",
+                "num_tasks": num_tasks,
+                "episodes": episodes,
+                "seed": seed,
+                **asdict(circumstances),
+                "instances": instances,
+                "designer": by.name,
+                "verify": verify,
+                "from_empty": from_empty,
+                "single": single,
+                "long": long,
+                "target_task": target_task,
+                "stored_tasks": [given.spec.name for given in stored],
+                "workers": workers,
+            },
+            {
+                "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
+                "known tasks": digest([each.task.model_dump(mode="json") for each in known]),
+                "stored strategies": digest([given.strategies for given in stored]),
+                "objects": listing(library, library.classes()),
+            },
+            resume,
+        ) as folder,
+        reported(folder.path),
+        PoolEvaluator(
+            circumstances,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        extent = Extent(verify, episodes, instances, video)
+        execution = Execution(library, by, folder, evaluator, seed, extent, known, familiar, budget, progress)
+        result = execution.run(wanted if target is None else Wanted(1), target, stored)
+        folder.finish(result.to_dict())
+    return result
+
+
+def _by_kind(single: int, long: int) -> Wanted:
+    if min(single, long) < 0:
+        raise InputError("must be at least 0", field="single" if single < 0 else "long")
+    return Wanted(single + long, single, long)
+
+
+def _designer(given: str | Designer) -> Designer:
+    if not isinstance(given, str):
+        return given
+    if given not in DESIGNERS:
+        raise InputError(f"unknown designer {given!r}", field="designer", remedy=f"one of {', '.join(DESIGNERS)}")
+    return DESIGNERS[given]()

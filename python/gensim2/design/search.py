@@ -1,0 +1,302 @@
+"""Search for strategies that work: screen by planning, thin by successive halving in physics, refine the best.
+
+Planning is cheap, so every candidate is planned on a few scenes first. What plans goes to physics, a few episodes each;
+the better half gets more episodes, and so on, so that effort goes where it can pay. As long as the best holds nearly
+always it alone goes on, and ends the search when it has done so for long enough. Otherwise leaders that are within the
+noise of each other get more episodes until one is ahead, or they are called equal, the designer varies the best, and
+they are compared again; until a task is hopeless, or the budget is spent.
+
+Candidates are ranked by how often they hold. Where that tells the first ones apart by no more than chance would, the
+strict verdict decides among them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from gensim2 import seeding
+from gensim2.data.records import merge_causes
+from gensim2.design.base import Brief, Candidate, CandidateResult, Designer, StageResult
+from gensim2.design.designs import Design
+from gensim2.design.diagnosis import diagnoses
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout.record import Episode
+from gensim2.rollout.tally import interval
+from gensim2.rollout.worker import Screened
+from gensim2.scenes.config import Setting
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import StepStrategies
+
+LEADERS = 1.96
+"""Standard errors of the difference within which two candidates are in the noise of each other."""
+
+
+class Evaluator(Protocol):
+    """What the search asks of the simulator; the same interface serves one process or many."""
+
+    def screen(
+        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+    ) -> list[list[Screened]]:
+        """Plan each candidate on each seed's scene: for each candidate, one result a seed."""
+        ...
+
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run (strategies of each step, seed) episodes in physics, in order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much the search may spend; all of it in counts, none in seconds.
+
+    Attributes:
+        screen_scenes: scenes on which every candidate is planned.
+        rounds: (candidates, episodes each) of successive physics rounds of the first generation.
+        refine_episodes: episodes of each refined candidate.
+        comparison: (candidates at once, episodes each) of the comparisons before and after each refinement.
+        most_episodes: of a candidate; leaders with so many that are still within the noise are called equal.
+        enough, enough_strict: a candidate that holds and that meets the strict verdict at these rates over at least
+            ``enough_episodes`` episodes ends the search. For the strict verdict's sake there is one refinement at most.
+        enough_episodes: see ``enough``; a candidate with fewer neither ends the search nor wins it.
+        hopeless: where after a refinement no candidate holds at a greater rate than this, there is no other.
+        most: episodes of physics after which candidates are neither compared nor refined any further.
+    """
+
+    screen_scenes: int = 3
+    rounds: tuple[tuple[int, int], ...] = ((10, 1), (5, 2))
+    refined: tuple[int, int] = (10, 2)
+    comparison: tuple[int, int] = (3, 6)
+    most_episodes: int = 24
+    enough: float = 0.9
+    enough_strict: float = 0.75
+    enough_episodes: int = 14
+    hopeless: float = 0.3
+    most: int = 150
+
+
+#: Of a task of several steps, whose episodes take ten times as long and whose candidates are few.
+LONG_BUDGET = Budget(
+    screen_scenes=2,
+    rounds=((3, 1), (2, 2)),
+    refined=(3, 2),
+    comparison=(2, 4),
+    most_episodes=16,
+    enough=0.8,
+    enough_strict=0.0,
+    enough_episodes=7,
+    most=40,
+)
+
+
+def budget_for(task: TaskSpec) -> Budget:
+    """The usual budget of a search for this task."""
+    return Budget() if task.is_single_step else LONG_BUDGET
+
+
+class Search:
+    """One search for one task.
+
+    Args:
+        setting: the task, and which instances the search may see.
+        brief: what the designer is told.
+        designer: writes the candidates.
+        evaluator: tries them.
+        seed: of everything that is drawn.
+        budget: how much it may spend.
+        progress: listener.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        brief: Brief,
+        designer: Designer,
+        evaluator: Evaluator,
+        seed: int,
+        budget: Budget | None = None,
+        progress: Progress = NULL_PROGRESS,
+    ) -> None:
+        self.setting, self.task = setting, setting.task
+        self.brief, self.designer, self.evaluator = brief, designer, evaluator
+        self.seed, self.budget, self.progress = seed, budget or budget_for(setting.task), progress
+        self._episodes_run: dict[str, int] = defaultdict(int)
+        self._notes: list[str] = []
+
+    def run(self) -> Design:
+        """Return the search's outcome; ``chosen`` is None where nothing held even once."""
+        first = self._screen(self.designer.candidates(self.task, self.brief, self.seed))
+        everything = {self._key(result): result for result in first}
+        standing = [result for result in first if result.plan_score > 0]
+        self._notes = [f"{len(standing)} of {len(first)} first candidates plan on at least one scene"]
+
+        def remember(results: Sequence[CandidateResult]) -> None:
+            everything.update((self._key(result), result) for result in results)
+
+        for count, episodes in self.budget.rounds if standing else ():
+            standing = self._physics(standing[:count], episodes, f"physics, {count} candidates")
+            remember(standing)
+        for round_index in itertools.count():
+            if standing:
+                standing = self._compare(standing, round_index)
+                remember(standing)
+                if self._enough(standing[0], strictly=round_index == 0):
+                    break
+            if round_index and self._hopeless(standing):
+                break
+            # What stood in the way of those that fell out says where not to look.
+            learned = [*standing, *self._sorted([each for each in everything.values() if each not in standing])]
+            children = self.designer.refine(self.task, self.brief, learned, self.seed, round_index)
+            if not children:
+                break
+            screened = self._screen(children)
+            remember(screened)
+            if planned := [result for result in screened if result.plan_score > 0]:
+                count, episodes = self.budget.refined
+                tried = self._physics(planned[:count], episodes, f"refinement {round_index + 1}")
+                remember(tried)
+                standing = self._sorted([*standing, *tried])
+        ranked = [*standing, *self._sorted([r for r in everything.values() if r not in standing])]
+        if not standing:
+            return Design(tuple(ranked), None, (*self._notes, "no candidate could be planned"))
+        if not standing[0].held:
+            return Design(tuple(ranked), None, (*self._notes, "no candidate held in physics"))
+        self._notes.append(_compared(standing))
+        return Design(tuple(ranked), standing[0].candidate.steps, tuple(self._notes))
+
+    def _screen(self, candidates: Sequence[Candidate]) -> list[CandidateResult]:
+        if not candidates:
+            return []
+        seeds = seeding.scene_seeds(self.seed, self.task.name, "screen", self.budget.screen_scenes)
+        self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
+        outcomes = self.evaluator.screen(self.setting, [c.steps for c in candidates], seeds)
+        results = [
+            CandidateResult(
+                candidate,
+                (
+                    StageResult(
+                        "plan",
+                        len(seeds),
+                        sum(score for score, _, _ in planned) / len(seeds),
+                        merge_causes([cause for _, cause, _ in planned]),
+                        diagnoses=diagnoses((cause, numbers) for _, cause, numbers in planned if cause is not None),
+                    ),
+                ),
+            )
+            for candidate, planned in zip(candidates, outcomes, strict=True)
+        ]
+        return self._spread(results)
+
+    def _spread(self, results: Sequence[CandidateResult]) -> list[CandidateResult]:
+        """Order by plan score, equals in a seeded order, so that neighbours in the grid do not crowd out others."""
+        order = seeding.rng(self.seed, f"{self.task.name}/spread").permutation(len(results))
+        return sorted((results[index] for index in order), key=lambda result: -result.plan_score)
+
+    def _physics(self, results: Sequence[CandidateResult], episodes: int, what: str) -> list[CandidateResult]:
+        jobs, owners = [], []
+        for index, result in enumerate(results):
+            done = self._episodes_run[self._key(result)]
+            for seed in seeding.scene_seeds(self.seed, self.task.name, "design", episodes, done):
+                jobs.append((result.candidate.steps, seed))
+                owners.append(index)
+            self._episodes_run[self._key(result)] += episodes
+        self.progress.start(f"{self.task.name}: {what}", len(jobs))
+        episodes_run = self.evaluator.episodes(self.setting, jobs)
+        grouped: dict[int, list[Episode]] = defaultdict(list)
+        for owner, episode in zip(owners, episodes_run, strict=True):
+            grouped[owner].append(episode)
+        updated = [
+            replace(result, stages=(*result.stages, _stage(grouped[index]))) for index, result in enumerate(results)
+        ]
+        return self._sorted(updated)
+
+    def _compare(self, standing: Sequence[CandidateResult], round_index: int) -> list[CandidateResult]:
+        """Give further episodes to the best as long as it promises to be enough, else to the first few within the noise
+        of it, until one is ahead or all are equal."""
+        count, episodes = self.budget.comparison
+        known = {self._key(result): result for result in standing}
+        while True:
+            ranked = self._sorted(list(known.values()))
+            lacking = self.budget.enough_episodes - ranked[0].episodes
+            if lacking > 0 and self._promises(ranked[0]):
+                (result,) = self._physics(ranked[:1], min(episodes, lacking), f"the best, round {round_index + 1}")
+                known[self._key(result)] = result
+                continue
+            leaders = [result for result in ranked if _is_tied(result, ranked[0], LEADERS)]
+            proven = [result for result in leaders if result.episodes >= self.budget.enough_episodes]
+            if proven and self._enough(proven[0], strictly=False):
+                return [proven[0], *(result for result in ranked if result is not proven[0])]
+            short = [result for result in leaders if result.episodes < self.budget.most_episodes][:count]
+            if not short or (len(leaders) == 1 and proven) or self._spent:
+                return ranked
+            for result in self._physics(short, episodes, f"comparison {round_index + 1}"):
+                known[self._key(result)] = result
+
+    def _enough(self, result: CandidateResult, strictly: bool) -> bool:
+        budget, trials = self.budget, result.episodes
+        return (
+            trials >= budget.enough_episodes
+            and result.held >= budget.enough * trials
+            and (not strictly or result.strict >= budget.enough_strict * trials)
+        )
+
+    def _promises(self, result: CandidateResult) -> bool:
+        """Whether it can still be enough after ``enough_episodes``."""
+        budget = self.budget
+        return result.held > 0 and result.episodes - result.held <= (1 - budget.enough) * budget.enough_episodes
+
+    def _hopeless(self, standing: Sequence[CandidateResult]) -> bool:
+        """Whether a further refinement is not worth its episodes."""
+        best = max((result.held / result.episodes for result in standing if result.episodes), default=0.0)
+        return best <= self.budget.hopeless or self._spent
+
+    @property
+    def _spent(self) -> bool:
+        return sum(self._episodes_run.values()) >= self.budget.most
+
+    @staticmethod
+    def _sorted(results: list[CandidateResult]) -> list[CandidateResult]:
+        by_held = sorted(results, key=lambda result: (-result.physics_score, -result.plan_score))
+        tied = [result for result in by_held if _is_tied(result, by_held[0])]
+        rest = [result for result in by_held if not _is_tied(result, by_held[0])]
+        return [*sorted(tied, key=lambda result: -result.strict_score), *rest]
+
+    @staticmethod
+    def _key(result: CandidateResult) -> str:
+        return str(result.candidate.steps)
+
+
+def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0) -> bool:
+    """Whether a candidate holds less often than the best by no more than so many standard errors of that difference."""
+    if not result.held:
+        return False
+    rate = (result.held + best.held + 1) / (result.episodes + best.episodes + 2)
+    error = math.sqrt(rate * (1 - rate) * (1 / result.episodes + 1 / best.episodes))
+    return best.held / best.episodes - result.held / result.episodes <= errors * error
+
+
+def _compared(standing: Sequence[CandidateResult]) -> str:
+    """Who won, by how much, and who is as good, in one sentence."""
+    best = standing[0]
+    low, high = interval(round(best.held), best.episodes)
+    equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]
+    told = f"the chosen one held in {best.held:.0f} of {best.episodes} episodes ({low:.2f} to {high:.2f})"
+    if not equal:
+        return f"{told}, ahead of all others"
+    others = ", ".join(f"{other.held:.0f} of {other.episodes}" for other in equal[:4])
+    return f"{told}; {len(equal)} more are equal within the noise ({others})"
+
+
+def _stage(episodes: Sequence[Episode]) -> StageResult:
+    return StageResult(
+        "physics",
+        len(episodes),
+        sum(episode.held for episode in episodes) / len(episodes),
+        merge_causes([str(episode.cause) for episode in episodes if episode.cause is not None]),
+        sum(episode.strict for episode in episodes) / len(episodes),
+        diagnoses((str(e.cause), e.diagnosis) for e in episodes if e.cause is not None),
+    )

@@ -1,0 +1,148 @@
+"""``gensim2 demo``: one task of the library, or one that a run left behind."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Unpack
+
+from gensim2.files import check_writable
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.inputs import SceneArguments, check_counts, check_workers, read_task_input
+from gensim2.rollout.tally import Tally
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What ``demo`` leaves.
+
+    Attributes:
+        name: of the task.
+        run_dir: the run folder.
+        demos: number of demonstrations.
+        tally: over the episodes that were run for them.
+        cpu_s: CPU of all processes, in this call; their start apart.
+        notes: what a reader should know.
+    """
+
+    name: str
+    run_dir: str
+    demos: int
+    tally: Tally
+    cpu_s: float
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "name": self.name,
+            "run_dir": self.run_dir,
+            "demos": self.demos,
+            "episodes_run": self.tally.episodes,
+            **self.tally.verdicts(),
+            "causes": self.tally.causes,
+            "cpu_s": round(self.cpu_s, 3),
+            "notes": list(self.notes),
+        }
+
+
+def demo(
+    task: str,
+    *,
+    episodes: int = 5,
+    seed: int = 0,
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    video: bool = True,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
+) -> DemoResult:
+    """Record demonstrations of a task with its stored strategies.
+
+    Args:
+        task: name of a library task, or a folder that holds task.yaml and strategies/.
+        episodes: successful demonstrations to keep.
+        seed: of the scenes.
+        out: run folder; default ``runs/<date>-<time>``.
+        workers: simulator processes.
+        resume: go on with the run that ``out`` holds.
+        video: film the first demonstration where this machine can render.
+        time_limit: seconds after which an episode counts as hung and is tried again.
+        jobs_per_worker: jobs after which a simulator process is renewed.
+        progress: listener.
+        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+
+    Raises:
+        InputError: an argument cannot be used.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+    """
+    check_counts(episodes=episodes)
+    check_workers(time_limit, jobs_per_worker)
+    run_dir = Path(out) if out is not None else None
+    if run_dir is not None:
+        check_writable(run_dir / "run.json")
+    given = read_task_input(task, seed=seed, **scene)
+    # Only now what takes long to import.
+    from gensim2.data.demonstrations import collect
+    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.design.report import reported
+    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.identity import digest, listing
+
+    spec, strategies, library = given.spec, given.strategies, given.library
+    with (
+        RunFolder(
+            run_dir or default_run_dir(),
+            {
+                "command": "demo",
+                "target_task": spec.name,
+                "episodes": episodes,
+                "seed": seed,
+                **asdict(given.circumstances),
+                "instances": given.instances,
+                "workers": workers,
+            },
+            {
+                "task": digest(spec.model_dump(mode="json")),
+                "strategies": digest(strategies),
+                "objects": listing(library, sorted({thing.asset_class for thing in spec.objects.values()})),
+            },
+            resume,
+        ) as folder,
+        reported(folder.path),
+        PoolEvaluator(
+            given.circumstances,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        files = folder.task(spec.name)
+        files.write_task(spec)
+        files.write_strategies(strategies)
+        collected = collect(
+            spec,
+            strategies,
+            files,
+            folder,
+            evaluator,
+            library,
+            given.instances,
+            episodes=episodes,
+            seed=seed,
+            video=video,
+            progress=progress,
+        )
+        result = DemoResult(
+            spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s, collected.notes
+        )
+        folder.finish(result.to_dict())
+    return result

@@ -1,0 +1,187 @@
+"""What the offline designer knows of how things are done: rules over joints, grasps and places, none per class.
+
+Many lie in the library of shared ways (``gensim2/tasks/library/strategies``), written in the joint's own frame; places
+in containers, on plates and in bowls are worked out from sizes. A step is given several, in order of preference: which
+of them serves is seen on the scene when it is planned.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, Literal
+
+from gensim2.design.affordance import Affordance
+from gensim2.tasks.library import shared_strategy
+from gensim2.tasks.strategies import Strategies
+
+Way = Literal["open", "close"]
+
+#: Shared ways to work a joint, by its type and by which end it is brought to.
+_JOINTS: dict[tuple[str, Way], tuple[str, ...]] = {
+    ("revolute", "open"): (
+        "hook_door_inside",
+        "hook_door_deep_inside",
+        "hook_door_turning",
+        "open_door_by_its_handle",
+        "open_box",
+        "open_box_from_below",
+    ),
+    ("revolute", "close"): (
+        "close_door_straight",
+        "close_door_turning",
+        "close_door_from_above",
+        "close_door_by_its_middle",
+        "close_box",
+        "close_box_from_afar",
+    ),
+    ("prismatic", "open"): (
+        "open_drawer_from_inside",
+        "open_drawer_from_deep_inside",
+        "open_drawer_over_the_front",
+        "open_drawer_from_above",
+        "open_drawer_from_the_front",
+        "push_forward_from_above",
+        "push_forward_level",
+    ),
+    ("prismatic", "close"): ("close_drawer_from_the_front", "close_drawer_from_the_side"),
+}
+
+#: Ways to take something up, in the order in which they are tried.
+_GRASPS = ("grasp", "grasp_from_any_side", "grasp_from_the_side")
+
+_IN_DRAWERS = (
+    "place_deep_in_drawer",
+    "place_in_drawer",
+    "drop_into_drawer_from_above",
+    "place_in_drawer_from_the_front",
+    "drop_into_drawer_from_the_front",
+)
+_IN_BOXES = ("place_deep_in_box", "place_in_box", "drop_into_box")
+
+#: Directions of the fingers that reach into what stands open in front, with the tolerance of each (rad).
+_INTO = (((0.87, 0.42, -0.25), 0.7), ((0.9, 0.1, -0.42), 0.8), ((1.0, 0.0, 0.0), 0.6), ((0.6, 0.3, -0.74), 0.9))
+
+#: Metres above the floor of a cabinet at which things are let go, lowest first.
+_ABOVE_FLOOR = (0.022, 0.045, 0.06)
+
+#: The config language's motions by which something is held out, and metres below its top at which it is held.
+_HANDING: dict[str, tuple[str, ...]] = {
+    "left": ("move-left", "move-left"),
+    "right": ("move-right", "move-right"),
+    "away": ("move-forward",),
+}
+_DEPTHS = (0.02, 0.03)
+
+#: Metres between what is put down and what it is put on, lowest first.
+_ABOVE_SUPPORT = (0.008, 0.02, 0.035)
+
+
+def joint_ways(thing: Affordance, way: Way, halfway: bool = False) -> Strategies:
+    """Shared ways to bring a joint to an end, or halfway."""
+    found = {name: shared_strategy(name) for name in _JOINTS[thing.joint_type or "revolute", way]}
+    return {f"{name}_halfway": stopping(data, 0.5) for name, data in found.items()} if halfway else found
+
+
+def stopping(strategy: dict[str, Any], openness: float) -> dict[str, Any]:
+    """The same motion, but the joint is followed or traced to this openness."""
+    changed = copy.deepcopy(strategy)
+    changed["post_actuation_motions"] = [
+        [motion[0], openness] if isinstance(motion, list) and str(motion[0]).endswith("_joint_to") else motion
+        for motion in changed.get("post_actuation_motions", [])
+    ]
+    return changed
+
+
+def grasps() -> Strategies:
+    """Ways to take up a rigid object."""
+    return {name: shared_strategy(name) for name in _GRASPS}
+
+
+def places_in(container: Affordance, thing: Affordance) -> Strategies:
+    """Ways to put what is held into a container with a joint."""
+    if container.joint_type == "prismatic":
+        return {name: shared_strategy(name) for name in _IN_DRAWERS}
+    if container.joint_axis == "level":
+        return {name: shared_strategy(name) for name in _IN_BOXES}
+    low = "rigidbody_object_tail" if _stands(thing) else "rigidbody_object_head"
+    lift = 0.0 if _stands(thing) else thing.size[2] / 2
+    found: Strategies = {}
+    for height in _ABOVE_FLOOR:
+        for number, (direction, tolerance) in enumerate(_INTO):
+            offset = (-0.015, 0.0, round(height + lift, 4))
+            found[f"reach_in_{1000 * height:.0f}_{number}"] = {
+                **_pose(low, "floor", offset, 0.02, direction, tolerance, [["translate_z", -0.12]]),
+                "gripper": "release",
+                "let_go": 0.12,
+            }
+    return found
+
+
+def places_on(support: Affordance, thing: Affordance) -> Strategies:
+    """Ways to put what is held on or into a rigid object: from above, let go closely over it, then from higher."""
+    hollow = min(thing.size[:2]) < 0.6 * min(support.size[:2]) and support.size[2] > 0.03
+    base = thing.size[2] / 2 - (support.size[2] / 2 - 0.012 if hollow else -support.size[2] / 2)
+    return {
+        f"put_{'in' if hollow else 'on'}_{1000 * gap:.0f}": {
+            **_from_above("rigidbody_object_center", (0.0, 0.0, round(base + gap, 4)), 0.015, 0.7, ["move-up"]),
+            "gripper": "release",
+            "let_go": 0.1,
+        }
+        for gap in _ABOVE_SUPPORT
+    }
+
+
+def hand_overs(thing: Affordance, direction: str) -> Strategies:
+    """Ways to hold something round out to somebody: it is held from above, lifted, and carried a little way."""
+    found: Strategies = {}
+    for depth in _DEPTHS:
+        height = max(0.0, thing.size[2] / 2 - depth)
+        way = _from_above("tool_head", (0.0, 0.0, round(height, 4)), 0.003, 0.3, [["translate_z", -0.1]])
+        motions = ["move-up", *_HANDING[direction]]
+        found[f"hand_{direction}_{1000 * depth:.0f}"] = {**way, "gripper": "grasp", "post_actuation_motions": motions}
+    return found
+
+
+def _stands(thing: Affordance) -> bool:
+    """Whether a rigid object is measured at its foot."""
+    return "rigidbody_object_tail" in thing.keypoints and thing.size[2] > 0.5 * max(thing.size[:2])
+
+
+def _from_above(
+    keypoint: str, offset: tuple[float, float, float], tolerance: float, lean: float, before: list[Any]
+) -> dict[str, Any]:
+    """A keypoint comes to the middle of a rigid object, fingers down."""
+    return _pose(keypoint, "rigidbody_object_center", offset, tolerance, (0.0, 0.0, -1.0), lean, before)
+
+
+def _pose(
+    keypoint: str,
+    target: str,
+    offset: tuple[float, float, float],
+    tolerance: float,
+    direction: tuple[float, float, float],
+    lean: float,
+    before: list[Any],
+) -> dict[str, Any]:
+    return {
+        "constraint_list": [
+            {
+                "type": "point2point_constraint",
+                "keypoint_name": keypoint,
+                "target_keypoint_name": target,
+                "target_offset": list(offset),
+                "target_offset_frame": "world",
+                "tolerance": tolerance,
+            },
+            {
+                "type": "frame_axis_parallel",
+                "axis_from_keypoint_name": "tool_tail",
+                "axis_to_keypoint_name": "tool_head",
+                "target_axis": list(direction),
+                "target_axis_frame": "world",
+                "target_inner_product": 1.0,
+                "tolerance": lean,
+            },
+        ],
+        "pre_actuation_motions": before,
+    }

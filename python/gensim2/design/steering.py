@@ -1,0 +1,196 @@
+"""A draw of alignments that learns from how earlier ones fared.
+
+An alignment works where three questions are answered with yes: the arm gets to the actuation pose, it can follow the
+joint from there on, and the part comes along. A diagnosis says which of them was answered with no, and by what it was
+asked: an axis that cannot be had speaks against this direction of the fingers at every keypoint, a finger that hits the
+part only against this very contact. So each question is estimated from what was tried, by likeness in those parts of an
+alignment that were to blame, and what is likely to get three times yes is drawn more often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.design import joint_search
+from gensim2.design.base import CandidateResult, StageResult
+from gensim2.design.diagnosis import Diagnosis
+from gensim2.design.manipulation import Manipulation
+
+Array = npt.NDArray[np.float64]
+
+Question = Literal["reach", "follow", "effect"]
+
+Part = Literal["approach", "keypoint", "gripper", "roll", "motion", "offset"]
+
+#: What is thought of each question where nothing alike was tried: share of yes, and how many trials that counts for.
+PRIOR, PRIOR_TRIALS = 0.5, 1.0
+
+#: Times that a likely alignment is preferred: odds go with this power of the estimate.
+SHARPNESS = 3.0
+
+#: Likeness of two directions of one frame goes with this power of their cosine.
+DIRECTION_POWER = 4
+
+#: Metres between two contacts at which their likeness has gone down to 1/e.
+OFFSET_SCALE = 0.02
+
+#: The parts that a yes speaks for, beside those that are like it in them.
+_YES: dict[Question, tuple[Part, ...]] = {
+    "reach": ("approach", "keypoint"),
+    "follow": ("approach", "keypoint", "motion"),
+    "effect": ("approach", "keypoint", "gripper"),
+}
+
+#: What speaks against what, by cause, of those that physics alone tells.
+_BY_CAUSE: dict[str, tuple[Part, ...]] = {
+    "object did not move": ("approach", "keypoint", "gripper", "offset"),
+    "contact slipped": ("approach", "gripper", "offset"),
+    "stopped short": ("approach", "gripper", "motion"),
+    "pushed the wrong way": ("approach", "keypoint", "offset"),
+    "goal undone after release": ("approach", "gripper", "motion"),
+}
+
+#: Causes of an episode in which no motion was executed, or none beyond the actuation pose.
+_PLANNED = ("no actuation pose", "keyframe out of reach", "collision on the way", "no motion found", "invalid problem")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What trials of one alignment say of one question.
+
+    Attributes:
+        question: which.
+        parts: in which another alignment must be alike to be concerned.
+        yes: share of the trials in which the answer was yes.
+        trials: how many there were.
+    """
+
+    question: Question
+    parts: tuple[Part, ...]
+    yes: float
+    trials: float
+
+
+def draw(
+    pool: Sequence[Manipulation], results: Sequence[CandidateResult], count: int, generator: np.random.Generator
+) -> list[Manipulation]:
+    """Draw alignments without replacement, the likely ones more often.
+
+    Args:
+        pool: those to draw from; what ``results`` has is left out.
+        results: how earlier ones fared; others than alignments are passed over.
+        count: how many at most.
+        generator: of the draw.
+    """
+    tried = [
+        (joint_search.manipulation_from(result.candidate.provenance), result)
+        for result in results
+        if "approach" in result.candidate.provenance
+    ]
+    known = {manipulation for manipulation, _ in tried}
+    left = [each for each in pool if each not in known]
+    if not left or count < 1:
+        return []
+    odds = estimates(left, tried) ** SHARPNESS
+    # The largest of logarithms with Gumbel noise are a draw by weight without replacement (Vieira 2014).
+    keys = np.log(odds) + generator.gumbel(size=len(left))
+    return [left[index] for index in np.argsort(-keys, kind="stable")[:count]]
+
+
+def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, CandidateResult]]) -> Array:
+    """How likely each of ``pool`` is to get three times yes, (N,)."""
+    likeness = _Likeness(pool)
+    yes: dict[Question, Array] = {question: np.full(len(pool), PRIOR * PRIOR_TRIALS) for question in _YES}
+    trials: dict[Question, Array] = {question: np.full(len(pool), PRIOR_TRIALS) for question in _YES}
+    for manipulation, result in tried:
+        for each in evidence(result):
+            weight = each.trials * likeness.of(manipulation, each.parts)
+            yes[each.question] += each.yes * weight
+            trials[each.question] += weight
+    return np.asarray(np.prod([yes[question] / trials[question] for question in _YES], axis=0))
+
+
+def evidence(result: CandidateResult) -> Iterator[Evidence]:
+    """What the stages of a candidate say of the three questions."""
+    for stage in result.stages:
+        failed = [(each, each.count / stage.trials) for each in stage.diagnoses]
+        no: dict[Question, float] = {"reach": 0.0, "follow": 0.0, "effect": 0.0}
+        for diagnosis, share in failed:
+            question, parts = blamed(diagnosis)
+            no[question] += share
+            yield Evidence(question, parts, 0.0, diagnosis.count)
+        yield from _answered(stage, no)
+
+
+def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
+    """Which question a failure answers with no, and by which parts of the alignment."""
+    plan: Mapping[str, Any] = diagnosis.numbers.get("plan", diagnosis.numbers)
+    unreached = str(plan.get("unreached", ""))
+    if diagnosis.cause in _BY_CAUSE:
+        return "effect", _BY_CAUSE[diagnosis.cause]
+    if unreached.startswith(("post", "let_go")):
+        return "follow", ("approach", "motion", *_hit(plan))
+    if unreached or diagnosis.cause in _PLANNED or plan.get("residuals"):
+        missed = [str(each["name"]) for each in plan.get("residuals", ())]
+        if missed and all(name.startswith("frame_axis_orthogonal") for name in missed):
+            return "reach", ("approach", "roll")
+        return "reach", ("approach", "keypoint", *_hit(plan))
+    return "effect", ("approach", "keypoint", "gripper")
+
+
+def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
+    """What else has to be alike for the same to be hit: nothing for the table, the contact for a part of the object."""
+    bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
+    return () if not bodies or "table" in bodies else ("offset",)
+
+
+def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evidence]:
+    """The yeses of a stage: who comes to the second question has a yes to the first."""
+    reached = 1.0 - no["reach"]
+    followed = reached - no["follow"]
+    worked = followed - no["effect"]
+    asked: list[tuple[Question, float]] = [("reach", reached)]
+    asked.append(("follow", followed))
+    if stage.name == "physics":
+        asked.append(("effect", worked))
+    for question, share in asked:
+        if share > 0.0:
+            yield Evidence(question, _YES[question], 1.0, share * stage.trials)
+
+
+class _Likeness:
+    """How much alike alignments are, from 0 to 1, part by part.
+
+    Args:
+        pool: those that are compared with.
+    """
+
+    def __init__(self, pool: Sequence[Manipulation]) -> None:
+        self._vectors = np.array([each.approach.vector for each in pool])
+        self._frames = np.array([each.approach.frame for each in pool])
+        self._offsets = np.array([(each.behind, each.inset) for each in pool])
+        self._names = {
+            part: np.array([str(getattr(each, part)) for each in pool])
+            for part in ("keypoint", "gripper", "roll", "motion")
+        }
+
+    def of(self, one: Manipulation, parts: Sequence[Part]) -> Array:
+        """Of the whole pool with ``one``, (N,); in all of ``parts``."""
+        found = np.ones(len(self._vectors))
+        for part in parts:
+            found = found * self._in(part, one)
+        return found
+
+    def _in(self, part: Part, one: Manipulation) -> Array:
+        if part == "approach":
+            cosine = np.clip(self._vectors @ np.asarray(one.approach.vector), 0.0, 1.0)
+            return np.where(self._frames == one.approach.frame, cosine**DIRECTION_POWER, 0.0)
+        if part == "offset":
+            apart = np.linalg.norm(self._offsets - np.array([one.behind, one.inset]), axis=1)
+            return np.asarray(np.exp(-apart / OFFSET_SCALE))
+        return np.asarray(self._names[part] == str(getattr(one, part)), dtype=np.float64)

@@ -1,0 +1,190 @@
+"""What a language model is shown: an object with its keypoints, and the arm at an actuation pose in a scene.
+
+Pictures are drawn in a process of their own, when a model is really asked: the first takes half a minute on a software
+driver, and a driver that crashes takes its process with it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import multiprocessing
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict
+from functools import cache
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gensim2.design.pictures import Picture
+from gensim2.errors import GenSim2Error
+from gensim2.objects import open_library
+from gensim2.planning.strategies import KeypointStrategy
+from gensim2.robots import robot
+from gensim2.scenes.config import Circumstances
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+#: Seed of the scenes that are shown.
+SEED = 7
+
+#: Edge of the pictures of one object, pixels.
+OBJECT_SIZE = 300
+
+#: Length of the axes that are drawn, m, and their colours: x, y, z.
+AXIS, COLOURS = 0.15, ("#d6273a", "#1b8f4c", "#1f6fd1")
+
+#: What the video camera looks from, at and through (gensim2.sim.rendering.video_camera).
+EYE, TARGET, FIELD_OF_VIEW = (-0.55, -1.3, 0.8), (-0.13, -0.07, 0.23), np.deg2rad(50)
+
+#: Questions are asked from several threads; one of them starts the process that draws.
+_STARTING = Lock()
+
+
+def view_of(location: str, asset_class: str, instance: str) -> Picture:
+    """An object at three stages of its joint, or from three sides; its keypoints named."""
+    return Picture(f"{asset_class}/{instance}", cache(lambda: _drawn(draw_thing, location, asset_class, instance)))
+
+
+class SceneViews:
+    """Fills :class:`~gensim2.design.llm.Views`.
+
+    Args:
+        circumstances: of the run.
+    """
+
+    def __init__(self, circumstances: Circumstances) -> None:
+        self.circumstances = circumstances
+
+    def start(self, task: TaskSpec, step: str) -> Picture:
+        """A scene at its start, marked for ``step``."""
+        return self.actuation(task, {}, step)
+
+    def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
+        """The scene with the arm at the actuation pose of ``step``; at its start where the solver finds none."""
+        told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **asdict(self.circumstances)}
+        given = (self.circumstances, task, {name: dict(each) for name, each in steps.items()}, step)
+        return Picture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
+
+
+@cache
+def _painter() -> ProcessPoolExecutor:
+    """The process that draws; started when the first picture is looked at."""
+    return ProcessPoolExecutor(max_workers=1, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _drawn(draw: Callable[..., bytes], *given: Any) -> bytes:
+    with _STARTING:
+        painter = _painter()
+    try:
+        return painter.submit(draw, *given).result()
+    except BrokenProcessPool as error:
+        _painter.cache_clear()
+        raise GenSim2Error("the process that draws pictures ended (leave --visual out)") from error
+
+
+def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
+    """PNG of an object; in a process of its own."""
+    from gensim2.inspection.pictures import Studio, strip
+
+    return _png(strip(Studio(OBJECT_SIZE), open_library(location).load(asset_class, instance)))
+
+
+def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
+    """PNG of a scene; in a process of its own."""
+    from PIL import Image, ImageDraw
+
+    from gensim2.sim import rendering
+    from gensim2.sim.env import GenSim2Env
+
+    if not rendering.can_render():
+        raise GenSim2Error(rendering.NO_DRIVER)
+    given = circumstances
+    env = GenSim2Env(
+        task, assets=given.assets, robot=given.robot, physics=given.physics, obs_mode="none", render_mode="rgb_array"
+    )
+    try:
+        env.reset(seed=SEED)
+        scene = env.scene_state()
+        q, T_hand = _actuation(circumstances, task, steps, name, scene) if name in steps else (None, None)
+        if q is not None:
+            env.agent.robot.set_qpos(q)
+        picture = Image.fromarray(np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8))
+    finally:
+        env.close()
+    draw = ImageDraw.Draw(picture)
+    _axes(draw, picture.size, scene.T_world_base, "base")
+    if T_hand is not None:
+        _axes(draw, picture.size, scene.T_world_base @ T_hand, "hand")
+    step = next(each for each in task.steps if each.name == name)
+    _axes(draw, picture.size, scene.T_world_base @ scene.objects[step.object].T_base_object, "object")
+    for key, point in scene.objects[step.object].keypoints.items():
+        place = (scene.T_world_base @ np.append(point, 1.0))[:3]
+        x, y = _pixel(place, picture.size)
+        draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill="#7b3fb0", outline="#ffffff")
+        draw.text((x + 6, y - 6), key.split("_object_")[-1], fill="#ffffff", stroke_width=2, stroke_fill="#1c2430")
+    return _png(picture)
+
+
+def _actuation(
+    circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
+) -> tuple[Any, Any]:
+    """Joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; None each where there is none."""
+    from gensim2.planning.steps import StepPlanner
+    from gensim2.rollout.worker import SCREEN_OPTIONS, parsed
+
+    planner = StepPlanner(robot(circumstances.robot), options=SCREEN_OPTIONS)
+    step = next(each for each in task.steps if each.name == name)
+    for before in task.steps:  # what is to be in the hand is taken up first
+        if before.name != name and before.object == step.tool and before.name in steps:
+            strategy = next(iter(parsed(steps[before.name]).values()))
+            taken = planner.plan(scene, before, strategy)
+            if taken.after is None:
+                return None, None
+            scene = taken.after
+            break
+    strategy = next(iter(parsed(steps[name]).values()))
+    assert isinstance(strategy, KeypointStrategy)
+    plan = planner.plan(scene, step, strategy).plan
+    if plan is None:
+        return None, None
+    frame = next((each for each in plan.keyframes if each["label"] == "actuation"), None)
+    if frame is None:
+        return None, None
+    if plan.trajectory is None or frame["time"] is None:
+        return None, np.asarray(frame["T_base_hand"])
+    return plan.trajectory.sample(frame["time"])[0], np.asarray(frame["T_base_hand"])
+
+
+def _axes(draw: ImageDraw, size: tuple[int, int], T_world_frame: Any, name: str) -> None:
+    """Draw a frame's three axes with its name."""
+    origin = T_world_frame[:3, 3]
+    start = _pixel(origin, size)
+    for axis, colour in enumerate(COLOURS):
+        draw.line([start, _pixel(origin + AXIS * T_world_frame[:3, axis], size)], fill=colour, width=3)
+    draw.text((start[0] + 4, start[1] + 4), name, fill="#ffffff", stroke_width=2, stroke_fill="#1c2430")
+
+
+def _pixel(point: Any, size: tuple[int, int]) -> tuple[float, float]:
+    """Where a point (3,) in the world is seen."""
+    eye, target = np.array(EYE), np.array(TARGET)
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    depth = max(float((point - eye) @ ahead), 1e-3)
+    focal = 0.5 * size[1] / float(np.tan(FIELD_OF_VIEW / 2))
+    x = size[0] / 2 + focal * float((point - eye) @ right) / depth
+    return x, size[1] / 2 - focal * float((point - eye) @ up) / depth
+
+
+def _png(picture: Any) -> bytes:
+    buffer = io.BytesIO()
+    picture.save(buffer, format="PNG")
+    return buffer.getvalue()

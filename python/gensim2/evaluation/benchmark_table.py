@@ -1,0 +1,115 @@
+"""The table of ``gensim2 benchmark``: every figure in it is counted from the episodes that stand beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import mean, pstdev
+from typing import Any, Literal
+
+from gensim2.rollout.record import Episode
+from gensim2.rollout.tally import Tally, interval
+from gensim2.tasks.published import MEASURED, PAPER
+from gensim2.tasks.spec import TaskSpec
+
+TaskType = Literal["single-step", "long-horizon"]
+
+#: In the JSON ``success`` is the verdict that the paper counts.
+VERDICTS = {"success": "paper", "held": "held", "strict": "strict"}
+
+
+@dataclass(frozen=True)
+class TaskRow:
+    """One task in the table.
+
+    Attributes:
+        task: its spec.
+        runs: number of runs, each of equally many episodes.
+        episodes: in the order of runs.
+    """
+
+    task: TaskSpec
+    runs: int
+    episodes: tuple[Episode, ...]
+
+    @property
+    def type(self) -> TaskType:
+        """What the paper calls it."""
+        return "single-step" if self.task.is_single_step else "long-horizon"
+
+    @property
+    def seen(self) -> Literal["train", "all"] | None:
+        """Instances that its strategies were made on; ``"all"`` where one was; None where nobody says."""
+        made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
+        found = {each.seen for each in made}
+        return "all" if "all" in found else "train" if found else None
+
+    def rates(self, verdict: str) -> list[float]:
+        """Share of episodes that fulfil ``"paper"``, ``"held"`` or ``"strict"``, one a run."""
+        size = len(self.episodes) // self.runs
+        flags = [bool(getattr(episode, verdict)) for episode in self.episodes]
+        return [mean(flags[run * size : (run + 1) * size]) for run in range(self.runs)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        tally = Tally.of(self.episodes)
+        paper, measured = PAPER.get(self.task.name), MEASURED.get(self.task.name)
+        return {
+            "name": self.task.name,
+            "type": self.type,
+            "runs": self.runs,
+            "episodes": tally.episodes,
+            **_rates([self]),
+            "paper_figure": None if paper is None else paper[0],
+            "original_figure": None if measured is None else measured[0] / measured[1],
+            "partial": tally.partial,
+            "partial_share": tally.partial / tally.episodes,
+            "replanned": tally.replanned,
+            "still": tally.still,
+            "attempts": sum(max(1, len(episode.attempts)) for episode in self.episodes),
+            "causes": tally.causes,
+            "strict_misses": tally.strict_misses,
+            "objects": tally.objects,
+            "different_objects": sum(tally.objects.values()),
+            "seen": self.seen,
+            "records": [episode.to_dict() for episode in self.episodes],
+        }
+
+
+def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:
+    """Means over the tasks of each type, each task counted once; and over the paper's figures of the same tasks."""
+    found = []
+    for kind in ("single-step", "long-horizon"):
+        if not (members := [row for row in rows if row.type == kind]):
+            continue
+        published = [PAPER[row.task.name][0] for row in members if row.task.name in PAPER]
+        measured = [MEASURED[row.task.name] for row in members if row.task.name in MEASURED]
+        found.append(
+            {
+                "type": kind,
+                "tasks": len(members),
+                "episodes": sum(len(row.episodes) for row in members),
+                **_rates(members),
+                "paper_figure": mean(published) if published else None,
+                "original_figure": mean(held / of for held, of in measured) if measured else None,
+            }
+        )
+    return found
+
+
+def _rates(rows: Sequence[TaskRow]) -> dict[str, Any]:
+    """Mean, deviation between the runs and 95 % interval of each verdict; all rows have equally many episodes.
+
+    The interval of several tasks is that of as many episodes of one task with their mean rate: too wide rather than
+    too narrow.
+    """
+    found: dict[str, Any] = {}
+    for name, verdict in VERDICTS.items():
+        by_run = [mean(rates) for rates in zip(*(row.rates(verdict) for row in rows), strict=True)]
+        count = sum(bool(getattr(episode, verdict)) for row in rows for episode in row.episodes)
+        found |= {
+            f"{name}_mean": mean(by_run),
+            f"{name}_std": pstdev(by_run),
+            f"{name}_interval": list(interval(count, sum(len(row.episodes) for row in rows))),
+        }
+    return found

@@ -1,0 +1,176 @@
+"""``gensim2 benchmark``: the task library in the paper's protocol, several runs of many random episodes a task."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Unpack
+
+from gensim2.errors import InputError
+from gensim2.evaluation.benchmark_table import TaskRow, groups
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.record import Episode
+from gensim2.scenes.config import DISTURBANCES, Disturbance
+
+
+@dataclass(frozen=True)
+class BenchmarkResult:
+    """The table.
+
+    Attributes:
+        run_dir: the run folder.
+        arguments: what was asked for: everything that the episodes follow from, beside the tasks.
+        versions: of the packages that decide the outcome.
+        rows: one a task.
+        skipped: tasks that could not be run on these objects, with the reason.
+        speeds: episodes a second of wall time in this call, by task; None where all were there.
+        cpu_s: CPU of all processes in this call, their start apart.
+    """
+
+    run_dir: str
+    arguments: dict[str, Any]
+    versions: dict[str, str]
+    rows: tuple[TaskRow, ...]
+    skipped: dict[str, str]
+    speeds: dict[str, float | None]
+    cpu_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "run_dir": self.run_dir,
+            "arguments": self.arguments,
+            "versions": self.versions,
+            "tasks": [row.to_dict() for row in self.rows],
+            "groups": groups(self.rows),
+            "skipped": self.skipped,
+            "episodes_per_second": self.speeds,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+def benchmark(
+    tasks: Sequence[str] = (),
+    *,
+    origin: str | None = None,
+    runs: int = 5,
+    episodes: int = 50,
+    seed: int = 0,
+    attempts: int = 1,
+    disturbance: Disturbance | None = None,
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
+) -> BenchmarkResult:
+    """Run every task on random scenes; each episode is kept as soon as it is finished.
+
+    Args:
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``. Those
+            that these objects do not do for are named and left out.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+        runs: repetitions, for the deviation between them.
+        episodes: of each task in each run.
+        seed: of the scenes; no search draws from the same ones.
+        attempts: that an episode has at most from its start, until one holds.
+        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
+        out: run folder; default ``runs/<date>-<time>``.
+        workers: simulator processes; the table does not depend on their number.
+        resume: go on with the run that ``out`` holds.
+        time_limit, jobs_per_worker: as for ``demo``.
+        progress: listener.
+        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+
+    Raises:
+        InputError: an argument cannot be used.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+    """
+    check_counts(runs=runs, episodes=episodes, attempts=attempts, workers=workers)
+    check_workers(time_limit, jobs_per_worker)
+    if disturbance is not None and disturbance not in DISTURBANCES:
+        raise InputError(
+            f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
+        )
+    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
+    names = [one.spec.name for one in given]
+    # Only now what takes long to import.
+    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.identity import identity, versions
+
+    library = given[0].library
+    circumstances = replace(given[0].circumstances, disturbance=disturbance, attempts=attempts)
+    arguments = {
+        "seed": seed,
+        "runs": runs,
+        "episodes": episodes,
+        **asdict(circumstances),
+        "instances": scene.get("instances", "all"),
+    }
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {
+                "command": "benchmark",
+                "stored_tasks": names,
+                **arguments,
+                "workers": workers,
+            },
+            identity(given),
+            resume,
+        ) as folder,
+        PoolEvaluator(
+            circumstances,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        rows, speeds = [], {}
+        for one in given:
+            name = one.spec.name
+            found, speeds[name] = _episodes(one, evaluator, folder.task(name).path, runs, episodes, seed, progress)
+            folder.add_episodes(library, found, folder.path / "run.json")
+            folder.save()
+            rows.append(TaskRow(one.spec, runs, tuple(found)))
+        result = BenchmarkResult(str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s)
+        told = result.to_dict()
+        for task in told["tasks"]:
+            del task["records"]  # they stand in the task's folder
+        folder.finish(told)
+    return result
+
+
+def _episodes(
+    given: TaskInput, evaluator: Any, folder: Path, runs: int, episodes: int, seed: int, progress: Progress
+) -> tuple[list[Episode], float | None]:
+    """All episodes of a task, run after run, and how many a second were run; those that its log holds are not."""
+    from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
+    from gensim2.processes import Job
+    from gensim2.rollout import worker
+    from gensim2.seeding import scene_seeds
+
+    task = given.spec
+    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
+    log = AttemptLog(folder / ATTEMPTS, seeds)
+    progress.start(task.name, len(seeds))
+    progress.advance(len(log.done))
+    setting = evaluator.setting(task, given.instances)
+    jobs = [Job(i, (setting, given.strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+    begin = time.perf_counter()
+    for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: episodes"):
+        log.add(LoggedEpisode.of(episode, index))
+        progress.advance()
+    speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
+    return [entry.episode for entry in log.finish(len(seeds))], speed

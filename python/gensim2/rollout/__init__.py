@@ -1,0 +1,50 @@
+"""Episodes: plan, run, judge and record, one loop whoever decides what the robot does."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.controller import Controller, Event, Observation
+    from gensim2.rollout.record import Cause, Episode, StrictMiss
+    from gensim2.rollout.recording import Recording
+    from gensim2.rollout.run import EpisodeResult
+    from gensim2.rollout.solving import solve
+    from gensim2.rollout.still import StillController
+    from gensim2.rollout.world import World
+
+__all__ = [
+    "Cause",
+    "ChainController",
+    "Controller",
+    "Episode",
+    "EpisodeResult",
+    "Event",
+    "Observation",
+    "Recording",
+    "StillController",
+    "StrictMiss",
+    "World",
+    "solve",
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Cause": "gensim2.rollout.record",
+        "ChainController": "gensim2.rollout.chain",
+        "Controller": "gensim2.rollout.controller",
+        "Episode": "gensim2.rollout.record",
+        "EpisodeResult": "gensim2.rollout.run",
+        "Event": "gensim2.rollout.controller",
+        "Observation": "gensim2.rollout.controller",
+        "Recording": "gensim2.rollout.recording",
+        "StillController": "gensim2.rollout.still",
+        "StrictMiss": "gensim2.rollout.record",
+        "World": "gensim2.rollout.world",
+        "solve": "gensim2.rollout.solving",
+    },
+)

@@ -1,0 +1,92 @@
+"""What a chain of steps keeps in mind: the plans that were made, and whose turn it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from gensim2.planning.scene import Scene
+from gensim2.planning.step_plan import StepPlan
+from gensim2.rollout.controller import Action
+from gensim2.rollout.record import PlanRecord
+from gensim2.tasks.criteria import OF_GRIPPER
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import Step
+
+
+@dataclass
+class ChainPlan:
+    """A plan and what becomes of it.
+
+    Attributes:
+        strategy: by whose name it was made.
+        planned: what the planner said.
+        scene: on which.
+        at_step: control step at which it was made.
+        trigger: why.
+        ran: actions of it that were given.
+    """
+
+    strategy: str
+    planned: StepPlan
+    scene: Scene
+    at_step: int
+    trigger: str
+    ran: int = 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing of it is left."""
+        return self.planned.schedule is None or self.ran >= len(self.planned.schedule)
+
+    def next_action(self) -> Action:
+        """Of a plan that is not over."""
+        assert self.planned.schedule is not None
+        action: Action = self.planned.schedule.actions[self.ran]
+        self.ran += 1
+        return action
+
+    def record(self) -> PlanRecord:
+        """For the episode's record."""
+        planned = self.planned
+        return PlanRecord(
+            strategy=self.strategy,
+            status=planned.status,
+            reason=planned.reason,
+            at_step=self.at_step,
+            trigger=self.trigger,
+            ran=self.ran,
+            detail=planned.detail(),
+        )
+
+
+@dataclass
+class ChainTurn:
+    """One turn of a step; it has another where what it took up is lost.
+
+    Attributes:
+        step: whose turn it is.
+        plans: made in it, in order.
+        tries: times that a strategy was executed to its end, by its name.
+        acted: measured as the fingers had taken something last, or were about to let go.
+    """
+
+    step: Step
+    plans: list[ChainPlan] = field(default_factory=list)
+    tries: dict[str, int] = field(default_factory=dict)
+    acted: Measurement | None = None
+
+    def is_done(self, measured: Measurement) -> bool:
+        """Whether it is done now; what is asked of the gripper counts as it took or let go, too: then it backs off."""
+        return all(
+            criterion.holds(measured)
+            or (self.acted is not None and isinstance(criterion, OF_GRIPPER) and criterion.holds(self.acted))
+            for criterion in self.step.done
+        )
+
+
+def best_of(plans: Sequence[ChainPlan]) -> ChainPlan | None:
+    """The first of the best that have a motion."""
+    return min(
+        (plan for plan in plans if plan.planned.schedule is not None), key=lambda p: p.planned.rank, default=None
+    )

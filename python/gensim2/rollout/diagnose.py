@@ -1,0 +1,222 @@
+"""Why an episode does not count as held: the first thing that went wrong and was not made good, with numbers.
+
+The steps are gone through in order. The first that was not accomplished is to blame: for what its controller noticed
+last, else for what its last plan lacks, else for what the measurements of its turn say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gensim2.planning.step_plan import INVALID, NO_GRASP
+from gensim2.rollout.controller import ACTUATION, Event
+from gensim2.rollout.measured_faults import (
+    distance_apart,
+    drift,
+    fault_of_criterion,
+    released,
+    was_left_behind,
+    was_lifted,
+)
+from gensim2.rollout.record import Cause, PlanRecord, StepRecord
+from gensim2.rollout.turns import Turn
+from gensim2.tasks.criteria import DistanceArticulatedRigid, DistanceGripperRigid, RigidLifted, all_hold
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import HAND, Step, TaskSpec
+
+Fault = tuple[Cause, dict[str, Any]]
+
+PLAN_CAUSES = {
+    INVALID: Cause.INVALID_PROBLEM,
+    "actuation_infeasible": Cause.NO_ACTUATION_POSE,
+    "unreachable": Cause.KEYFRAME_OUT_OF_REACH,
+    "collision": Cause.COLLISION_ON_THE_WAY,
+    NO_GRASP: Cause.NO_GRASP,
+}
+"""By the status of a plan without a motion; any other is ``NO_MOTION_FOUND``."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an episode ended.
+
+    Attributes:
+        goal: the goal holds at the end.
+        stable: physics held together, with a still arm as well.
+        settled: the scene was at rest.
+        cut: the controller was not done when the time was over.
+        truncated: the episode was longer than the task allows.
+        by_itself: the goal holds with a still arm, too.
+    """
+
+    goal: bool
+    stable: bool
+    settled: bool
+    cut: bool
+    truncated: bool
+    by_itself: bool
+
+
+def diagnose(
+    task: TaskSpec,
+    trace: Sequence[Measurement],
+    turns: Sequence[Turn],
+    history: Sequence[StepRecord],
+    events: Sequence[Event],
+    outcome: Outcome,
+) -> Fault:
+    """The cause, and numbers beside it as plain data.
+
+    Args:
+        task: what was to be done.
+        trace: measurements, before the first control step and after each.
+        turns: which of them belong to which step.
+        history: what is known of each step.
+        events: what the controller noticed.
+        outcome: how it ended; not held.
+    """
+    if not outcome.stable:
+        return Cause.UNSTABLE, {}
+    steps = len(trace) - 1
+    if outcome.goal and steps:
+        if outcome.by_itself:
+            return Cause.HAPPENS_BY_ITSELF, {}
+        if outcome.truncated:
+            return Cause.TIME_OVER, {"control_steps": steps}
+        if not outcome.settled:
+            return Cause.STILL_MOVING, _speeds(trace[-1])
+    episode = _Facts(task, trace, turns, {record.name: record for record in history}, events, outcome)
+    for index, step in enumerate(task.steps):
+        fault = episode.fault_of(index, step)
+        if fault is not None:
+            cause, numbers = fault
+            return cause, {"step": step.name, **episode.context(step), **numbers}
+    return Cause.GOAL_UNDONE, _goal_numbers(task, trace[-1])
+
+
+@dataclass(frozen=True)
+class _Facts:
+    task: TaskSpec
+    trace: Sequence[Measurement]
+    turns: Sequence[Turn]
+    records: dict[str, StepRecord]
+    events: Sequence[Event]
+    outcome: Outcome
+
+    def fault_of(self, index: int, step: Step) -> Fault | None:
+        """What went wrong in a step; None where it was accomplished."""
+        record = self.records.get(step.name)
+        if record is None:
+            return Cause.TIME_OVER, {"control_steps": len(self.trace) - 1}
+        went_on = any(later.name in self.records for later in self.task.steps[index + 1 :])
+        is_last = index + 1 == len(self.task.steps)
+        own = [turn for turn in self.turns if turn.step.name == step.name]
+        if record.paper and (went_on or is_last) and not self._is_stuck(record):
+            # A grasp is done unconditionally; whether it took hold shows in the steps that use what it took. What was
+            # true in passing, while the hand still held the object, is not done.
+            gave_up = self._given_up(step) if not went_on else None
+            return gave_up or self._missed_grasp(index, step, own) or self._passed_by(record, step, own)
+        noticed = [event for event in self.events if event.step == step.name and event.what != ACTUATION]
+        if noticed:
+            return Cause(noticed[-1].what), dict(noticed[-1].detail)
+        if (fault := _fault_of_plans(record.plans)) is not None:
+            return fault
+        if record.paper and step.done:
+            return Cause.GOAL_UNDONE, {}
+        if own and (fault := self._missed_grasp(index, step, own)) is not None:
+            return fault
+        if own and step.done:
+            measured = self.trace[own[0].first : own[-1].last + 1]
+            if (fault := fault_of_criterion(step, measured, self._at_actuation(step))) is not None:
+                return fault
+        return (Cause.TIME_OVER if self.outcome.cut else Cause.STOPPED_SHORT), {}
+
+    def context(self, step: Step) -> dict[str, Any]:
+        """What is worth knowing beside a step's fault: its last plan, and every deviation so far."""
+        record = self.records.get(step.name)
+        found: dict[str, Any] = {}
+        if record is not None and record.plans:
+            plan = record.plans[-1]
+            found |= {"strategy": plan.strategy, "status": plan.status, "reason": plan.reason}
+            found |= {"plan": plan.detail} if plan.detail else {}
+        deviations = [{**asdict(e), "what": str(e.what)} for e in self.events if e.what != ACTUATION]
+        return found | ({"deviations": deviations} if deviations else {})
+
+    def _is_stuck(self, record: StepRecord) -> bool:
+        """Whether nothing of the step was executed for want of a motion."""
+        return bool(record.plans) and all(plan.ran == 0 for plan in record.plans) and not _has_motion(record.plans[-1])
+
+    def _given_up(self, step: Step) -> Fault | None:
+        """The deviation after which the controller did not get to another actuation pose."""
+        last = next((event for event in reversed(self.events) if event.step == step.name), None)
+        return None if last is None or last.what == ACTUATION else (Cause(last.what), dict(last.detail))
+
+    def _missed_grasp(self, index: int, step: Step, own: Sequence[Turn]) -> Fault | None:
+        """Whether a step that was to take up its object left it behind, or lost it on the way up."""
+        wanted = {later.tool for later in self.task.steps[index + 1 :]}
+        wanted |= {c.rigid for c in self.task.success if isinstance(c, DistanceGripperRigid | RigidLifted)}
+        if step.object not in wanted or not own or own[-1].last == own[-1].first:
+            return None
+        measured = self.trace[own[-1].first : own[-1].last + 1]
+        distance = was_left_behind(measured, step.object)
+        if distance is None:
+            return None
+        moved = drift(measured, self._at_actuation(step), step.object)
+        if moved is not None:
+            return Cause.OBJECT_DRIFTED, {"distance": moved}
+        lost = was_lifted(measured, step.object)
+        return (Cause.GRASP_LOST if lost else Cause.GRASP_MISSED), {"distance": distance}
+
+    def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
+        """What became of an object that was where it should be only while the hand held it."""
+        if record.done or step.tool == HAND or not step.done or not own:
+            return None
+        measured = self.trace[own[-1].first : own[-1].last + 1]
+        let_go = released(measured)
+        if let_go is not None and all_hold(step.done, let_go):
+            return None
+        return fault_of_criterion(step, measured, None)
+
+    def _at_actuation(self, step: Step) -> Measurement | None:
+        found = [e.at_step for e in self.events if e.step == step.name and e.what == ACTUATION]
+        return self.trace[found[-1]] if found else None
+
+
+def _has_motion(plan: PlanRecord) -> bool:
+    return plan.status in ("solved", "partial")
+
+
+def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
+    """What the plan lacks that was followed last, or that was made last where none was."""
+    if not plans:
+        return None
+    followed = [plan for plan in plans if plan.ran]
+    plan = followed[-1] if followed else plans[-1]
+    if plan.status == "solved":
+        return None
+    if plan.status in PLAN_CAUSES:
+        return PLAN_CAUSES[plan.status], {}
+    if plan.detail.get("collisions"):
+        return Cause.COLLISION_ON_THE_WAY, {}
+    if plan.detail.get("unreached"):
+        return Cause.KEYFRAME_OUT_OF_REACH, {}
+    return Cause.NO_MOTION_FOUND, {}
+
+
+def _speeds(measured: Measurement) -> dict[str, Any]:
+    joints = {name: float(speed) for name, speed in measured.joint_speed.items()}
+    return {"speeds": joints | {name: float(speed[0]) for name, speed in measured.speeds.items()}}
+
+
+def _goal_numbers(task: TaskSpec, measured: Measurement) -> dict[str, Any]:
+    """Which criteria of the goal do not hold, and what they measure."""
+    failing = [criterion for criterion in task.success if not criterion.holds(measured)]
+    distances = {
+        c.rigid: distance_apart(measured, c.articulated, c.rigid)
+        for c in failing
+        if isinstance(c, DistanceArticulatedRigid)
+    }
+    numbers = {"failing": [criterion.type for criterion in failing], "openness": dict(measured.openness)}
+    return numbers | ({"distances": distances} if distances else {})

@@ -1,0 +1,113 @@
+"""What goes wrong in a real room, at a seeded moment: an object is pushed, a grasp is opened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from gensim2.planning.scene import Scene
+from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, Observation
+from gensim2.rollout.record import StepRecord
+from gensim2.scenes.config import Disturbance
+from gensim2.seeding import rng
+from gensim2.tasks.spec import TaskSpec
+
+PUSHED = 0.03
+"""Metres by which an object is pushed, in a drawn direction."""
+PUSHED_WITHIN = 25
+"""Control steps within which it is pushed once the step that takes hold of it has its turn."""
+LIFTED = 0.01
+"""Metres above its place at which an object counts as held."""
+DROPPED_WITHIN = 40
+"""Control steps within which the fingers are opened once they hold the object."""
+OPEN_STEPS = 8
+"""Control steps for which they stay open."""
+
+
+class Pushable(Protocol):
+    """A world in which objects can be disturbed."""
+
+    def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None: ...
+
+
+class Disturbed:
+    """A controller whose world does not keep still: once an episode, while it takes or carries its first rigid object.
+
+    Args:
+        controller: decides all actions; it is not told.
+        world: in which it acts.
+        task: whose first step on a rigid object is disturbed; nothing is where there is none.
+        kind: ``"push"``: the object slides 3 cm aside before it is touched. ``"drop"``: the fingers open while they
+            hold it.
+        seed: of the episode.
+    """
+
+    def __init__(self, controller: Controller, world: Pushable, task: TaskSpec, kind: Disturbance, seed: int) -> None:
+        self._controller, self._world, self._task, self._kind = controller, world, task, kind
+        random = rng(seed, f"{task.name}/disturbance/{kind}")
+        self._push_at = int(random.integers(PUSHED_WITHIN))
+        self._drop_after = int(random.integers(DROPPED_WITHIN))
+        self._direction = float(random.uniform(-math.pi, math.pi))
+        self.happened_at: int | None = None
+
+    def reset(self, scene: Scene) -> None:
+        """Begin an episode in ``scene``."""
+        self._controller.reset(scene)
+        rigid = {name for name, thing in scene.objects.items() if thing.is_rigid}
+        self._step = next((step for step in self._task.steps if step.object in rigid), None)
+        self._since: int | None = None
+        self._height: float | None = None
+        self.happened_at = None
+
+    def act(self, observation: Observation) -> Action | None:
+        """The controller's action, the fingers' command apart while a grasp is opened."""
+        action = self._controller.act(observation)
+        if action is None or self._step is None:
+            return action
+        return self._push(observation, action) if self._kind == "push" else self._drop(observation, action)
+
+    def _push(self, observation: Observation, action: Action) -> Action:
+        assert self._step is not None
+        if self.happened_at is None and self.turn == self._step.name and not self._touched():
+            self._since = observation.step if self._since is None else self._since
+            if observation.step - self._since >= self._push_at:
+                dx, dy = PUSHED * math.cos(self._direction), PUSHED * math.sin(self._direction)
+                self._world.nudge(self._step.object, dx, dy)
+                self.happened_at = observation.step
+        return action
+
+    def _drop(self, observation: Observation, action: Action) -> Action:
+        assert self._step is not None
+        height = float(observation.measurement.poses[self._step.object][2])
+        self._height = height if self._height is None else self._height
+        if self._since is None:
+            self._since = observation.step if height > self._height + LIFTED else None
+        if self._since is None or observation.step < self._since + self._drop_after:
+            return action
+        self.happened_at = observation.step if self.happened_at is None else self.happened_at
+        if observation.step >= self.happened_at + OPEN_STEPS:
+            return action
+        return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
+
+    def _touched(self) -> Event | None:
+        """When the hand was first at the pose in which it takes the object."""
+        assert self._step is not None
+        return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
+
+    @property
+    def turn(self) -> str | None:
+        """The controller's."""
+        return self._controller.turn
+
+    @property
+    def history(self) -> Sequence[StepRecord]:
+        """The controller's."""
+        return self._controller.history
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The controller's."""
+        return self._controller.events

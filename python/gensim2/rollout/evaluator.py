@@ -1,0 +1,140 @@
+"""The simulator behind the search: an executor whose workers share nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from gensim2.processes import (
+    JOBS_PER_WORKER,
+    TIME_LIMIT,
+    Executor,
+    Failure,
+    Job,
+    Outcome,
+    WorkerPool,
+    enumerated,
+    results,
+)
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout import worker
+from gensim2.rollout.record import Episode
+from gensim2.scenes.config import Circumstances, Drawn, Setting
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import StepStrategies
+
+Result = TypeVar("Result")
+
+
+class PoolEvaluator:
+    """Plans and runs episodes in worker processes; what comes of them does not depend on their number.
+
+    A context manager: leaving it ends the workers.
+
+    Args:
+        circumstances: what episodes follow from beside the task.
+        workers: number of processes; None where the pool says itself how many.
+        progress: is advanced once a job; whoever calls starts the stage.
+        time_limit: seconds after which a job counts as hung and is tried again.
+        jobs_per_worker: jobs after which a process is renewed.
+        log: file for tries that came to nothing, with their tracebacks; None keeps none.
+        pool: makes what runs the jobs, of the arguments of :class:`~gensim2.processes.WorkerPool`.
+
+    Attributes:
+        failed_tries: tries that came to nothing.
+    """
+
+    def __init__(
+        self,
+        circumstances: Circumstances,
+        workers: int | None,
+        progress: Progress = NULL_PROGRESS,
+        *,
+        time_limit: float = TIME_LIMIT,
+        jobs_per_worker: int = JOBS_PER_WORKER,
+        log: Path | None = None,
+        pool: Callable[..., Executor] = WorkerPool,
+    ) -> None:
+        self.circumstances = circumstances
+        self.failed_tries = 0
+        self._progress, self._log = progress, log
+        self._executor: Executor = pool(
+            workers,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            preload=worker.PRELOAD,
+            prepare=partial(worker.prepare, circumstances),
+            on_failure=self._failed,
+        )
+        self._begin, self._elsewhere = time.process_time(), 0.0
+
+    def __enter__(self) -> PoolEvaluator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.close()
+
+    @property
+    def cpu_s(self) -> float:
+        """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
+        return time.process_time() - self._begin + self._elsewhere
+
+    def setting(self, task: TaskSpec, instances: Drawn) -> Setting:
+        """Return the environment of a task, as a value that pickles."""
+        return Setting(task, instances, self.circumstances)
+
+    def run(
+        self, function: Callable[..., Result], jobs: Iterable[Job | None], what: str
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield (index, result) of jobs as they are finished, in any order.
+
+        Args:
+            function: of :mod:`gensim2.rollout.worker`.
+            jobs: as in ``Executor.map_unordered``.
+            what: the jobs are, for messages.
+
+        Raises:
+            NotRunError: some could not be run, after all others.
+            InputError: what a job said of its input, after all others.
+        """
+        return results(self._counted(self._executor.map_unordered(function, jobs)), what, self._log)
+
+    def _counted(self, outcomes: Iterable[Outcome[Result]]) -> Iterator[Outcome[Result]]:
+        for outcome in outcomes:
+            self._elsewhere += outcome.cpu_s
+            yield outcome
+
+    def screen(
+        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+    ) -> list[list[worker.Screened]]:
+        """Plan each candidate on each seed's scene; one list a candidate, one result a seed."""
+        jobs = enumerated((setting, seed, candidates) for seed in seeds)
+        by_seed: dict[int, list[worker.Screened]] = {}
+        for index, screened in self.run(worker.screen_scene, jobs, f"{setting.task.name}: planning of candidates"):
+            by_seed[index] = screened
+            self._progress.advance()
+        return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
+
+    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        """Run (strategies of each step, seed) episodes in physics; their records in the order of the jobs."""
+        numbered = enumerated((setting, ways, seed) for ways, seed in jobs)
+        found: dict[int, Episode] = {}
+        for index, episode in self.run(worker.trial, numbered, f"{setting.task.name}: episodes"):
+            found[index] = episode
+            self._progress.advance()
+        return [found[index] for index in range(len(jobs))]
+
+    def _failed(self, failure: Failure) -> None:
+        self.failed_tries += 1
+        self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
+        if self._log is None:
+            return
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        with self._log.open("a", encoding="utf-8") as stream:
+            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+            stream.write(
+                f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
+            )

@@ -1,0 +1,56 @@
+"""What the results of a run follow from, in digests: a run that is gone on with must have the same."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gensim2.objects import Library
+    from gensim2.rollout.inputs import TaskInput
+
+#: Distributions whose versions decide what an episode looks like.
+VERSIONED = ("gensim2", "mani_skill", "sapien", "numpy", "torch", "h5py")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that decide the outcome."""
+    found = {"python": platform.python_version()}
+    for name in VERSIONED:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "absent"
+    return found
+
+
+def digest(value: Any) -> str:
+    """Digest of plain data: equal data, equal digest."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
+
+
+def listing(library: Library, classes: Iterable[str]) -> str:
+    """Digest of which objects there are: episodes draw from the list, so one object more is another run."""
+    return digest({name: list(library.instances(name)) for name in classes})
+
+
+def listings(given: Sequence[TaskInput]) -> dict[str, str]:
+    """Of each class that tasks of one library draw from: the digest of its list."""
+    return {name: listing(given[0].library, [name]) for name in _classes(given)}
+
+
+def identity(given: Sequence[TaskInput]) -> dict[str, str]:
+    """Of a run of several tasks on the objects of one library."""
+    return {
+        "tasks": digest([one.spec.model_dump(mode="json") for one in given]),
+        "strategies": digest([one.strategies for one in given]),
+        "objects": listing(given[0].library, _classes(given)),
+    }
+
+
+def _classes(given: Sequence[TaskInput]) -> list[str]:
+    return sorted({thing.asset_class for one in given for thing in one.spec.objects.values()})

@@ -1,0 +1,281 @@
+"""What a user hands to the commands: all of it is checked before anything starts.
+
+First what costs nothing (files, fields, names), then what needs one object of the class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypedDict, Unpack
+
+from gensim2.errors import InputError, brief
+from gensim2.objects import Instance, Library, open_library
+from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
+from gensim2.planning.config import ObjectNames, check_strategies
+from gensim2.planning.strategies import parse_strategy
+from gensim2.robots import DEFAULT_ROBOT
+from gensim2.robots import robot as profile
+from gensim2.scenes.config import PHYSICS, Circumstances, Physics
+from gensim2.seeding import check_seed, rng
+from gensim2.tasks.library import (
+    PAPER,
+    load_strategies,
+    load_strategies_beside,
+    load_task,
+    load_task_file,
+    strategy_files,
+    task_folder,
+    task_names,
+)
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+#: Seconds; no job needs eleven days, and infinity is no time to wait.
+LONGEST_TIME_LIMIT = 1e6
+
+
+@dataclass(frozen=True)
+class TaskInput:
+    """A task that can be run: it is valid, its objects exist, and they have what its strategies name.
+
+    Attributes:
+        spec: the task.
+        strategies: by name, as plain data.
+        library: where its objects come from.
+        instances: which of them, one word: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
+        circumstances: of its episodes.
+    """
+
+    spec: TaskSpec
+    strategies: Strategies
+    library: Library
+    instances: str
+    circumstances: Circumstances
+
+
+class SceneArguments(TypedDict, total=False):
+    """What the episodes of a task follow from beside their seed, as every command takes it by keyword.
+
+    Keys:
+        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
+        instances: what episodes draw from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
+            (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of the run.
+        physics: ``"ours"`` or ``"original"``.
+        robot: name of its profile.
+        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"``.
+    """
+
+    assets: str | Path | None
+    instances: str
+    physics: Physics
+    robot: str
+    open_loop: bool
+    randomization: PresetName
+
+
+def read_task_input(
+    task: str,
+    assets: str | Path | None = None,
+    instances: str = "all",
+    seed: int = 0,
+    *,
+    physics: Physics = "ours",
+    robot: str = DEFAULT_ROBOT,
+    open_loop: bool = False,
+    randomization: PresetName = DEFAULT_PRESET,
+) -> TaskInput:
+    """Read and check a task.
+
+    Args:
+        task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
+        seed: of the run.
+        assets, instances, physics, robot, open_loop, randomization: as in :class:`SceneArguments`.
+
+    Raises:
+        InputError: names the file and the field, or the argument.
+    """
+    seed = check_seed(seed)
+    check_circumstances(physics, robot, randomization)
+    spec, strategies = task_and_strategies(task)
+    folder = Path(task) if _is_folder(task) else None
+    library = open_library(assets)
+    for role, thing in spec.objects.items():
+        try:
+            library.instances(thing.asset_class)
+        except InputError as error:
+            file = folder / "task.yaml" if folder else None
+            raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
+    word = chosen_word(spec, library, instances, seed)
+    files = {name: str(file) for name, file in strategy_files(folder or task_folder(spec.name), spec).items()}
+    check_strategies(
+        spec,
+        {name: parse_strategy(data, files[name]) for name, data in strategies.items()},
+        _object_names(spec, library, word),
+        profile(robot),
+        files,
+    )
+    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
+    return TaskInput(spec, strategies, library, word, circumstances)
+
+
+def read_task_inputs(
+    tasks: Sequence[str], *, seed: int, origin: str | None = None, **scene: Unpack[SceneArguments]
+) -> tuple[list[TaskInput], dict[str, str]]:
+    """Read and check the tasks that these objects do for; the others come with the reason why they are left out.
+
+    Args:
+        tasks, origin: as for :func:`of_these_objects`.
+        seed: of the run.
+        scene: see :class:`SceneArguments`.
+
+    Raises:
+        InputError: as for :func:`of_these_objects` and :func:`read_task_input`, or a task is named twice.
+    """
+    wanted, skipped = of_these_objects(scene.get("assets"), tasks, scene.get("instances", "all"), origin)
+    given = [read_task_input(task, seed=seed, **scene) for task in wanted]
+    if len({one.spec.name for one in given}) < len(given):
+        raise InputError("a task is named twice", field="tasks")
+    return given, skipped
+
+
+def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
+    """What ``--instances`` says of a task, ``random`` replaced by what the seed draws.
+
+    Raises:
+        InputError: a class has no such instance or split.
+    """
+    if instances == "random":
+        drawn = object_of_ids(library.instances, _classes(spec))
+        ids = _taken(spec, library, "all")[drawn]
+        return ids[int(rng(seed, f"choose/{spec.objects[drawn].asset_class}").integers(len(ids)))]
+    _taken(spec, library, instances)
+    return instances
+
+
+def _taken(spec: TaskSpec, library: Library, word: str) -> dict[str, tuple[str, ...]]:
+    """Ids that one word of ``--instances`` stands for, by object."""
+    asked = words_of_objects(library.instances, _classes(spec), (word,))
+    return {
+        name: taken_instances(
+            library.choose, thing.asset_class, asked[name], thing.words(library.source(thing.asset_class))
+        )
+        for name, thing in spec.objects.items()
+    }
+
+
+def has_instances(library: Library, asset_class: str, instances: str) -> bool:
+    """Whether a class has what ``--instances`` says."""
+    try:
+        return bool(library.choose(asset_class, instances))
+    except InputError:
+        return False
+
+
+def _classes(spec: TaskSpec) -> dict[str, str]:
+    return {name: thing.asset_class for name, thing in spec.objects.items()}
+
+
+def of_these_objects(
+    assets: str | Path | None, tasks: Sequence[str] = (), instances: str = "all", origin: str | None = None
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Tasks that these objects do for, and why the others are left out.
+
+    Args:
+        assets: as for :func:`read_task_input`.
+        tasks: names of library tasks, or folders; none: all of ``origin``.
+        instances: as for :func:`read_task_input`.
+        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+
+    Raises:
+        InputError: the folder cannot be used, a task is none, no task is left, or both tasks and an origin are named.
+    """
+    if tasks and origin is not None:
+        raise InputError("is of no use where tasks are named", field="origin", remedy="name either")
+    library = open_library(assets)
+    skipped: dict[str, InputError] = {}
+    named = tuple(tasks) or task_names(origin or PAPER)
+    for name in named:
+        spec = load_task_file(Path(name)) if _is_folder(name) else load_task(name)
+        lacking = [each for each in dict.fromkeys(_classes(spec).values()) if each not in library.classes()]
+        try:
+            if lacking:
+                raise InputError(f"{library.location} has no {', '.join(lacking)}", field="assets")
+            chosen_word(spec, library, instances, 0)
+        except InputError as error:
+            skipped[name] = error
+    if len(skipped) == len(named):
+        name, first = next(iter(skipped.items()))
+        raise InputError(
+            f"no task can be run on these objects; {name}: {first.message}", field=first.field, remedy=first.remedy
+        )
+    reasons = {name: reason.message for name, reason in skipped.items()}
+    return tuple(name for name in named if name not in skipped), reasons
+
+
+def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
+    """Return the spec and the strategies of a library task, or of a folder with task.yaml and strategies/.
+
+    Raises:
+        InputError: there is no such task or folder, or a file in it cannot be used.
+    """
+    if not _is_folder(task):
+        return load_task(task), load_strategies(task)
+    folder = Path(task)
+    spec = load_task_file(folder)
+    return spec, load_strategies_beside(folder, spec)
+
+
+def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
+    """What strategies may name of one object for each of the task, of those that ``word`` stands for."""
+    found: dict[str, ObjectNames] = {}
+    for name, ids in _taken(spec, library, word).items():
+        model = library.load(spec.objects[name].asset_class, ids[0])
+        joint = model.joint.type if isinstance(model, Instance) else None
+        found[name] = ObjectNames(tuple(model.keypoints), joint)
+    return found
+
+
+def _is_folder(task: str) -> bool:
+    try:
+        return bool(task) and Path(task).is_dir()
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}", file=task) from error
+
+
+def check_circumstances(physics: str, robot: str, randomization: str) -> None:
+    """Refuse what there is not.
+
+    Raises:
+        InputError: no such physics, robot or randomization.
+        MissingExtraError: the robot's model comes with a package that is not installed.
+    """
+    if physics not in PHYSICS:
+        raise InputError(f"no physics {physics!r}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
+    profile(robot)
+    preset(randomization)
+
+
+def check_workers(time_limit: float, jobs_per_worker: int) -> None:
+    """Refuse options of worker processes that mean nothing.
+
+    Raises:
+        InputError: one is out of range.
+    """
+    if not 0 < time_limit <= LONGEST_TIME_LIMIT:
+        raise InputError(f"must lie in 0..{LONGEST_TIME_LIMIT:g} s, is {time_limit}", field="time_limit")
+    check_counts(jobs_per_worker=jobs_per_worker)
+
+
+def check_counts(**values: int) -> None:
+    """Refuse counts under one.
+
+    Raises:
+        InputError: names the first.
+    """
+    for name, value in values.items():
+        if value < 1:
+            raise InputError(f"must be at least 1, not {brief(value)}", field=name)

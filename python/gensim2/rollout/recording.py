@@ -1,0 +1,104 @@
+"""One recorded episode as a plain value that pickles; its arrays follow ManiSkill's trajectory format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.rollout.world import Tree, World
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything that ManiSkill's tools need to replay an episode, with T steps.
+
+    Attributes:
+        seed: of the reset.
+        reset_options: with which a reset to the seed gives the same scene, whatever instances there are to draw from.
+        instances: id of each object's instance.
+        control_mode: of the actions.
+        actions: (T, m + 1) float32.
+        obs: (T + 1, D) float32 state observations.
+        env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
+        rewards: (T,) float32.
+        terminated, truncated, success: (T,) bool.
+    """
+
+    seed: int
+    reset_options: dict[str, Any]
+    instances: dict[str, str]
+    control_mode: str
+    actions: npt.NDArray[np.float32]
+    obs: npt.NDArray[np.float32]
+    env_states: Tree
+    rewards: npt.NDArray[np.float32]
+    terminated: npt.NDArray[np.bool_]
+    truncated: npt.NDArray[np.bool_]
+    success: npt.NDArray[np.bool_]
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps."""
+        return len(self.actions)
+
+
+class Recorder:
+    """Collects an episode from a fresh reset on.
+
+    Args:
+        world: has just been reset.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._obs = [world.observation()]
+        self._states: list[Tree] = [world.state()]
+        self._actions: list[npt.NDArray[np.float32]] = []
+        self._success: list[bool] = []
+        self._truncated: list[bool] = []
+
+    def add(self, action: npt.NDArray[np.float32], measured: Measurement) -> None:
+        """Take what came of one step."""
+        world = self._world
+        self._actions.append(action)
+        self._obs.append(world.observation())
+        self._states.append(world.state())
+        self._success.append(all_hold(world.task.success, measured))
+        self._truncated.append(world.elapsed_steps >= world.task.max_episode_steps)
+
+    def finish(self) -> Recording:
+        """Return what was collected; rewards and ends are those of the registered environment."""
+        success = np.array(self._success, dtype=bool)
+        instances = {name: placed.model.id for name, placed in self._world.setup.objects.items()}
+        return Recording(
+            seed=self._world.seed,
+            reset_options=_plain({**self._world.reset_options, "instance": instances}),
+            instances=instances,
+            control_mode=self._world.control_mode,
+            actions=np.stack(self._actions),
+            obs=np.stack(self._obs),
+            env_states=_stack(self._states),
+            rewards=success.astype(np.float32),
+            terminated=success,
+            truncated=np.array(self._truncated, dtype=bool),
+            success=success,
+        )
+
+
+def _plain(value: Any) -> Any:
+    """Reset options as JSON holds them: numbers and arrays of any kind as floats and lists."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return value if value is None or isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
+
+
+def _stack(trees: list[Any]) -> Any:
+    if isinstance(trees[0], dict):
+        return {key: _stack([tree[key] for tree in trees]) for key in trees[0]}
+    return np.stack(trees)

@@ -1,0 +1,223 @@
+"""The loop: ask the controller, step the world, let it settle, judge; whoever decides and whatever simulates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, Observation
+from gensim2.rollout.diagnose import Outcome, diagnose
+from gensim2.rollout.motion import is_at_rest, is_stable
+from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
+from gensim2.rollout.recording import Recorder, Recording
+from gensim2.rollout.settling import LASTING_STEPS, MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.still import StillResult, still_arm
+from gensim2.rollout.strict import StrictMisses, strict_misses
+from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
+from gensim2.rollout.world import Setup, World
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """What came of one episode.
+
+    Attributes:
+        episode: what is known of it.
+        recording: states, actions and flags of every control step, if they were asked for.
+    """
+
+    episode: Episode
+    recording: Recording | None = field(default=None, repr=False, compare=False)
+
+
+def run(
+    world: World,
+    controller: Controller,
+    *,
+    seed: int,
+    options: Mapping[str, Any] | None = None,
+    record: bool = False,
+    still: Callable[[], StillResult] | None = None,
+) -> EpisodeResult:
+    """Run one episode and judge it.
+
+    The controller acts until it is done, or until the task's step limit. Then its last command is held until the scene
+    has settled, and the episode is judged. These steps are part of the episode: a replay ends in the same state. Only
+    where the goal holds, the rest of a second is run for the strict verdict, and the same seed without the arm; neither
+    is part of the episode. A controller that is done before its first action ends the episode there.
+
+    Args:
+        world: is reset, and once more where the still arm is run.
+        controller: decides every action; rounded to float32, which is what a trajectory file keeps.
+        seed: of the reset.
+        options: of the reset.
+        record: keep states and observations of every step.
+        still: gives what the scene of this seed does by itself, for callers that keep it; default: ``still_arm``.
+
+    Raises:
+        InputError: the seed, an option or an action cannot be used.
+    """
+    world.reset(seed, options)
+    controller.reset(world.scene_state())
+    motion = _Motion(world, record)
+    begun: list[tuple[str, int]] = []
+    cut = True
+    while world.elapsed_steps < world.task.max_episode_steps:
+        action = controller.act(motion.observation())
+        if controller.turn is not None and (not begun or begun[-1][0] != controller.turn):
+            begun.append((controller.turn, motion.steps))
+        if action is None:
+            cut = False
+            break
+        motion.step(action)
+    ended = motion.steps
+    if ended and not cut:
+        motion.settle()
+    steps, trace = motion.steps, motion.trace
+    turns = told_turns(world.task, trace, begun) if begun else turns_by_criteria(world.task, trace)
+    truncated = cut or steps > world.task.max_episode_steps
+    stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
+    goal = all_hold(world.task.success, trace[-1])
+    # All that is asked of the world before it is reset once more.
+    setup = world.setup
+    objects = _object_records(setup, trace[0], trace[-1])
+    recording = motion.recording()
+    lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
+    by_itself: StillResult | None = None
+    if ended and goal and stable and settled and not truncated:
+        later = motion.measure_at(ended + LASTING_STEPS)
+        lacking = strict_misses(world, trace[0], _at_actuation(trace, controller.events), later)
+        by_itself = still_arm(world, seed, options=options) if still is None else still()
+    held = by_itself is not None and by_itself.stable and not by_itself.success
+    outcome = Outcome(
+        goal=goal,
+        stable=stable and (by_itself is None or by_itself.stable),
+        settled=settled,
+        cut=cut,
+        truncated=truncated,
+        by_itself=by_itself is not None and by_itself.success,
+    )
+    history = judged_steps(controller.history, turns)
+    cause: Cause | None = None
+    numbers: dict[str, Any] = {miss.value: found for miss, found in lacking.items()}
+    if not held:
+        cause, numbers = diagnose(world.task, trace, turns, history, controller.events, outcome)
+    episode = Episode(
+        seed=seed,
+        objects=objects,
+        placement_draws=setup.draws,
+        steps=history,
+        control_steps=steps,
+        paper=outcome.stable and paper_verdict(world.task, turns),
+        held=held,
+        strict=held and not lacking,
+        strict_misses=list(lacking) if held else [StrictMiss.NOT_HELD],
+        still=None if by_itself is None else by_itself.success,
+        settled=settled,
+        truncated=truncated,
+        cause=cause,
+        diagnosis=numbers,
+        randomization=setup.randomization,
+        start=list(map(float, setup.start)),
+    )
+    return EpisodeResult(episode, recording)
+
+
+class _Motion:
+    """An episode under way: what was commanded last and what was measured so far.
+
+    Attributes:
+        trace: measurements, before the first control step and after each.
+    """
+
+    def __init__(self, world: World, record: bool) -> None:
+        self._world = world
+        self._action: Action | None = None
+        self.trace = [world.measure()]
+        self._recorder = Recorder(world) if record else None
+
+    @property
+    def steps(self) -> int:
+        """Control steps so far."""
+        return len(self.trace) - 1
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing moved to speak of in the last control step."""
+        return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1])
+
+    def observation(self) -> Observation:
+        """What the controller may look at."""
+        world = self._world
+        return Observation(self.steps, world.q, world.qvel, self.trace[-1], world.scene_state)
+
+    def step(self, action: Action) -> None:
+        """One control step."""
+        self._action = np.asarray(action, dtype=np.float32)
+        self._world.step(self._action)
+        self.trace.append(self._world.measure())
+        if self._recorder is not None:
+            self._recorder.add(self._action, self.trace[-1])
+
+    def settle(self) -> None:
+        """Hold the last command until the scene has settled."""
+        assert self._action is not None
+        for index in range(MAX_SETTLE_STEPS):
+            if index >= SETTLE_STEPS and self.is_at_rest:
+                break
+            self.step(self._action)
+
+    def recording(self) -> Recording | None:
+        """What was recorded, where anything was."""
+        return self._recorder.finish() if self._recorder is not None and self.steps else None
+
+    def measure_at(self, step: int) -> Measurement:
+        """Hold the last command until so many control steps have gone by; they are not part of the episode."""
+        assert self._action is not None
+        for _ in range(self.steps, step):
+            self._world.step(self._action)
+        return self._world.measure() if step > self.steps else self.trace[-1]
+
+
+def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Measurement | None:
+    """What was measured when the hand was first at an actuation pose; None where the controller tells of none."""
+    first = next((event.at_step for event in events if event.what == ACTUATION), None)
+    return None if first is None else trace[first]
+
+
+def _object_records(setup: Setup, start: Measurement, end: Measurement) -> dict[str, ObjectRecord]:
+    records = {}
+    for name, placed in setup.objects.items():
+        model = placed.model
+        records[name] = ObjectRecord(
+            asset_class=model.asset_class,
+            id=model.id,
+            source=model.source,
+            content_hash=model.content_hash,
+            pose=[*map(float, placed.position), *map(float, placed.quaternion)],
+            yaw=float(placed.yaw),
+            openness_start=_number(start.openness.get(name)),
+            openness_end=_number(end.openness.get(name)),
+            pose_end=_numbers(end.poses.get(name)),
+            default_pose=placed.default_pose,
+            mass_factor=placed.factors.mass,
+            contact_friction_factor=placed.factors.contact_friction,
+            joint_friction_factor=placed.factors.joint_friction,
+        )
+    return records
+
+
+def _number(value: float | None) -> float | None:
+    """None where physics left no number: JSON has neither NaN nor infinity."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _numbers(values: npt.NDArray[np.float64] | None) -> list[float] | None:
+    return values.tolist() if values is not None and np.isfinite(values).all() else None

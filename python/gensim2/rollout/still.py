@@ -1,0 +1,107 @@
+"""What becomes of a scene in which no arm moves: a goal that comes about by itself counts for nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gensim2.planning.scene import Scene
+from gensim2.robots import RobotProfile
+from gensim2.rollout.controller import Action, Event, Observation
+from gensim2.rollout.motion import changes, is_at_rest, is_stable
+from gensim2.rollout.record import StepRecord
+from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.world import World
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
+
+STILL_STEPS = 40
+"""Control steps (2 s) after which objects that have not moved count as ones that stay where they are."""
+
+STILL_CHANGE = 0.002
+"""Change of openness in that time below which a joint has not moved; at that rate an episode of 20 s ends 0.02 away."""
+
+STILL_DISTANCE = 0.001
+"""Metres in that time below which a rigid object has not moved; at that rate an episode of 20 s ends 1 cm away."""
+
+
+class StillController:
+    """Holds the arm where it stands.
+
+    Args:
+        robot: whose arm it is.
+        steps: control steps until it is done.
+        gripper: command of the fingers, from -1 (closed) to 1 (open).
+    """
+
+    turn: str | None = None
+    history: Sequence[StepRecord] = ()
+    events: Sequence[Event] = ()
+
+    def __init__(self, robot: RobotProfile, steps: int, gripper: float = 1.0) -> None:
+        self._arm = [robot.model.joint_names.index(name) for name in robot.arm_joints]
+        self._steps, self._gripper = steps, gripper
+        self._action: Action | None = None
+
+    def reset(self, scene: Scene) -> None:
+        """Begin an episode."""
+        self._action = None
+
+    def act(self, observation: Observation) -> Action | None:
+        """The joints as they stood at the start; None after as many steps as were asked for."""
+        if observation.step >= self._steps:
+            return None
+        if self._action is None:
+            self._action = np.append(observation.q[self._arm], self._gripper).astype(np.float32)
+        return self._action
+
+
+@dataclass(frozen=True)
+class StillResult:
+    """What the objects did by themselves.
+
+    Attributes:
+        success: the goal holds at the end.
+        stable: physics held together.
+        start, end: what was measured.
+    """
+
+    success: bool
+    stable: bool
+    start: Measurement
+    end: Measurement
+
+
+def still_arm(
+    world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
+) -> StillResult:
+    """What becomes of the scene of ``seed`` where no arm moves, after ``steps`` control steps and the time to settle.
+
+    The scene is built without the arm: one that stands still touches nothing, and without it physics is ten times
+    quicker. Objects that have lain still for ``STILL_STEPS`` from the start will not start later, since nothing in the
+    scene moves; they are left there.
+
+    Args:
+        world: is reset.
+        seed: of the reset.
+        options: of the reset.
+        steps: default ``task.max_episode_steps`` less the time to settle.
+    """
+    count = world.task.max_episode_steps - MAX_SETTLE_STEPS if steps is None else steps
+    world.reset(seed, options, robot=False)
+    start = before = now = world.measure()
+    for index in range(count + MAX_SETTLE_STEPS):
+        if index == STILL_STEPS + SETTLE_STEPS and _lie_still(start, now):
+            break
+        if index >= count + SETTLE_STEPS and is_at_rest(before, now):
+            break
+        world.wait()
+        before, now = now, world.measure()
+    return StillResult(all_hold(world.task.success, now), world.is_finite and is_stable(now), start, now)
+
+
+def _lie_still(start: Measurement, now: Measurement) -> bool:
+    return not any(moved.exceeds(STILL_CHANGE, STILL_DISTANCE) for moved in changes(start, now).values())

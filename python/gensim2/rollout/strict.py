@@ -1,0 +1,153 @@
+"""The strict verdict: what an episode that holds still lacks for a person to call the task done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Set
+from typing import Any
+
+import numpy as np
+
+from gensim2.planning.scene import Scene
+from gensim2.rollout.container import inner_box
+from gensim2.rollout.motion import change, changes
+from gensim2.rollout.record import StrictMiss
+from gensim2.rollout.world import World
+from gensim2.tasks.criteria import OF_GRIPPER, DistanceArticulatedRigid, RigidLifted, all_hold
+from gensim2.tasks.measurement import Measurement
+from gensim2.tasks.spec import TaskSpec
+
+StrictMisses = dict[StrictMiss, dict[str, Any]]
+"""Numbers beside each miss, as plain data."""
+
+RETREAT = 0.05
+"""Metres between any keypoint of the gripper and any of what it acted on, once it is done."""
+
+LINEAR_SPEED, ANGULAR_SPEED = 0.01, 0.05
+"""m/s and rad/s below which things are at rest."""
+
+DISTURBED_OPENNESS, DISTURBED_DISTANCE = 0.02, 0.005
+"""Openness and metres by which the way to the first actuation pose may move things."""
+
+INSIDE = "inside"
+"""In the name of the measured point of what contains."""
+
+OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
+"""Metres and rad by which things may move that the task is not about."""
+
+
+def strict_misses(
+    world: World, start: Measurement, at_actuation: Measurement | None, later: Measurement
+) -> StrictMisses:
+    """What an episode lacks whose goal held when it was judged.
+
+    Args:
+        world: as it stands a second after the last command.
+        start: measured before the first control step.
+        at_actuation: measured when the hand was first at an actuation pose; None where the controller knows of none,
+            whose episodes are not judged by what moved before.
+        later: measured now.
+    """
+    task = world.task
+    acted_on = task.acted_on
+    misses: StrictMisses = {}
+    if not _is_about_the_gripper(task):
+        touched = sorted(world.touched() & acted_on)
+        if touched:
+            misses[StrictMiss.NOT_LET_GO] = {"touches": touched}
+        near = {name: distance for name in acted_on if (distance := _from_gripper(later, name)) < RETREAT}
+        if near:
+            misses[StrictMiss.NOT_RETREATED] = {"distances": near}
+    if not all_hold(task.success, later):
+        misses[StrictMiss.NOT_LASTING] = {}
+    if speeds := _moving(world, later):
+        misses[StrictMiss.MOVING] = {"speeds": speeds}
+    if at_actuation is not None and (disturbed := _disturbed(start, at_actuation)):
+        misses[StrictMiss.DISTURBED] = {"objects": disturbed}
+    if outside := _outside(world):
+        misses[StrictMiss.NOT_INSIDE] = {"objects": outside}
+    if moved := _moved_beside(start, later, acted_on):
+        misses[StrictMiss.OTHERS_MOVED] = {"objects": moved}
+    return misses
+
+
+def _is_about_the_gripper(task: TaskSpec) -> bool:
+    return any(isinstance(c, (*OF_GRIPPER, RigidLifted)) for c in task.success)
+
+
+def _from_gripper(measured: Measurement, name: str) -> float:
+    """Metres from the nearest keypoint of the gripper to the nearest of an object."""
+    gripper, points = np.stack(list(measured.gripper.values())), np.stack(list(measured.keypoints[name].values()))
+    return float(np.linalg.norm(gripper[:, None] - points[None], axis=2).min())
+
+
+def _moving(world: World, measured: Measurement) -> dict[str, float]:
+    """Speed of everything that is not at rest: m/s, or rad/s where it is the turning that is too fast."""
+    moving = {}
+    for name, share in measured.joint_speed.items():
+        joint = world.setup.objects[name].model.joint
+        assert joint is not None, "what has an openness has a joint"
+        speed = abs(share) * (joint.upper - joint.lower)
+        if not speed < (LINEAR_SPEED if joint.type == "prismatic" else ANGULAR_SPEED):
+            moving[name] = speed
+    for name, (linear, angular) in measured.speeds.items():
+        if not linear < LINEAR_SPEED:
+            moving[name] = float(linear)
+        elif not angular < ANGULAR_SPEED:
+            moving[name] = float(angular)
+    return moving
+
+
+def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float]:
+    """How far each object went that was moved too early: openness or metres."""
+    return {
+        name: abs(moved.openness) if name in start.openness else moved.distance
+        for name, moved in changes(start, at_actuation).items()
+        if moved.exceeds(DISTURBED_OPENNESS, DISTURBED_DISTANCE)
+    }
+
+
+def _outside(world: World) -> dict[str, str]:
+    """Rigid objects whose centre is not in the container that the goal has them in, with its name.
+
+    What is no container by the name of its measured point (a faucet: the place under it) is near enough where it is.
+    """
+    pairs = [
+        (c.articulated, c.rigid)
+        for c in world.task.success
+        if isinstance(c, DistanceArticulatedRigid)
+        and INSIDE in list(world.setup.objects[c.articulated].model.keypoints)[-1]
+    ]
+    if not pairs:
+        return {}
+    scene = world.scene_state()
+    return {rigid: container for container, rigid in pairs if not _is_inside(world, scene, container, rigid)}
+
+
+def _contains(world: World, name: str) -> bool:
+    return INSIDE in list(world.setup.objects[name].model.keypoints)[-1]
+
+
+def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
+    point = list(world.setup.objects[container].model.keypoints.values())[-1]
+    containing = next(b for b in scene.objects[container].bodies if b.name == f"{container}/{point.link}")
+    T_body_world = np.asarray(np.linalg.inv(scene.T_world_base @ containing.T_base_body), dtype=np.float64)
+    box = inner_box(containing.hulls, point.position, T_body_world[:3, 2])
+    lying = scene.objects[rigid].bodies[0]
+    corners = np.concatenate(lying.hulls)
+    centre = np.append((corners.min(axis=0) + corners.max(axis=0)) / 2, 1.0)
+    place = T_body_world @ scene.T_world_base @ lying.T_base_body @ centre
+    return box is not None and box.contains(place[:3])
+
+
+def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
+    """What became of objects that no step acts on and that did not stay where they were."""
+    moved = {}
+    for name, points in later.keypoints.items():
+        if name in acted_on:
+            continue
+        distance = max(float(np.linalg.norm(at - start.keypoints[name][key])) for key, at in points.items())
+        tilt = change(start, later, name).tilt
+        if not (distance <= OTHERS_DISTANCE and tilt <= OTHERS_TILT):
+            moved[name] = {"distance": distance, "tilt": tilt}
+    return moved

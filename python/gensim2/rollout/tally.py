@@ -1,0 +1,82 @@
+"""Figures over episodes: three verdicts, never mixed, each a count of the same episodes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gensim2.rollout.record import Episode
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What episodes add up to.
+
+    Attributes:
+        episodes: how many there are.
+        paper, held, strict: how many fulfil each verdict (docs/episodes.md).
+        partial: in how many a step executed a part of a motion because the whole could not be had.
+        replanned: in how many a step was planned more than once.
+        still: in how many the goal holds with a still arm.
+        causes: why they do not count as held, most frequent first.
+        strict_misses: what those that do not count as strict lack, most frequent first.
+        objects: number of different objects by class.
+    """
+
+    episodes: int
+    paper: int
+    held: int
+    strict: int
+    partial: int
+    replanned: int
+    still: int
+    causes: dict[str, int]
+    strict_misses: dict[str, int]
+    objects: dict[str, int]
+
+    @staticmethod
+    def of(episodes: Sequence[Episode]) -> Tally:
+        """Count."""
+        seen = {(record.asset_class, record.id) for episode in episodes for record in episode.objects.values()}
+        return Tally(
+            episodes=len(episodes),
+            paper=sum(episode.paper for episode in episodes),
+            held=sum(episode.held for episode in episodes),
+            strict=sum(episode.strict for episode in episodes),
+            partial=sum(episode.partial for episode in episodes),
+            replanned=sum(episode.replans > 0 for episode in episodes),
+            still=sum(bool(episode.still) for episode in episodes),
+            causes=_counted(str(episode.cause) for episode in episodes if episode.cause is not None),
+            strict_misses=_counted(str(miss) for episode in episodes for miss in episode.strict_misses),
+            objects=dict(sorted(Counter(asset_class for asset_class, _ in seen).items())),
+        )
+
+    def verdicts(self) -> dict[str, int]:
+        """The counts of the three verdicts, by name."""
+        return {"paper": self.paper, "held": self.held, "strict": self.strict}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a file says of episodes that it holds."""
+        return {
+            **self.verdicts(),
+            "partial": self.partial,
+            "causes": self.causes,
+            "strict_misses": self.strict_misses,
+            "objects": self.objects,
+        }
+
+
+def interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % confidence interval of a rate (Wilson 1927); (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    from scipy.stats import binomtest  # here: refusing arguments needs no statistics
+
+    found = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def _counted(words: Iterable[str]) -> dict[str, int]:
+    return dict(Counter(words).most_common())

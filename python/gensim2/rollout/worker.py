@@ -1,0 +1,203 @@
+"""What one simulator worker does: plan on a scene, run an episode.
+
+Functions here run in worker processes; their arguments and results are plain values that pickle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import gensim2_kpam as kpam
+from gensim2.objects import open_library
+from gensim2.planning.strategies import Strategy, parse_strategy
+from gensim2.robots import robot
+from gensim2.rollout.record import Episode
+from gensim2.scenes.config import Circumstances, Setting
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
+
+if TYPE_CHECKING:
+    from gensim2.planning.scene import Scene
+    from gensim2.planning.steps import StepPlanner
+    from gensim2.rollout.controller import Controller
+    from gensim2.rollout.recording import Recording
+    from gensim2.rollout.still import StillResult
+    from gensim2.sim.lane import Lane
+
+Result = TypeVar("Result")
+
+#: What a worker needs and takes seconds to import.
+PRELOAD: Sequence[str] = (
+    "gensim2.rollout.worker",
+    "gensim2.rollout.chain",
+    "gensim2.rollout.run",
+    "gensim2.planning.steps",
+    "gensim2.sim.lane",
+)
+
+#: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
+#: closing real laptops: the same answers as with the planner's defaults, in a 30th of the time.
+SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates": 6, "samples": 200}
+
+#: What planning says of a candidate on one scene: a score from 0 to 1, what stood in the way of 1, and numbers beside
+#: it as :func:`gensim2.design.diagnosis.diagnoses` takes them.
+Screened = tuple[float, str | None, dict[str, Any]]
+
+
+def prepare(circumstances: Circumstances) -> None:
+    """Read and build what every episode of a run needs and only the first of a process would pay for."""
+    import sapien
+
+    from gensim2.sim.arm import Arm
+    from gensim2.sim.physics import named_physics
+
+    open_library(circumstances.assets).classes()
+    profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
+    assert profile.model
+    Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
+
+
+@lru_cache(maxsize=2)
+def simulator(setting: Setting) -> Lane:
+    """Return the simulator of a setting; the last two are kept, since jobs come task by task."""
+    from gensim2.sim.lane import Lane
+
+    given = setting.circumstances
+    return Lane(
+        setting.task,
+        assets=given.assets,
+        instances=dict(setting.instances) if isinstance(setting.instances, frozenset) else setting.instances,
+        physics=given.physics,
+        robot=given.robot,
+        randomization=given.randomization,
+    )
+
+
+def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:
+    """Plan every candidate on the scene of one seed.
+
+    Returns:
+        One a candidate: 1 and None where every step is planned whole; else the share of steps that are whole, half a
+        step more where the arm gets past the next one's actuation pose but not to its end.
+    """
+    from gensim2.planning.steps import StepPlanner
+
+    lane = simulator(setting)
+    lane.reset(seed)
+    scene = lane.scene_state()
+    planner = StepPlanner(robot(setting.circumstances.robot), options=SCREEN_OPTIONS)
+    return [_screen(planner, setting.task, scene, candidate) for candidate in candidates]
+
+
+def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepStrategies) -> Screened:
+    try:
+        ways = [(step, parsed(candidate[step.name])) for step in task.steps]
+        following = [(step, list(strategies.values())) for step, strategies in ways]
+        for number, (step, strategies) in enumerate(ways):
+            rest = following[number + 1 :]
+            planned = {}
+            for name, strategy in strategies.items():
+                planned[name] = planner.plan(scene, step, strategy, following=rest)
+                if planned[name].rank <= 1:
+                    break
+            name = min(planned, key=lambda each: planned[each].rank)
+            best = planned[name]
+            if not best.is_solved or best.after is None:
+                half = 0.5 if _reaches_actuation(best.plan) else 0.0
+                numbers = {"step": step.name, "strategy": name, "plan": best.detail()}
+                return (number + half) / len(task.steps), best.status, numbers
+            scene = best.after
+    except MemoryError:
+        raise
+    except BaseException as error:
+        # One candidate in hundreds ends no search, not even by a panic of the solver, which is no Exception.
+        if not isinstance(error, Exception) and type(error).__module__ != "pyo3_runtime":
+            raise
+        return 0.0, f"planner error: {type(error).__name__}: {error}", {}
+    return 1.0, None, {}
+
+
+def _reaches_actuation(plan: kpam.Plan | None) -> bool:
+    return (
+        plan is not None
+        and plan.trajectory is not None
+        and any(frame["label"] == "actuation" and frame["reached"] for frame in plan.keyframes)
+    )
+
+
+def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
+    """Strategies by name, from plain data.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    return {name: parse_strategy(data, f"strategies/{name}.yaml") for name, data in strategies.items()}
+
+
+def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+    """Run one episode in physics and, where it seems to succeed, the same seed with a still arm."""
+    return _run(setting, setting.task, strategies, seed, record=False)[0]
+
+
+def trial(setting: Setting, ways: StepStrategies, seed: int) -> Episode:
+    """Run one episode of a candidate: the setting's task, its steps done in these ways."""
+    strategies = {name: data for own in ways.values() for name, data in own.items()}
+    return _run(setting, with_strategies(setting.task, ways), strategies, seed, record=False)[0]
+
+
+def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
+    """Run one episode as ``episode`` does and keep its states; the recording is None where it did not hold."""
+    found, recording = _run(setting, setting.task, strategies, seed, record=True)
+    return found, recording if found.held else None
+
+
+def record(
+    setting: Setting, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
+) -> Result:
+    """Run one episode as ``episode`` does and hand it on in this process: its states need not travel.
+
+    Args:
+        keep: is given the record and what was recorded, and writes down what is to be kept; must pickle.
+
+    Returns:
+        What ``keep`` returned.
+    """
+    return keep(*_run(setting, setting.task, strategies, seed, record=True))
+
+
+def _run(
+    setting: Setting, task: TaskSpec, strategies: Strategies, seed: int, record: bool
+) -> tuple[Episode, Recording | None]:
+    from gensim2.rollout.attempts import Attempt, attempted
+    from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.disturbance import Disturbed
+    from gensim2.rollout.run import EpisodeResult, run
+
+    given = setting.circumstances
+    lane = simulator(setting)
+    ways = parsed(strategies)
+
+    def once(attempt: Attempt) -> EpisodeResult:
+        controller: Controller = ChainController(
+            attempt.task(task),
+            ways,
+            profile=robot(given.robot),
+            open_loop=given.open_loop,
+            options=attempt.options,
+        )
+        if given.disturbance is not None:
+            controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
+        return run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+
+    result = attempted(task, once, given.attempts)
+    return result.episode, result.recording
+
+
+@lru_cache(maxsize=4096)
+def still_episode(setting: Setting, seed: int) -> StillResult:
+    """What the scene of this seed does by itself; a search asks for the same seeds again and again."""
+    from gensim2.rollout.still import still_arm
+
+    return still_arm(simulator(setting), seed)

@@ -1,0 +1,18 @@
+"""A made-up world with a bug in it: the episode of the seed in ``BROKEN_SEED`` cannot be run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import fake_world
+
+from gensim2.scenes.config import Setting
+from gensim2.tasks.strategies import Strategies
+
+
+def record(setting: Setting, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
+    if os.environ.get("BROKEN_SEED") == str(seed):
+        raise RuntimeError("broken on purpose")
+    return fake_world.record(setting, strategies, seed, keep)

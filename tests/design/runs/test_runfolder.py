@@ -1,0 +1,306 @@
+"""Run folders: one owner, one identity, and damage in any file is one clear error."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fake_world
+import pytest
+
+from gensim2.data import runfolder
+from gensim2.data.attempt_log import AttemptLog
+from gensim2.data.lock import FolderLock
+from gensim2.data.records import RunRecord, Verification
+from gensim2.data.runfolder import RunFolder, TaskFolder
+from gensim2.data.trajectory import TrajectoryStore
+from gensim2.design.designs import Design, read_design, write_design
+from gensim2.errors import InputError
+from gensim2.record_files import read_record
+from gensim2.rollout.record import Episode
+from gensim2.tasks.library import load_strategies, load_task
+from gensim2.yaml_files import dump_yaml
+
+Record = Callable[..., Any]
+ATTEMPTS = Path("tasks/OpenDrawer/attempts.jsonl")
+
+
+def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path, record: Record) -> None:
+    record()
+    lock = FolderLock(tmp_path / "run")
+    before = (tmp_path / "run/run.json").read_bytes()
+    with pytest.raises(InputError, match=rf"another run is at work in it \(process {os.getpid()}\)"):
+        record(resume=True)
+    assert (tmp_path / "run/run.json").read_bytes() == before
+    lock.release()
+    record(resume=True)
+
+
+def test_a_dead_process_holds_no_lock(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys; from pathlib import Path; from gensim2.data.lock import FolderLock\n"
+        "lock = FolderLock(Path(sys.argv[1])); print('held', flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    done = subprocess.run([sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=False)
+    assert done.stdout == "held\n"
+    FolderLock(tmp_path).release()
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path, record: Record) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match="not empty and holds no run"):
+        record()
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["thesis.tex"]
+
+
+def test_a_finished_run_is_not_begun_again(record: Record) -> None:
+    record()
+    with pytest.raises(InputError, match="holds a run already"):
+        record()
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"seed": 1}, "arguments.seed"),
+        ({"episodes": 7}, "arguments.episodes"),
+        ({"instances": "train"}, "arguments.instances"),
+        ({"physics": "original"}, "arguments.physics"),
+        ({"open_loop": True}, "arguments.open_loop"),
+        ({"randomization": "wide"}, "arguments.randomization"),
+    ],
+)
+def test_other_arguments_are_refused(record: Record, change: dict[str, Any], field: str) -> None:
+    record()
+    with pytest.raises(InputError, match=field.replace(".", r"\.")):
+        record(resume=True, **change)
+
+
+def _task_folder(folder: Path, **changes: Any) -> str:
+    spec, strategies = load_task("OpenDrawer").model_dump(mode="json"), load_strategies("OpenDrawer")
+    spec.update({key: value for key, value in changes.items() if key in spec})
+    files = TaskFolder(folder)
+    for data in strategies.values():
+        data.update({key: value for key, value in changes.items() if key not in spec})
+    files.write_strategies(strategies)
+    (folder / "task.yaml").write_text(dump_yaml(spec))
+    return str(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"), [({"gripper": "closed"}, "identity.strategies"), ({"max_episode_steps": 7}, "identity.task")]
+)
+def test_other_strategies_or_another_task_are_refused(
+    tmp_path: Path, record: Record, change: dict[str, Any], field: str
+) -> None:
+    record(task=_task_folder(tmp_path / "task"))
+    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    _task_folder(tmp_path / "task", **change)
+    with pytest.raises(InputError, match=f"run.json: {field}: the run was started with another"):
+        record(task=str(tmp_path / "task"), resume=True)
+    assert {p: p.read_bytes() for p in before if p.name != ".lock"} == {
+        p: content for p, content in before.items() if p.name != ".lock"
+    }
+
+
+def test_other_versions_are_refused(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    record()
+    monkeypatch.setattr(runfolder, "versions", lambda: {"python": "2.7"})
+    with pytest.raises(InputError, match=r"versions\.\w+: the run was started with"):
+        record(resume=True)
+
+
+def test_a_changed_object_is_refused(tmp_path: Path, record: Record) -> None:
+    record()
+    path = tmp_path / "run/run.json"
+    value = json.loads(path.read_text())
+    key = next(iter(value["assets"]))
+    value["assets"][key] = "0" * 64
+    path.write_text(json.dumps(value))
+    with pytest.raises(InputError, match=f"assets.{key}: the object has changed since the run began"):
+        record(resume=True)
+
+
+def test_attempts_with_another_object_are_refused(tmp_path: Path, record: Record) -> None:
+    record()
+    path = tmp_path / "run" / ATTEMPTS
+    lines = path.read_text().splitlines()
+    value = json.loads(lines[0])
+    value["objects"]["drawer"]["content_hash"] = "0" * 64
+    path.write_text("\n".join([json.dumps(value), *lines[1:]]) + "\n")
+    with pytest.raises(InputError, match="was run with another drawer/"):
+        record(resume=True)
+
+
+def _set(**fields: Any) -> Callable[[bytes], bytes]:
+    def change(content: bytes) -> bytes:
+        value = json.loads(content.splitlines()[0] if content.count(b"\n{") else content)
+        value.update(fields)
+        return json.dumps(value).encode() + b"\n"
+
+    return change
+
+
+DAMAGE: dict[str, Callable[[bytes], bytes]] = {
+    "an empty object": lambda _: b"{}\n",
+    "a list": lambda _: b"[]\n",
+    "nothing": lambda _: b"\n",
+    "no JSON": lambda content: content.replace(b":", b";"),
+    "not UTF-8": lambda content: content.replace(b"e", b"\xff"),
+    "a flipped byte": lambda content: bytes([content[0] ^ 0x40]) + content[1:],
+    "NaN": lambda content: content.replace(b"0", b"NaN"),
+    "deeply nested": lambda _: b"[" * 100_000 + b"\n",
+    "a number of 5,000 digits": lambda _: b'{"seed": ' + b"1" * 5000 + b"}\n",
+    "an unknown field": _set(unknown=1),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("name", ["run.json", str(ATTEMPTS)])
+def test_damage_is_one_clear_error(tmp_path: Path, record: Record, name: str, damage: str) -> None:
+    record()
+    path = tmp_path / "run" / name
+    path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    with pytest.raises(InputError) as raised:
+        record(resume=True)
+    assert str(raised.value.file).endswith(name)
+    assert raised.value.remedy
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"schema_version": 99}, "schema_version"),
+        ({"schema_version": 3}, "schema_version"),
+        ({"schema_version": "4"}, "schema_version"),
+        ({"arguments": []}, "arguments"),
+        ({"assets": {"drawer/0": 1}}, "assets.drawer/0"),
+        ({"identity": None}, "identity"),
+        ({"resumed": -1}, "resumed"),
+    ],
+)
+def test_wrong_fields_of_run_json_are_named(tmp_path: Path, record: Record, fields: dict[str, Any], field: str) -> None:
+    record()
+    path = tmp_path / "run/run.json"
+    path.write_bytes(_set(**fields)(path.read_bytes()))
+    with pytest.raises(InputError) as raised:
+        record(resume=True)
+    assert raised.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"index": -1}, "line 1: index"),
+        ({"index": 10**9}, "line 1: seed"),
+        ({"seed": 1}, "line 1: seed"),
+        ({"seed": "1"}, "line 1: seed"),
+        ({"held": 1}, "line 1: held"),
+        ({"cause": "bad luck"}, "line 1: cause"),
+        ({"objects": {"drawer": 1}}, "line 1: objects.drawer"),
+    ],
+)
+def test_wrong_fields_of_an_attempt_are_named(
+    tmp_path: Path, record: Record, fields: dict[str, Any], field: str
+) -> None:
+    record()
+    path = tmp_path / "run" / ATTEMPTS
+    path.write_bytes(_set(**fields)(path.read_bytes()))
+    with pytest.raises(InputError) as raised:
+        record(resume=True)
+    assert raised.value.field == field
+
+
+def _episode(seed: int, held: bool) -> Episode:
+    return fake_world.episode_of(load_task("OpenDrawer"), seed, held=held, end=0.9 if held else None)
+
+
+def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> None:
+    folder = TaskFolder(tmp_path)
+    assert folder.verification() is None
+    assert read_design(folder.path) is None
+    verification = Verification((_episode(1, True), _episode(2, False)), 0.5, "new")
+    folder.write_verification(verification)
+    write_design(folder.path, Design((), None, ("nothing planned",)))
+    assert folder.verification() == verification
+    design = read_design(folder.path)
+    assert design is not None
+    assert design.notes == ["nothing planned"]
+    for name, read in (("verification.json", folder.verification), ("design.json", lambda: read_design(folder.path))):
+        content = (tmp_path / name).read_bytes()
+        for change in (*DAMAGE.values(), _set(schema_version=99), _set(held=2, notes=[])):
+            if change(content) == content:
+                continue
+            (tmp_path / name).write_bytes(change(content))
+            with pytest.raises(InputError, match=name) as raised:
+                read()
+            assert raised.value.remedy == "delete the file and resume"
+
+
+POISON = [b"\x00", b"\xff\xfe", b"NaN", b"1e999", b"-1", b"null", b"{", b"]", b'"', b"\n"]
+
+
+def _mutated(content: bytes, dice: random.Random) -> bytes:
+    """Bytes flipped, cut out, doubled, or replaced by what breaks readers."""
+    value = bytearray(content)
+    for _ in range(dice.randint(1, 4)):
+        at = dice.randrange(len(value) + 1)
+        kind = dice.randrange(4)
+        if kind == 0 and at < len(value):
+            value[at] ^= 1 << dice.randrange(8)
+        elif kind == 1:
+            del value[at : at + dice.randint(1, 30)]
+        elif kind == 2:
+            value[at:at] = value[at : at + dice.randint(1, 200)]
+        else:
+            value[at:at] = dice.choice(
+                [b"\x00", b"\xff\xfe", b"NaN", b"1e999", b"-1", b"null", b"{", b"]", b'"', b"\n"]
+            )
+    return bytes(value)
+
+
+def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> None:
+    """3,000 files: never anything but the data or one InputError."""
+    record()
+    run, dice = tmp_path / "run", random.Random(0)
+    task = TaskFolder(run / "tasks/OpenDrawer")
+    task.write_verification(Verification((_episode(1, True), _episode(2, False)), 0.5, "new"))
+    write_design(task.path, Design((), {"designed": {"constraint_list": []}}, ("found",)))
+    seeds = [json.loads(line)["seed"] for line in (run / ATTEMPTS).read_text().splitlines()]
+    store = TrajectoryStore(task.path)
+    episode = store.indices()[0]
+    digest = store.digest(episode)
+    readers: dict[Path, Callable[[], object]] = {
+        run / "run.json": lambda: read_record(run / "run.json", RunRecord, "choose another --out"),
+        run / ATTEMPTS: lambda: AttemptLog(run / ATTEMPTS, seeds),
+        task.verification_path: task.verification,
+        task.path / "design.json": lambda: read_design(task.path),
+        task.path / f"episodes/{episode:06d}.h5": lambda: store.entry(episode, digest),
+    }
+    refused: dict[Path, list[InputError]] = {path: [] for path in readers}
+    for path, read in readers.items():
+        content = path.read_bytes()
+        for _ in range(600):
+            path.write_bytes(_mutated(content, dice))
+            try:
+                read()
+            except InputError as error:
+                refused[path].append(error)
+        path.write_bytes(content)
+    assert all(len(errors) > 60 for errors in refused.values())
+    assert all("\n" not in str(error) and error.remedy for errors in refused.values() for error in errors)
+
+
+def test_two_folders_are_two_runs(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "a", {}, {}, False) as first, RunFolder(tmp_path / "b", {}, {}, False) as second:
+        assert first.path != second.path
+    with RunFolder(tmp_path / "a", {}, {}, True) as again:
+        assert again.record.resumed == 1

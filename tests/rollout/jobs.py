@@ -1,0 +1,140 @@
+"""Jobs and controllers for the tests of this folder: plain functions that a worker can import."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from gensim2.planning.scene import Scene
+from gensim2.robots import CLOSED, robot
+from gensim2.rollout.controller import Action, Event, Observation
+from gensim2.rollout.record import StepRecord
+from gensim2.rollout.run import EpisodeResult
+
+Array = npt.NDArray[np.float64]
+
+HALFWAY = {
+    "name": "PushDrawerHalfway",
+    "description": "push the drawer in a good deal further",
+    "asset_class": "drawer",
+    "success": [{"type": "articulated_closed", "threshold": 0.3}],
+    "randomization": {"x": 0.03, "y": 0.03, "yaw": 0.2},
+    "max_episode_steps": 120,
+}
+"""A task that the library does not have, and that a plain push does."""
+
+ROLE = "object"
+"""What its object is called, as in every file of schema version 1."""
+
+BESIDE_A_BALL = {
+    "schema_version": 2,
+    "name": "PushDrawerBesideBall",
+    "description": "push the drawer in a good deal further, beside a ball",
+    "objects": {
+        ROLE: {"class": "drawer", "randomization": {"x": [-0.03, 0.03], "y": [-0.03, 0.03], "yaw": 0.2}},
+        "ball": {"class": "golf_ball", "place": {"at": [-0.2, -0.45]}},
+    },
+    "steps": [
+        {
+            "name": "push",
+            "object": ROLE,
+            "strategies": ["push"],
+            "done": [{"type": "articulated_closed", "object": ROLE, "threshold": 0.3}],
+        }
+    ],
+    "max_episode_steps": 120,
+}
+"""The same with a second object."""
+
+
+class Actions:
+    """A controller that executes what was decided beforehand, on the scene as it stands at the start.
+
+    Args:
+        decide: scene to (N, 8) actions.
+    """
+
+    turn: str | None = None
+    history: Sequence[StepRecord] = ()
+    events: Sequence[Event] = ()
+
+    def __init__(self, decide: Callable[[Scene], Array]) -> None:
+        self._decide = decide
+        self.count = 0
+
+    def reset(self, scene: Scene) -> None:
+        self._actions = self._decide(scene)
+        self.count = len(self._actions)
+
+    def act(self, observation: Observation) -> Action | None:
+        return self._actions[observation.step] if observation.step < self.count else None
+
+
+def push(scene: Scene) -> Array:
+    """(N, 8) actions that come down in front of the drawer's handle and push it in; the hand points down."""
+    thing = scene.objects[ROLE]
+    joint = thing.joint
+    assert joint is not None
+    head, axis = thing.keypoints["articulated_object_head"], joint.axis
+    above, before = head + 0.1 * axis + [0.0, 0.0, 0.15], head + 0.1 * axis
+    inside = head - (joint.value - joint.lower) * axis
+    return through(scene, [above, before, *np.linspace(before, inside, 6)[1:]], [20, 10, 6, 6, 6, 6, 6])
+
+
+def through(
+    scene: Scene, points: Sequence[Array], steps: Sequence[int], grip: float | Sequence[float] = CLOSED
+) -> Array:
+    """(N, 8) actions that bring the fingertips through points (base frame) with the hand pointing down.
+
+    Args:
+        scene: where the arm stands.
+        points: (3,) each.
+        steps: control steps to each.
+        grip: command of the fingers on the way to each.
+    """
+    grips = [grip] * len(points) if isinstance(grip, float) else grip
+    path, q = [], scene.q.copy()
+    for point, count, command in zip(points, steps, grips, strict=True):
+        goal = _reach(q, point)
+        arm = np.linspace(q[:7], goal[:7], count + 1)[1:]
+        path.append(np.column_stack([arm, np.full(count, command)]))
+        q = goal
+    return np.concatenate(path)
+
+
+def hold(scene: Scene | None = None) -> Array:
+    """(30, 8) actions of an arm that stays where it is."""
+    return np.tile([*robot("panda").reset_qpos[:7], CLOSED], (30, 1))
+
+
+def _reach(q: Array, point: Array) -> Array:
+    """Joints near ``q`` that bring the fingertips to ``point`` (base frame) with the hand pointing down."""
+    model, data, frame = _panda()
+    down = pin.SE3(np.diag([1.0, -1.0, -1.0]), point + np.array([0.0, 0.0, 0.105]))
+    for _ in range(200):
+        pin.framesForwardKinematics(model, data, q)
+        error = pin.log6(data.oMf[frame].actInv(down)).vector
+        jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL)[:, :7]
+        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-4 * np.eye(6), error)
+        q = np.concatenate([q[:7] + step, q[7:]])
+    assert np.linalg.norm(error) < 1e-2, "out of reach"
+    return q
+
+
+@cache
+def _panda() -> tuple[pin.Model, pin.Data, int]:
+    model = pin.buildModelFromUrdf(str(robot("panda").urdf))
+    return model, model.createData(), model.getFrameId("panda_hand")
+
+
+def record(seed: int, several: bool = False) -> EpisodeResult:
+    """One recorded episode of a task above: the arm pushes on even seeds and stays still on odd ones."""
+    from gensim2.rollout.run import run
+    from gensim2.sim.lane import Lane
+
+    lane = Lane(BESIDE_A_BALL if several else HALFWAY, assets="builtin")
+    return run(lane, Actions(hold if seed % 2 else push), seed=seed, record=True)

@@ -1,0 +1,58 @@
+"""Disturbances happen once an episode, at a moment that follows from the seed, and can be seen in physics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gensim2.robots import robot
+from gensim2.rollout.chain import ChainController
+from gensim2.rollout.disturbance import PUSHED, Disturbed
+from gensim2.rollout.run import run
+from gensim2.scenes.config import Disturbance
+from gensim2.sim.lane import Lane
+from gensim2.tasks.library import load_strategies, load_task
+
+TASK = "PutCrackerBoxInBox"
+
+
+def disturbed(lane: Lane, kind: Disturbance, seed: int) -> Disturbed:
+    task = load_task(TASK)
+    chain = ChainController(task, load_strategies(TASK), profile=robot("panda"), open_loop=True)
+    return Disturbed(chain, lane, task, kind, seed)
+
+
+def test_a_grasp_is_opened_while_it_holds() -> None:
+    lane = Lane(TASK, assets="builtin")
+    controller = disturbed(lane, "drop", 4)
+    episode = run(lane, controller, seed=4).episode
+    assert controller.happened_at is not None
+    assert not episode.held, "nobody looked, so what was dropped stays where it fell"
+
+
+def test_an_object_is_pushed_three_centimetres_before_it_is_touched() -> None:
+    lane = Lane(TASK, assets="builtin")
+    pushes: list[tuple[float, float]] = []
+    nudge = lane.nudge
+
+    def noted(name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
+        pushes.append((dx, dy))
+        nudge(name, dx, dy, dyaw)
+
+    lane.nudge = noted  # type: ignore[method-assign]
+    controller = disturbed(lane, "push", 3)
+    run(lane, controller, seed=3)
+    assert len(pushes) == 1
+    assert np.hypot(*pushes[0]) == pytest.approx(PUSHED)
+
+
+@pytest.mark.parametrize("kind", ["push", "drop"])
+def test_the_moment_follows_from_the_seed(kind: Disturbance) -> None:
+    lane = Lane(TASK, assets="builtin")
+    moments = []
+    for seed in (3, 3, 4):
+        controller = disturbed(lane, kind, seed)
+        run(lane, controller, seed=seed)
+        moments.append(controller.happened_at)
+    assert moments[0] is not None
+    assert moments[0] == moments[1]
