@@ -110,4 +110,9 @@ def fetch() -> RobotProfile:
             hand_half=0.14,
             hand_drop=0.02,
         ),
+        solver={
+            "limits": "plain",
+            "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            "workspace": [[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]],
+        },
     )

@@ -123,6 +123,8 @@ class RobotProfile:
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
         stiffness, damping, force_limit: of the arm's drives: N m/rad, N m s/rad, N m.
         workspace: where it likes its objects.
+        solver: options of every planning problem: limits that no URDF holds, the joints' weights, the box of the hand's
+            origin at the actuation pose.
         physics_hz, control_hz: rates.
     """
 
@@ -142,6 +144,7 @@ class RobotProfile:
     damping: float
     force_limit: float
     workspace: Workspace
+    solver: kpam.Options
     physics_hz: int = 100
     control_hz: int = 20
 
