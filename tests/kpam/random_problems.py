@@ -127,6 +127,8 @@ class RandomProblem:
             hinge=None if self.joint is None else Hinge(self.joint[0] == "revolute", self.joint[1], self.joint[2]),
             contact=self.arm.tip,
             after=self.config["post_actuation_motions"],
+            margin=self.options.get("margin", 0.005),
+            contact_depth=self.options.get("contact_depth", 0.003),
         )
 
 
@@ -178,6 +180,11 @@ def random_problem(number: int) -> RandomProblem:
         config["post_actuation_times"] = times[before + 1 : before + 1 + after]
     if draw.random() < 0.3:
         options["allow_partial"] = True
+    # The point that is reached for lies inside of most things that may be touched.
+    more = seeding.rng(number, "margins")
+    options["contact_depth"] = 0.003 if more.random() < 0.3 else None
+    options["start_depth"] = 1.0
+    options["margin"] = float(more.choice([0.005, 0.005, 0.002, 0.02]))
     if joint is not None and draw.random() < 0.6:
         things.append(Thing("flap", "moving_link", solid(draw, 0.01, 0.06), at(point)))
     elif draw.random() < 0.3:

@@ -189,7 +189,8 @@ def test_every_arm_carries_something(name: str, robots: Path, tmp_path: Path) ->
         object_axis="z",
         bodies=[kpam.Body(label, role, [kpam.Shape.box(size)], pose) for label, role, size, pose in bodies],  # type: ignore[arg-type]
         options={
-            "workspace": None,
+            # One of the arms begins inside the post.
+            "start_depth": 0.05,
             "velocity_scale": 1.0,
             "acceleration_scale": 1.0,
             "velocity_limits": velocity,
