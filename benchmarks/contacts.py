@@ -61,9 +61,7 @@ class Clock:
     letting_go: float = np.inf
 
 
-def touching_pairs(
-    arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array
-) -> list[Pair]:
+def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array) -> list[Pair]:
     """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`judged_pairs`.
 
     What the hand holds is left out, and so is what moves by an amount that cannot be told.
@@ -86,7 +84,9 @@ def touching_pairs(
             pairs += [Pair(hand, still, standing) for hand in hands]
             if clock.hinge is not None and clock.travel is not None:
                 known = (times > clock.moving_from) & ~np.isnan(clock.travel)
-                gone = Moved(obstacle.name, obstacle.parts, clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel)))
+                gone = Moved(
+                    obstacle.name, obstacle.parts, clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel))
+                )
                 pairs += [Pair(hand, gone, known) for hand in hands]
     return pairs
 

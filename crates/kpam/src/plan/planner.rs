@@ -287,6 +287,10 @@ impl<'p> Planner<'p> {
             ));
         }
         if out.start_overlap > 0.0 {
+            if let Some(hit) = self.world.start_hit.as_ref().filter(|_| solved) {
+                out.reason
+                    .push_str(&format!("; it begins {:.4} m inside: {} and {}", -hit.distance, hit.first, hit.second));
+            }
             out.warnings.push(format!("the robot overlaps something by {:.4} m at the start", out.start_overlap));
         }
         out

@@ -153,6 +153,9 @@ impl Planner<'_> {
                 }
             }
         }
+        if !out.tight.is_empty() && attempt.failure.is_none() {
+            out.reason.push_str(", but for what is nearer at the start or a keyframe");
+        }
         if let Some(least) = out.tight.iter().min_by(|a, b| a.distance.total_cmp(&b.distance)) {
             out.warnings.push(format!(
                 "nearer than {} m at the start or a keyframe: {} pairs, {} and {} at {} the nearest ({:.4} m); the motion keeps there what they have",
