@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import shutil
 import signal
@@ -75,13 +76,17 @@ class Watched:
         return f"driver {_row(drivers)} MB, largest worker {_row(workers)} MB (peak in each quarter)"
 
 
-def watch(command: list[str], log: Path) -> Watched:
-    """Run a command and look at the memory of its processes."""
+def watch(command: list[str], log: Path, limit: float = math.inf) -> Watched:
+    """Run a command and look at the memory of its processes; stop it by SIGTERM after ``limit`` seconds."""
     begin = time.monotonic()
     process = kill_runs.start(command, log)
     samples = []
+    stopped = False
     try:
         while process.poll() is None:
+            if not stopped and time.monotonic() - begin > limit:
+                process.terminate()
+                stopped = True
             workers = [resident(pid) for pid in descendants(process.pid)]
             samples.append((time.monotonic() - begin, resident(process.pid), max(workers, default=0.0)))
             time.sleep(SAMPLE_SECONDS)

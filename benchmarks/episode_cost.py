@@ -20,7 +20,7 @@ from gensim2.rollout import run as running
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.run import run
 from gensim2.seeding import scene_seeds
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 clock = time.process_time
@@ -85,10 +85,10 @@ class TimedSystem:
 
 def instrument(watch: Stopwatch) -> None:
     """Note the time of the loop's parts."""
-    building = Lane.reset
+    building = HeadlessEnv.reset
     met: set[tuple[str, str]] = set()
 
-    def reset(lane: Lane, *args: Any, **kwargs: Any) -> None:
+    def reset(lane: HeadlessEnv, *args: Any, **kwargs: Any) -> None:
         building(lane, *args, **kwargs)
         models = {(thing.model.asset_class, thing.model.id) for thing in lane.setup.objects.values()}
         if not models <= met:
@@ -96,11 +96,11 @@ def instrument(watch: Stopwatch) -> None:
             watch.rename("reset, an object for the first time")
         lane._system = TimedSystem(lane._system, watch)
 
-    Lane.reset = watch.timed("reset", reset)  # type: ignore[method-assign]
-    Lane.step = watch.timed("step, around PhysX", Lane.step)  # type: ignore[method-assign]
-    Lane.wait = watch.timed("step, around PhysX", Lane.wait)  # type: ignore[method-assign]
-    Lane.measure = watch.timed("measuring", Lane.measure)  # type: ignore[method-assign]
-    Lane.scene_state = watch.timed("planning, around the solver", Lane.scene_state)  # type: ignore[method-assign]
+    HeadlessEnv.reset = watch.timed("reset", reset)  # type: ignore[method-assign]
+    HeadlessEnv.step = watch.timed("step, around PhysX", HeadlessEnv.step)  # type: ignore[method-assign]
+    HeadlessEnv.wait = watch.timed("step, around PhysX", HeadlessEnv.wait)  # type: ignore[method-assign]
+    HeadlessEnv.measure = watch.timed("measuring", HeadlessEnv.measure)  # type: ignore[method-assign]
+    HeadlessEnv.scene_state = watch.timed("planning, around the solver", HeadlessEnv.scene_state)  # type: ignore[method-assign]
     ChainController.reset = watch.timed("planning, around the solver", ChainController.reset)  # type: ignore[method-assign]
     ChainController._begin = watch.timed("planning, around the solver", ChainController._begin)  # type: ignore[method-assign]
     kpam.plan = watch.timed("planning, the solver", kpam.plan)
@@ -111,7 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--assets", default="builtin")
     parser.add_argument("--episodes", type=int, default=10, help="of each task")
-    parser.add_argument("--physics", default="ours")
+    parser.add_argument("--physics", default="default")
     parser.add_argument("--core", type=int, default=0)
     parser.add_argument("--tasks", nargs="*", default=None)
     options = parser.parse_args()
@@ -123,7 +123,7 @@ def main() -> None:
     instrument(watch)
     for name in names:
         task, strategies = load_task(name), load_strategies(name)
-        lane = Lane(task, assets=options.assets, physics=options.physics)
+        lane = HeadlessEnv(task, assets=options.assets, physics=options.physics)
         seeds = scene_seeds(0, task.name, "benchmark", options.episodes + 1)
         run(lane, ChainController(task, strategies, lane.profile), seed=seeds[-1])  # imports, caches
         watch.is_running = True

@@ -44,12 +44,13 @@ from gensim2.design.proposals import joint_goal, redesigned
 from gensim2.design.unseen import seen_by_search
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.tally import interval
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.spec import TaskSpec
 
-CIRCUMSTANCES = Circumstances("builtin")
+CIRCUMSTANCES = SceneOptions("builtin")
 
 #: Candidates after which a round ends.
 ROUNDS = (1, 2, 3, 6, 10, 15, 20, 30, 45, 60, 90, 120, 160, 200, 250, 300)
@@ -162,8 +163,8 @@ class Judge:
             self._held[key] = held
         return self._held[key]
 
-    def _setting(self, instances: str | tuple[str, ...]) -> Setting:
-        return Setting(self.task, instances, CIRCUMSTANCES)
+    def _setting(self, instances: str | tuple[str, ...]) -> EpisodeConfig:
+        return EpisodeConfig(CIRCUMSTANCES.with_task(self.task, instances))
 
     def _candidate(self, each: Manipulation) -> Candidate:
         step = self.task.steps[0]

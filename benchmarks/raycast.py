@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.data.observing import Shown
 from gensim2.data.store import DataSet
 from gensim2.objects import open_library
 from gensim2.observations import CloudSettings, DepthNoise
 from gensim2.raycast.observer import Observer
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneConfig
 from gensim2.sim.pictures import StatePictures
 
 NEAR_M = 0.002
@@ -72,20 +72,20 @@ class Times:
         return 1e3 * self.seconds[part] / self.frames[part]
 
 
-def episodes(folders: list[Path]) -> Iterator[tuple[Shown, Recording]]:
+def episodes(folders: list[Path]) -> Iterator[tuple[SceneConfig, Recording]]:
     """Every episode that held."""
     for folder in folders:
         dataset = DataSet.open(folder)
-        circumstances = dataset.record.circumstances
+        options = dataset.record.scene
         for name in dataset.tasks:
             store = dataset.task(name)
-            shown = Shown(store.spec(), circumstances.assets, circumstances.robot, circumstances.physics)
+            shown = options.with_task(store.spec())
             for row in store.rows():
                 if row.held and (recording := store.read(row).recording) is not None:
                     yield shown, recording
 
 
-def observer(shown: Shown, recording: Recording, settings: CloudSettings) -> Observer:
+def observer(shown: SceneConfig, recording: Recording, settings: CloudSettings) -> Observer:
     library = open_library(shown.assets)
     objects = {
         name: library.load(spec.asset_class, recording.instances[name]) for name, spec in shown.task.objects.items()
@@ -97,7 +97,7 @@ def spread(count: int, wanted: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, count - 1, min(wanted, count))})
 
 
-def time_frames(shown: Shown, recording: Recording, wanted: int, times: Times) -> None:
+def time_frames(shown: SceneConfig, recording: Recording, wanted: int, times: Times) -> None:
     """Whole observations of successive instants, as `gensim2 render` makes them."""
     for part, settings in (
         ("cloud of 1,024 points", CloudSettings()),
@@ -121,7 +121,9 @@ def time_frames(shown: Shown, recording: Recording, wanted: int, times: Times) -
             times.add("of it rays", clock() - begin, len(rows))
 
 
-def compare(shown: Shown, recording: Recording, wanted: int, agreement: Agreement, pictures: StatePictures) -> None:
+def compare(
+    shown: SceneConfig, recording: Recording, wanted: int, agreement: Agreement, pictures: StatePictures
+) -> None:
     seeing = observer(shown, recording, CloudSettings())
     poses = seeing.poses(recording.env_states)
     for step in spread(len(poses), wanted):
@@ -130,7 +132,7 @@ def compare(shown: Shown, recording: Recording, wanted: int, agreement: Agreemen
             agreement.add(view, images[view.camera.name])
 
 
-def photograph(shown: Shown, recording: Recording, wanted: int, times: Times) -> None:
+def photograph(shown: SceneConfig, recording: Recording, wanted: int, times: Times) -> None:
     """RGB of recorded states, beside the renderer alone: the same scene drawn again and again."""
     pictures = StatePictures(shown.task, shown.assets, shown.robot, shown.physics)
     pictures.show(recording.instances, recording.seed, recording.reset_options)

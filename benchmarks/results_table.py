@@ -26,7 +26,7 @@ from gensim2.tasks.figures import Condition, Figure, figures
 from gensim2.tasks.library import load_task
 from gensim2.tasks.published import MEASURED, PAPER
 
-WHERE = [("ours", "generated"), ("ours", "real"), ("original", "generated"), ("original", "real")]
+WHERE = [("default", "generated"), ("default", "real"), ("original", "generated"), ("original", "real")]
 """Columns: whose physics, and which objects."""
 TYPES = ("single-step", "long-horizon")
 MARKED = re.compile(r"(<!-- figures: (all|short) -->\n).*?(<!-- /figures -->)", re.DOTALL)

@@ -22,8 +22,9 @@ import grasps
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import robot_names
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.worker import PRELOAD, episode
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task
 
 #: What holds less often than this is no use of a robot.
@@ -32,7 +33,7 @@ ENOUGH = 0.7
 
 def do(robot: str, task: str, seed: int) -> dict[str, Any]:
     """One episode of a library task."""
-    setting = Setting(load_task(task), "all", Circumstances("builtin", robot=robot))
+    setting = EpisodeConfig(SceneOptions("builtin", robot=robot).with_task(load_task(task), "all"))
     return {"robot": robot, "what": task, **episode(setting, load_strategies(task), seed).to_dict()}
 
 

@@ -19,12 +19,12 @@ from gensim2.rollout.motion import is_at_rest
 from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
 from gensim2.rollout.still import StillController, still_arm
 from gensim2.seeding import scene_seeds
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.library import load_task, task_names
 
 
-def beside_an_arm(lane: Lane, seed: int) -> bool:
+def beside_an_arm(lane: HeadlessEnv, seed: int) -> bool:
     """Whether the goal holds after an episode's length in which the arm holds where it stands."""
     steps = lane.task.max_episode_steps - MAX_SETTLE_STEPS
     controller = StillController(lane.profile, steps)
@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=12, help="of each task")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--assets", default="builtin")
-    parser.add_argument("--physics", choices=("ours", "original"), default="ours")
+    parser.add_argument("--physics", choices=("default", "original"), default="default")
     given = parser.parse_args()
     classes = open_library(given.assets).classes()
     counted, differ, true, cost = 0, 0, 0, [0.0, 0.0]
@@ -56,7 +56,7 @@ def main() -> int:
         if not all(thing.asset_class in classes for thing in load_task(name).objects.values()):
             print(f"{name}: skipped, an object is not there")
             continue
-        lane = Lane(name, assets=given.assets, physics=given.physics)
+        lane = HeadlessEnv(name, assets=given.assets, physics=given.physics)
         for seed in scene_seeds(given.seed, name, "benchmark/still", given.episodes):
             started = time.process_time()
             without = still_arm(lane, seed).success

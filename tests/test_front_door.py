@@ -33,7 +33,7 @@ def test_opening_a_library_brings_neither_simulator_nor_meshes() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("name", [name for name in gensim2.__all__ if name not in ("__version__", "Lane")])
+@pytest.mark.parametrize("name", [name for name in gensim2.__all__ if name not in ("__version__", "HeadlessEnv")])
 def test_every_name_is_that_of_its_room(name: str) -> None:
     found = getattr(gensim2, name)
     assert found.__module__.startswith("gensim2.")
@@ -56,6 +56,12 @@ def test_rooms_say_what_they_are_and_give_what_they_say(room: str) -> None:
 def test_other_names_are_refused() -> None:
     with pytest.raises(AttributeError, match="module 'gensim2' has no attribute 'open_librery'"):
         getattr(gensim2, "open_librery")  # noqa: B009
+
+
+def test_the_name_of_the_release_before_still_works_and_says_the_new_one() -> None:
+    pytest.importorskip("mani_skill")
+    with pytest.warns(DeprecationWarning, match=r"gensim2\.HeadlessEnv"):
+        assert gensim2.Lane is gensim2.HeadlessEnv
 
 
 def test_version_is_the_installed_one() -> None:

@@ -80,12 +80,12 @@ def test_every_condition_has_a_section_and_every_cell_its_figures(made: Any) -> 
     ]
     assert "5 x 50 episodes a cell; seeds 7, 8." in first
     assert [line for line in first if line.startswith("|")] == [
-        "| single-step task | ours, real | original, real | paper | its release |",
+        "| single-step task | default, real | original, real | paper | its release |",
         "| --- | --- | --- | --- | --- |",
         "| OpenBox | 0.96 / 1.00 (0.98–1.00) / 0.50 | 0.96 / 0.90 (0.86–0.93) / 0.45 | 0.84 | 0.80 |",
         "| TurnOnFaucet | 0.96 / 0.80 (0.75–0.84) / 0.40 |  | 0.67 | 0.60 |",
         "| mean | 0.96 / 0.90 / 0.45 (of 2) | 0.96 / 0.90 / 0.45 (of 1) | 0.76 | 0.70 |",
-        "| long-horizon task | ours, generated | paper | its release |",
+        "| long-horizon task | default, generated | paper | its release |",
         "| --- | --- | --- | --- |",
         "| PlaceGolfBallIntoDrawer | 0.96 / 0.50 (0.44–0.56) / 0.25 | 0.56 |  |",
         "| mean | 0.96 / 0.50 / 0.25 (of 1) | 0.56 |  |",

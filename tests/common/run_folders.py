@@ -105,7 +105,7 @@ def run_folder(run_dir: Path) -> Path:
                 "command": "run-pipeline",
                 "seed": 0,
                 "assets": "builtin",
-                "physics": "ours",
+                "physics": "default",
                 "robot": "panda",
                 "open_loop": False,
                 "randomization": "paper",

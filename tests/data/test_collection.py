@@ -97,7 +97,7 @@ def test_resuming_starts_what_is_not_there_and_runs_nothing_twice(
     tmp_path: Path, gather: Gather, undisturbed: dict[str, Any]
 ) -> None:
     assert gather(resume=True).status.ran == 16
-    with pytest.raises(InputError, match=r"holds a data set \(add --resume"):
+    with pytest.raises(InputError, match=r"holds a data set already \(add --resume"):
         gather()
     assert gather(resume=True).status.ran == 0
     assert_same(tmp_path / "set", undisturbed)
@@ -114,7 +114,7 @@ def test_a_data_set_can_grow(tmp_path: Path, gather: Gather, undisturbed: dict[s
     [
         ({"seed": 4}, "seed: the collection was begun with 3, not 4"),
         ({"episodes": 7}, "episodes: the collection was begun with 8"),
-        ({"physics": "original"}, "arguments.physics: the collection was begun with 'ours', not 'original'"),
+        ({"physics": "original"}, "arguments.physics: the collection was begun with 'default', not 'original'"),
         ({"instances": "train"}, "tasks.OpenDrawer: the task, its strategies or its instances have changed"),
         ({"keep_failures": True}, "keep_failures: the collection was begun with False"),
     ],

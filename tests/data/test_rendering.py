@@ -20,7 +20,7 @@ from gensim2.errors import InputError, WriteError
 from gensim2.observations import CloudSettings
 from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 
 SMALL = Plan(("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256))
 
@@ -30,7 +30,7 @@ def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
     """Two episodes of two steps, one of which held, in the folders of a collection in a made-up world."""
     gather("OpenDrawer", episodes=2)
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     for index, row in enumerate(list(store.rows())):
         lane.reset(seed=index)
         recorder = Recorder(lane)

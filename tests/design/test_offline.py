@@ -17,7 +17,7 @@ from gensim2.design import (
     Declined,
     Known,
     OfflineDesigner,
-    Settings,
+    RobotSummary,
     StageResult,
 )
 from gensim2.design.composition import wanted_ends
@@ -32,7 +32,7 @@ from gensim2.tasks.criteria import ArticulatedBetween, ArticulatedOpen, Distance
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
 
-SETTINGS = Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours")
+SETTINGS = RobotSummary("panda", (-0.615, 0.0), 0.75, 0.08, {})
 
 
 def affordance(

@@ -29,7 +29,8 @@ from gensim2.bench import read_problems
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.records import Verification, VerificationRecord
 from gensim2.data.runfolder import RunFolder, TaskFolder
-from gensim2.data.trajectory import Provenance, TrajectoryStore
+from gensim2.data.store import TaskStore
+from gensim2.data.trajectory import Provenance, write_trajectory
 from gensim2.design.designs import CandidateRecord, Design, DesignRecord, StageRecord
 from gensim2.design.report import write_report
 from gensim2.record_files import read_record
@@ -42,7 +43,7 @@ ARGUMENTS = {
     "command": "demo",
     "seed": 0,
     "assets": "builtin",
-    "physics": "ours",
+    "physics": "default",
     "robot": "panda",
     "open_loop": False,
     "randomization": "paper",
@@ -103,11 +104,11 @@ def good_folder(folder: Path, problems: str) -> None:
         design = {**Design((), chosen, ("a note",)).to_dict(), "candidates": [candidate.model_dump()]}
         (files.path / "design.json").write_text(json.dumps(design))
         log = AttemptLog(files.path / "attempts.jsonl", SEEDS)
-        store, random = TrajectoryStore(files.path), np.random.default_rng(0)
+        store, random = TaskStore(files.path), np.random.default_rng(0)
         for index, episode in enumerate(episodes):
-            digest = store.add(index, fake_world.recording(episode.seed, {"drawer": "3"}, random), episode)
+            digest = store.add(index, episode, fake_world.recording(episode.seed, {"drawer": "3"}, random))
             log.add(LoggedEpisode.of(episode, index, digest))
-        store.merge(_provenance(), {index: store.digest(index) for index in store.indices()})
+        _merge(folder)
         run.finish({"name": TASK, "demos": 2, "rejected": [], "notes": [], "tasks": []})
 
 
@@ -213,7 +214,8 @@ def _merge(folder: Path) -> None:
     """As a run does at its end: what was recorded is in its log."""
     task = folder / "run" / "tasks" / TASK
     logged = AttemptLog(task / "attempts.jsonl", SEEDS).done
-    TrajectoryStore(task).merge(_provenance(), {index: entry.episode_digest for index, entry in logged.items()})
+    kept = [(TaskStore(task).path(each.index), each.episode_digest) for each in logged.values() if each.held]
+    write_trajectory(task, _provenance(), kept)
 
 
 def _task_reader(name: str) -> Callable[[Path], object]:

@@ -16,9 +16,10 @@ import numpy as np
 from gensim2 import seeding
 from gensim2.objects import open_library
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, PlanRecord, StepRecord, StrictMiss
 from gensim2.rollout.recording import Recording
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies
 
@@ -39,38 +40,40 @@ def install() -> None:
     worker.record = record
 
 
-def prepare(circumstances: Circumstances) -> None:
+def prepare(scene: SceneOptions) -> None:
     """There is nothing to read and nothing to build."""
 
 
-def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
+def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[worker.Screened]:
     time.sleep(EPISODE_SECONDS)
     draws = seeding.rng(seed, "screen").random(len(candidates))
     return [(1.0, None, {}) if draw < 0.3 else (0.0, "unreachable", {}) for draw in draws]
 
 
-def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
-    return demonstrate(setting, strategies, seed)[0]
+def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
+    return demonstrate(config, strategies, seed)[0]
 
 
-def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
-    found, kept = _recorded(setting, seed)
+def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
+    found, kept = _recorded(config, seed)
     return found, kept if found.held else None
 
 
-def _recorded(setting: Setting, seed: int) -> tuple[Episode, Recording]:
+def _recorded(config: EpisodeConfig, seed: int) -> tuple[Episode, Recording]:
     time.sleep(EPISODE_SECONDS)
     random = seeding.rng(seed, "episode")
-    (name, thing), *rest = setting.task.objects.items()
-    library = open_library(setting.circumstances.assets)
-    drawn = dict(setting.instances)[name] if isinstance(setting.instances, frozenset) else setting.instances
+    (name, thing), *rest = config.task.objects.items()
+    library = open_library(config.scene.assets)
+    drawn = (
+        dict(config.scene.instances)[name] if isinstance(config.scene.instances, frozenset) else config.scene.instances
+    )
     words = (drawn,) if isinstance(drawn, str) else drawn
     listed = [each for word in words for each in library.choose(thing.asset_class, word)]
     model = library.load(thing.asset_class, listed[int(random.integers(len(listed)))])
     held, start, end = bool(random.random() < 0.75), float(random.random()), float(random.random())
     others = {role: library.load(each.asset_class, library.instances(each.asset_class)[0]) for role, each in rest}
     found = episode_of(
-        setting.task,
+        config.task,
         seed,
         held=held,
         instance=model.id,
@@ -83,11 +86,11 @@ def _recorded(setting: Setting, seed: int) -> tuple[Episode, Recording]:
     return found, recording(seed, ids, random)
 
 
-def record(setting: Setting, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
+def record(config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
     # In this process a test may have put another world in its place; a worker process has the real one there.
     if worker.demonstrate.__module__ not in (worker.__name__, __name__):
-        return keep(*worker.demonstrate(setting, strategies, seed))
-    return keep(*_recorded(setting, seed))
+        return keep(*worker.demonstrate(config, strategies, seed))
+    return keep(*_recorded(config, seed))
 
 
 def episode_of(

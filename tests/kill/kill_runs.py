@@ -118,7 +118,7 @@ class Disturbed:
             try:
                 while done < kills and self._wait(process):
                     victim = self.dice.choices(tuple(VICTIMS), tuple(VICTIMS.values()))[0]
-                    if self._kill(process, victim):
+                    if kill(process, victim, self.dice):
                         done += 1
                         self.tally.kills[victim] += 1
                         self.tally.mid_collection += self._collecting()
@@ -158,25 +158,28 @@ class Disturbed:
     def _logged(self) -> int:
         """Episodes that are finished."""
         logs = sum(path.read_bytes().count(b"\n") for path in self.out.glob("*/*/attempts.jsonl"))
-        return logs + sum(1 for folder in ("episodes", "failures") for _ in self.out.glob(f"*/{folder}/[0-9]*.h5"))
+        files = (f"{depth}/{folder}/[0-9]*.h5" for depth in ("*", "*/*") for folder in ("episodes", "failures"))
+        return logs + sum(1 for pattern in files for _ in self.out.glob(pattern))
 
     def _collecting(self) -> bool:
         done = ("*/*/trajectory.json", "CloseBox/episodes.jsonl")
         return self._logged() > 0 and not any(path for pattern in done for path in self.out.glob(pattern))
 
-    def _kill(self, process: subprocess.Popen[bytes], victim: str) -> bool:
-        with contextlib.suppress(ProcessLookupError):
-            number = signal.SIGTERM if victim.endswith("SIGTERM") else signal.SIGKILL
-            if victim.startswith("driver"):
-                os.kill(process.pid, number)
-                return True
-            servers = [pid for pid in children(process.pid) if b"forkserver" in command_line(pid)]
-            workers = [pid for server in servers for pid in children(server)]
-            targets = workers if victim.startswith("worker") else servers
-            if targets:
-                os.kill(self.dice.choice(targets), number)
-                return True
-        return False
+
+def kill(process: subprocess.Popen[bytes], victim: str, dice: random.Random) -> bool:
+    """Kill what ``victim`` names of a run, one worker of several drawn by ``dice``; whether there was one."""
+    with contextlib.suppress(ProcessLookupError):
+        number = signal.SIGTERM if victim.endswith("SIGTERM") else signal.SIGKILL
+        if victim.startswith("driver"):
+            os.kill(process.pid, number)
+            return True
+        servers = [pid for pid in children(process.pid) if b"forkserver" in command_line(pid)]
+        workers = [pid for server in servers for pid in children(server)]
+        targets = workers if victim.startswith("worker") else servers
+        if targets:
+            os.kill(dice.choice(targets), number)
+            return True
+    return False
 
 
 def start(command: list[str], log: Path) -> subprocess.Popen[bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ import browser as opened
 import numpy as np
 import pytest
 import run_folders
+from hostile_names import HOSTILE
 from PIL import Image
 from playwright.sync_api import Browser
 from run_folders import fake_world
@@ -24,7 +26,7 @@ from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import shelf, tasks_gallery
 from gensim2.design.report import write_report
-from gensim2.inspection import pictures
+from gensim2.inspection import gallery, pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
 from gensim2.observations.cloud import to_steps
@@ -77,6 +79,37 @@ def objects_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     found.write_text(json.dumps({"objects": [{"class": "switch", "id": "0", "findings": [finding]}]}))
     classes = ["switch", "suitcase_rotate", "mug", "cracker_box"]
     return build_gallery([library], tmp_path / "objects", classes=classes, findings=[found]).index
+
+
+class HostileLibrary:
+    """A stand-in for a folder of a stranger: one generated object under names, warnings and a licence of his own."""
+
+    name = "<b>lib</b>".replace("/", "\u2044")
+
+    def __init__(self, library: Library) -> None:
+        self._model = library.load("switch", "0")
+
+    def __getattr__(self, name: str) -> Any:
+        return {
+            "kind": lambda asset_class: "articulated",
+            "instances": lambda asset_class, *_: HOSTILE,
+            "license_of": lambda asset_class: HOSTILE[0],
+            "describe": lambda asset_class: HOSTILE[1],
+            "load": lambda asset_class, id: dataclasses.replace(
+                self._model, asset_class=asset_class, id=id, warnings=HOSTILE
+            ),
+        }[name]
+
+
+@pytest.fixture
+def hostile_page(library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The gallery of a stranger's objects."""
+    drawn = Image.new("RGB", (176 * 8, 88 * 3), (90, 120, 160))
+    monkeypatch.setattr(pictures, "Studio", lambda size: None)
+    monkeypatch.setattr(pictures, "turntable", lambda studio, model, views: drawn)
+    stranger: Any = HostileLibrary(library)
+    monkeypatch.setattr(gallery, "wanted_classes", lambda libraries, classes: [(stranger, HOSTILE)])
+    return build_gallery([stranger], tmp_path / "hostile").index
 
 
 @pytest.fixture

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 from browser import WIDTHS, faults
+from hostile_names import HOSTILE
 from playwright.sync_api import Browser
 
-PAGES = ("report_page", "objects_page", "tasks_page", "collection_page", "quality_page")
+PAGES = ("report_page", "objects_page", "tasks_page", "collection_page", "quality_page", "hostile_page")
 
 GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><h1 id="top">Page</h1>
 <p>Something to read, <a href="#top">up</a>, <a href="there.txt">there</a>.</p>{}</body></html>"""
@@ -18,6 +19,22 @@ GOOD = """<!doctype html><html lang="en"><head><title>Page</title></head><body><
 @pytest.mark.parametrize("kind", PAGES)
 def test_a_page_has_no_faults(kind: str, width: int, browser: Browser, request: pytest.FixtureRequest) -> None:
     assert faults(browser, request.getfixturevalue(kind), width) == []
+
+
+def test_hostile_names_are_text_and_have_pictures_of_their_own(hostile_page: Path, browser: Browser) -> None:
+    page = browser.new_page()
+    dialogs: list[str] = []
+    page.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
+    page.goto(hostile_page.as_uri())
+    shown = page.locator("article h3").all_text_contents()
+    assert len(shown) == len(HOSTILE) ** 2
+    normal = {" ".join(f"{one}/{two}".split()) for one in HOSTILE for two in HOSTILE}
+    assert {" ".join(text.split()) for text in shown} == normal
+    assert dialogs == []
+    assert page.locator("script").count() == 1
+    assert page.locator("[onmouseover]").count() == 0
+    page.close()
+    assert len(list((hostile_page.parent / "pictures").rglob("*.webp"))) == len(HOSTILE) ** 2
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from gensim2.rollout.motion import changes
 from gensim2.rollout.still import still_arm
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import task_names
 
 pytestmark = pytest.mark.real
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.real
 
 @pytest.mark.parametrize("name", task_names("paper"))
 def test_a_real_object_stands_still_for_five_seconds_and_can_be_planned_for(name: str, real_assets: Path) -> None:
-    lane = Lane(name, assets=real_assets)
+    lane = HeadlessEnv(name, assets=real_assets)
     result = still_arm(lane, 1, steps=100)
     assert not result.success
     for moved in changes(result.start, result.end).values():

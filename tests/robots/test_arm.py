@@ -18,7 +18,7 @@ from gensim2.errors import InputError
 from gensim2.robots import RobotProfile, robot, robot_names
 from gensim2.sim import agents
 from gensim2.sim.arm import Arm
-from gensim2.sim.physics import OURS
+from gensim2.sim.physics import DEFAULT
 
 
 class AloneEnv(BaseEnv):  # type: ignore[misc]
@@ -41,7 +41,7 @@ class AloneEnv(BaseEnv):  # type: ignore[misc]
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return OURS.sim_config(self.profile)
+        return DEFAULT.sim_config(self.profile)
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
@@ -65,9 +65,9 @@ class Alone:
 
     def __init__(self, profile: RobotProfile) -> None:
         self.profile = profile
-        self.system = OURS.new_system(profile)
+        self.system = DEFAULT.new_system(profile)
         self.scene = sapien.Scene([self.system])
-        self.arm = Arm(self.scene, profile, OURS)
+        self.arm = Arm(self.scene, profile, DEFAULT)
         self.arm.put(profile.reset_qpos)
 
     def step(self, action: np.ndarray) -> None:

@@ -16,8 +16,8 @@ from gensim2.errors import InputError
 from gensim2.robots import robot, robot_names
 from gensim2.sim.arm import Arm
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
-from gensim2.sim.physics import OURS
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.sim.physics import DEFAULT
 from gensim2.sim.table import HALF_SIZE
 
 
@@ -25,7 +25,7 @@ from gensim2.sim.table import HALF_SIZE
 def test_the_lane_is_the_environment(name: str) -> None:
     profile, draw = robot(name), np.random.default_rng(5)
     env = GenSim2Env("OpenDrawer", assets="builtin", robot=name)
-    lane = Lane("OpenDrawer", assets="builtin", robot=name)
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=name)
     for seed in range(3):
         obs, _ = env.reset(seed=seed)
         lane.reset(seed)
@@ -64,7 +64,7 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(InputError) as refused:
         GenSim2Env(task="OpenDrawer", robot="panda", robot_uids="fetch")
     assert refused.value.field == "robot_uids"
-    for make in (GenSim2Env, Lane):
+    for make in (GenSim2Env, HeadlessEnv):
         with pytest.raises(InputError, match="no robot 'r2d2'"):
             make("OpenDrawer", robot="r2d2")
 
@@ -73,8 +73,8 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
 def test_it_stands_clear_of_the_table(name: str) -> None:
     """Every hull lies above the table's top, below its board or behind its edge: planners look at what moves."""
     profile = robot(name)
-    scene = sapien.Scene([OURS.new_system(profile)])
-    arm = Arm(scene, profile, OURS)
+    scene = sapien.Scene([DEFAULT.new_system(profile)])
+    arm = Arm(scene, profile, DEFAULT)
     arm.put(profile.reset_qpos)
     count = 0
     for link in arm.articulation.links:
@@ -94,7 +94,7 @@ def test_it_stands_clear_of_the_table(name: str) -> None:
 def test_at_rest_it_stays_where_it_is(name: str) -> None:
     """It touches neither itself nor the table."""
     profile = robot(name)
-    lane = Lane("OpenDrawer", assets="builtin", robot=name)
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=name)
     lane.reset(0, {"offset": [0.3, 0.0, 0.0]})
     for _ in range(20):
         lane.step(profile.rest_action)

@@ -134,7 +134,7 @@ def _panda() -> tuple[pin.Model, pin.Data, int]:
 def record(seed: int, several: bool = False) -> EpisodeResult:
     """One recorded episode of a task above: the arm pushes on even seeds and stays still on odd ones."""
     from gensim2.rollout.run import run
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-    lane = Lane(BESIDE_A_BALL if several else HALFWAY, assets="builtin")
+    lane = HeadlessEnv(BESIDE_A_BALL if several else HALFWAY, assets="builtin")
     return run(lane, Actions(hold if seed % 2 else push), seed=seed, record=True)

@@ -186,7 +186,7 @@ class ScriptedWorld:
                 position=np.zeros(3),
                 quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
                 yaw=0.0,
-                default_pose="ours",
+                default_pose="default",
                 factors=SimpleNamespace(mass=1.0, contact_friction=1.0, joint_friction=1.0),
             )
             for name in self.task.objects

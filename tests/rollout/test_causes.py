@@ -10,7 +10,7 @@ from drawer_task import OPEN_DRAWER
 from gensim2.rollout.chain import ChainController
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.run import run
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -19,8 +19,8 @@ OPEN = load_task_file(OPEN_DRAWER)
 PULL = load_strategies_beside(OPEN_DRAWER, OPEN)["pull"]
 
 
-def _lane(task: TaskSpec = OPEN) -> Lane:
-    return Lane(task, assets="builtin", instances=["5"])
+def _lane(task: TaskSpec = OPEN) -> HeadlessEnv:
+    return HeadlessEnv(task, assets="builtin", instances=["5"])
 
 
 def _open(strategy: dict[str, Any], **options: Any) -> Episode:
@@ -73,7 +73,7 @@ def test_a_ball_that_nobody_can_grasp() -> None:
             "goal": [{"type": "distance_gripper_rigidbody", "rigid": "ball"}],
         }
     )
-    lane = Lane(task, assets="builtin")
+    lane = HeadlessEnv(task, assets="builtin")
     controller = ChainController(task, {"grasp": {"grasp": "antipodal"}}, lane.profile)
     far = {"pose": [0.6, 0.6, 0.03, 1.0, 0.0, 0.0, 0.0]}
     episode = run(lane, controller, seed=0, options=far).episode
@@ -84,7 +84,7 @@ def test_a_ball_that_nobody_can_grasp() -> None:
 def test_a_ball_that_is_shoved_before_it_is_grasped(open_loop: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blindly, the hand goes where it was; the chain that looks plans again."""
     task = load_task("PlaceGolfBallIntoDrawer")
-    lane = Lane(task, assets="builtin", instances=["3"])
+    lane = HeadlessEnv(task, assets="builtin", instances=["3"])
     controller = ChainController(task, load_strategies(task.name), lane.profile, open_loop=open_loop)
     advance = lane._advance
 

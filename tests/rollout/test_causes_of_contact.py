@@ -13,7 +13,7 @@ from gensim2.rollout.controller import Action, Observation
 from gensim2.rollout.disturbance import Disturbed
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.run import run
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.parts import RigidPart
 from gensim2.tasks.library import load_strategies, load_strategies_beside, load_task, load_task_file
 from gensim2.tasks.parse import parse_task
@@ -35,7 +35,7 @@ TAKE_BALL = parse_task(
 
 
 def _open(strategy: dict[str, Any], openness: float) -> Episode:
-    lane = Lane(OPEN, assets="builtin", instances=["5"])
+    lane = HeadlessEnv(OPEN, assets="builtin", instances=["5"])
     controller = ChainController(OPEN, {"pull": strategy}, lane.profile)
     return run(lane, controller, seed=3, options={"openness": openness}).episode
 
@@ -83,7 +83,7 @@ def _grasp(target_offset: tuple[float, float, float]) -> dict[str, Any]:
 
 
 def _take(strategy: dict[str, Any]) -> Episode:
-    lane = Lane(TAKE_BALL, assets="builtin")
+    lane = HeadlessEnv(TAKE_BALL, assets="builtin")
     return run(lane, ChainController(TAKE_BALL, {"grasp": strategy}, lane.profile), seed=1).episode
 
 
@@ -95,7 +95,7 @@ def test_fingers_that_close_beside_the_ball() -> None:
 
 
 def test_a_ball_that_falls_from_the_hand() -> None:
-    lane = Lane(PUT_AWAY, assets="builtin", instances=["3"])
+    lane = HeadlessEnv(PUT_AWAY, assets="builtin", instances=["3"])
     chain = ChainController(PUT_AWAY, load_strategies(PUT_AWAY.name), lane.profile, open_loop=True)
     episode = run(lane, Disturbed(chain, lane, PUT_AWAY, "drop", seed=2), seed=2).episode
     assert episode.cause is Cause.GRASP_LOST
@@ -109,7 +109,7 @@ def test_a_ball_that_is_put_down_beside_the_drawer() -> None:
     for name in step.strategies:
         first, *others = strategies[name]["constraint_list"]
         strategies[name] = {**strategies[name], "constraint_list": [{**first, **beside}, *others]}
-    lane = Lane(PUT_AWAY, assets="builtin", instances=["5"])
+    lane = HeadlessEnv(PUT_AWAY, assets="builtin", instances=["5"])
     episode = run(lane, ChainController(PUT_AWAY, strategies, lane.profile), seed=2).episode
     assert episode.cause is Cause.PLACED_BESIDE
     assert episode.diagnosis["distance"] > 0.1
@@ -118,7 +118,7 @@ def test_a_ball_that_is_put_down_beside_the_drawer() -> None:
 class _Tossed:
     """A chain that has its ball 3 m up in the air and rising when it is done: it is back after 2.4 s."""
 
-    def __init__(self, chain: ChainController, lane: Lane) -> None:
+    def __init__(self, chain: ChainController, lane: HeadlessEnv) -> None:
         self._chain, self._lane = chain, lane
 
     def __getattr__(self, name: str) -> Any:
@@ -137,7 +137,7 @@ class _Tossed:
 
 
 def test_a_ball_that_still_flies_when_it_is_judged() -> None:
-    lane = Lane(TAKE_BALL, assets="builtin")
+    lane = HeadlessEnv(TAKE_BALL, assets="builtin")
     hover = {**_grasp((0.0, 0.0, 0.03)), "gripper": "open", "post_actuation_motions": []}
     episode = run(lane, _Tossed(ChainController(TAKE_BALL, {"grasp": hover}, lane.profile), lane), seed=1).episode
     assert episode.cause is Cause.STILL_MOVING  # horizontally it is where it should be

@@ -7,23 +7,23 @@ import pytest
 
 from gensim2.robots import robot
 from gensim2.rollout.chain import ChainController
+from gensim2.rollout.config import Disturbance
 from gensim2.rollout.disturbance import PUSHED, Disturbed
 from gensim2.rollout.run import run
-from gensim2.scenes.config import Disturbance
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
 
 TASK = "PutCrackerBoxInBox"
 
 
-def disturbed(lane: Lane, kind: Disturbance, seed: int) -> Disturbed:
+def disturbed(lane: HeadlessEnv, kind: Disturbance, seed: int) -> Disturbed:
     task = load_task(TASK)
     chain = ChainController(task, load_strategies(TASK), profile=robot("panda"), open_loop=True)
     return Disturbed(chain, lane, task, kind, seed)
 
 
 def test_a_grasp_is_opened_while_it_holds() -> None:
-    lane = Lane(TASK, assets="builtin")
+    lane = HeadlessEnv(TASK, assets="builtin")
     controller = disturbed(lane, "drop", 4)
     episode = run(lane, controller, seed=4).episode
     assert controller.happened_at is not None
@@ -31,7 +31,7 @@ def test_a_grasp_is_opened_while_it_holds() -> None:
 
 
 def test_an_object_is_pushed_three_centimetres_before_it_is_touched() -> None:
-    lane = Lane(TASK, assets="builtin")
+    lane = HeadlessEnv(TASK, assets="builtin")
     pushes: list[tuple[float, float]] = []
     nudge = lane.nudge
 
@@ -48,7 +48,7 @@ def test_an_object_is_pushed_three_centimetres_before_it_is_touched() -> None:
 
 @pytest.mark.parametrize("kind", ["push", "drop"])
 def test_the_moment_follows_from_the_seed(kind: Disturbance) -> None:
-    lane = Lane(TASK, assets="builtin")
+    lane = HeadlessEnv(TASK, assets="builtin")
     moments = []
     for seed in (3, 3, 4):
         controller = disturbed(lane, kind, seed)

@@ -17,15 +17,15 @@ from gensim2.rollout.run import run
 from gensim2.rollout.settling import SETTLE_STEPS
 from gensim2.rollout.still import StillController, StillResult, still_arm
 from gensim2.rollout.world import World
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 
 
 @pytest.fixture(scope="module")
-def lane() -> Lane:
-    return Lane(HALFWAY, assets="builtin")
+def lane() -> HeadlessEnv:
+    return HeadlessEnv(HALFWAY, assets="builtin")
 
 
-def test_an_episode_is_judged_after_the_object_has_settled(lane: Lane) -> None:
+def test_an_episode_is_judged_after_the_object_has_settled(lane: HeadlessEnv) -> None:
     controller = Actions(push)
     episode = run(lane, controller, seed=0).episode
     assert episode.held
@@ -42,7 +42,7 @@ def test_an_episode_is_judged_after_the_object_has_settled(lane: Lane) -> None:
     assert [(step.name, step.paper, step.done) for step in episode.steps] == [("act", True, True)]
 
 
-def test_a_hand_that_leans_against_the_drawer_at_the_end_is_no_strict_success(lane: Lane) -> None:
+def test_a_hand_that_leans_against_the_drawer_at_the_end_is_no_strict_success(lane: HeadlessEnv) -> None:
     episode = run(lane, Actions(push), seed=0).episode
     assert episode.held
     assert not episode.strict
@@ -50,7 +50,7 @@ def test_a_hand_that_leans_against_the_drawer_at_the_end_is_no_strict_success(la
     assert episode.diagnosis[StrictMiss.NOT_LET_GO] == {"touches": [ROLE]}
 
 
-def test_a_hand_that_backs_off_is_one(lane: Lane) -> None:
+def test_a_hand_that_backs_off_is_one(lane: HeadlessEnv) -> None:
     def push_and_leave(scene: Scene) -> np.ndarray:
         actions = push(scene)
         back = np.linspace(actions[-1], actions[-20], 15)
@@ -62,12 +62,12 @@ def test_a_hand_that_backs_off_is_one(lane: Lane) -> None:
     assert episode.strict_misses == []
 
 
-def test_a_lane_is_a_world(lane: Lane) -> None:
+def test_a_lane_is_a_world(lane: HeadlessEnv) -> None:
     world: World = lane
     assert world.task.max_episode_steps == 120
 
 
-def test_a_still_arm_fails_where_the_object_stays(lane: Lane) -> None:
+def test_a_still_arm_fails_where_the_object_stays(lane: HeadlessEnv) -> None:
     result = still_arm(lane, 0, steps=50)
     assert not result.success
     assert result.end.openness[ROLE] == pytest.approx(result.start.openness[ROLE], abs=0.005)
@@ -81,7 +81,7 @@ def test_a_still_arm_fails_where_the_object_stays(lane: Lane) -> None:
 
 def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
     """The lid of a box without friction falls shut: closing it counts for nothing."""
-    from gensim2.sim.arguments import as_library
+    from gensim2.scenes.arguments import as_library
 
     library = as_library("builtin")
 
@@ -100,9 +100,9 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
             assert instance.joint is not None
             return dataclasses.replace(instance, joint=dataclasses.replace(instance.joint, friction=1e-4, damping=0.0))
 
-    slippery = Lane("CloseBox", assets=Slippery())
+    slippery = HeadlessEnv("CloseBox", assets=Slippery())
     assert still_arm(slippery, 1).success
-    normal = Lane("CloseBox", assets="builtin", instances=[Slippery().instances("box_rotate")[0]])
+    normal = HeadlessEnv("CloseBox", assets="builtin", instances=[Slippery().instances("box_rotate")[0]])
     assert not still_arm(normal, 1).success
     episode = run(slippery, StillController(slippery.profile, 100), seed=1).episode
     assert episode.paper
@@ -111,7 +111,7 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
     assert episode.cause is Cause.HAPPENS_BY_ITSELF
 
 
-def test_the_still_arm_is_asked_for_only_where_the_goal_holds(lane: Lane) -> None:
+def test_the_still_arm_is_asked_for_only_where_the_goal_holds(lane: HeadlessEnv) -> None:
     asked = []
 
     def still() -> StillResult:
@@ -124,7 +124,7 @@ def test_the_still_arm_is_asked_for_only_where_the_goal_holds(lane: Lane) -> Non
     assert asked == [True]
 
 
-def test_a_passing_success_does_not_count(lane: Lane, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_passing_success_does_not_count(lane: HeadlessEnv, monkeypatch: pytest.MonkeyPatch) -> None:
     """The drawer is pushed far enough, then dragged out of the goal by hand: only the end is judged."""
     controller = Actions(push)
     pushed = False
@@ -147,7 +147,7 @@ def test_a_passing_success_does_not_count(lane: Lane, monkeypatch: pytest.Monkey
     assert episode.cause is Cause.GOAL_UNDONE
 
 
-def test_an_episode_over_the_limit_is_truncated_and_fails(lane: Lane) -> None:
+def test_an_episode_over_the_limit_is_truncated_and_fails(lane: HeadlessEnv) -> None:
     """A push that is over only just before the limit, and one that is never over."""
     limit = lane.task.max_episode_steps
     for extra in (limit - 3, limit + 70):
@@ -164,7 +164,7 @@ def test_an_episode_over_the_limit_is_truncated_and_fails(lane: Lane) -> None:
         assert episode.control_steps <= limit + SETTLE_STEPS
 
 
-def test_float64_actions_give_the_states_that_a_file_would_replay(lane: Lane) -> None:
+def test_float64_actions_give_the_states_that_a_file_would_replay(lane: HeadlessEnv) -> None:
     double = run(lane, Actions(push), seed=2, record=True)
     single = run(lane, Actions(lambda scene: push(scene).astype(np.float32)), seed=2, record=True)
     assert double.episode == single.episode
@@ -174,12 +174,12 @@ def test_float64_actions_give_the_states_that_a_file_would_replay(lane: Lane) ->
 
 
 @pytest.mark.parametrize("actions", [np.zeros((5, 7)), np.full((3, 8), np.nan), np.full((3, 8), np.inf)])
-def test_bad_actions_are_refused(lane: Lane, actions: np.ndarray) -> None:
+def test_bad_actions_are_refused(lane: HeadlessEnv, actions: np.ndarray) -> None:
     with pytest.raises(InputError, match="action: must be 8 finite numbers"):
         run(lane, Actions(lambda scene: actions), seed=0)
 
 
-def test_a_controller_without_a_first_action_ends_the_episode(lane: Lane) -> None:
+def test_a_controller_without_a_first_action_ends_the_episode(lane: HeadlessEnv) -> None:
     result = run(lane, Actions(lambda scene: np.zeros((0, 8))), seed=0, record=True)
     assert result.recording is None
     assert result.episode.control_steps == 0
@@ -189,7 +189,7 @@ def test_a_controller_without_a_first_action_ends_the_episode(lane: Lane) -> Non
 
 @pytest.mark.parametrize("value", [1e6, np.nan])
 def test_physics_that_blows_up_is_named_and_is_valid_json(
-    lane: Lane, monkeypatch: pytest.MonkeyPatch, value: float
+    lane: HeadlessEnv, monkeypatch: pytest.MonkeyPatch, value: float
 ) -> None:
     original = lane._advance
 

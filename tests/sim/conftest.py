@@ -13,7 +13,7 @@ import pytest
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance
-from gensim2.sim.arguments import as_library
+from gensim2.scenes.arguments import as_library
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 

@@ -17,9 +17,9 @@ import gensim2.sim
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import open_library
 from gensim2.robots import robot
+from gensim2.scenes.randomize import Draw, draw_object
 from gensim2.seeding import rng
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.randomize import Draw, draw_object
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.presets import preset

@@ -18,10 +18,11 @@ from gensim2.errors import InputError
 from gensim2.objects import RigidObject, open_library
 from gensim2.objects.types import Instance
 from gensim2.robots import robot
+from gensim2.scenes.default_pose import DefaultPose, released_pose
 from gensim2.sim import original
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
-from gensim2.sim.physics import OURS, named_physics
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.sim.physics import DEFAULT, named_physics
 from gensim2.sim.rigid import build_rigid
 from gensim2.tasks.library import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -38,19 +39,19 @@ def task_on(asset_class: str) -> TaskSpec:
     )
 
 
-def lane_on(asset_class: str, physics: Any = "original", instance: str = "0") -> Lane:
-    lane = Lane(task_on(asset_class), assets="builtin", instances=instance, physics=physics)
+def lane_on(asset_class: str, physics: Any = "original", instance: str = "0") -> HeadlessEnv:
+    lane = HeadlessEnv(task_on(asset_class), assets="builtin", instances=instance, physics=physics)
     lane.reset(0)
     return lane
 
 
-def articulation_in(lane: Lane) -> physx.PhysxArticulation:
+def articulation_in(lane: HeadlessEnv) -> physx.PhysxArticulation:
     (part,) = lane.parts.values()
     articulation: physx.PhysxArticulation = part.articulation
     return articulation
 
 
-def openness_in(lane: Lane) -> float:
+def openness_in(lane: HeadlessEnv) -> float:
     (openness,) = lane.measure().openness.values()
     return openness
 
@@ -84,7 +85,7 @@ def test_scene_settings_are_the_original_s() -> None:
 def test_ours_stays_ours_beside_it() -> None:
     """PhysX's settings and SAPIEN's default material belong to the process: the last scene's must not be taken."""
     lane_on("box_rotate", "original")
-    lane = lane_on("box_rotate", "ours")
+    lane = lane_on("box_rotate", "default")
     assert (lane._system.config.enable_tgs, lane._system.config.enable_pcm) == (True, True)
     articulation = articulation_in(lane)
     assert articulation.solver_position_iterations == 15
@@ -100,7 +101,7 @@ def test_ours_stays_ours_beside_it() -> None:
 def test_fingers_are_soft_where_there_is_something_to_pick_up() -> None:
     """In the environment as in the lane; the planner is told."""
     task = "PlaceGolfBallIntoBox"
-    lane = Lane(task, assets="builtin", physics="original")
+    lane = HeadlessEnv(task, assets="builtin", physics="original")
     lane.reset(0)
     env = GenSim2Env(task, assets="builtin", physics="original")
     env.reset(seed=0)
@@ -146,7 +147,7 @@ def test_a_class_that_the_original_has_not_takes_its_usual_values() -> None:
     assert (constants.density("desk_lamp"), constants.joint_friction("desk_lamp")) == (100.0, 0.1)
 
 
-@pytest.mark.parametrize(("physics", "density"), [("original", 100.0), ("ours", None)])
+@pytest.mark.parametrize(("physics", "density"), [("original", 100.0), ("default", None)])
 def test_rigid_objects_weigh_by_their_hulls(physics: str, density: float | None) -> None:
     rigid = open_library("builtin").load("golf_ball", "0")
     assert isinstance(rigid, RigidObject)
@@ -163,7 +164,7 @@ def test_rigid_objects_weigh_by_their_hulls(physics: str, density: float | None)
         assert shape.physical_material.restitution == pytest.approx(restitution)
 
 
-def _left_alone(lane: Lane, openness: float, seconds: float = 5.0) -> float:
+def _left_alone(lane: HeadlessEnv, openness: float, seconds: float = 5.0) -> float:
     lane.reset(0, {"openness": openness}, robot=False)
     for _ in range(round(seconds * 20)):
         lane.wait()
@@ -177,7 +178,7 @@ def _left_alone(lane: Lane, openness: float, seconds: float = 5.0) -> float:
 def test_what_is_left_half_open_falls_under_the_original_and_stays_under_ours(asset_class: str, end: float) -> None:
     """An oven's door and a pot's lid fall, a box's lid stays: as in SAPIEN 2.2.2 (benchmarks/left_alone.py)."""
     assert _left_alone(lane_on(asset_class, "original"), 0.5) == pytest.approx(end, abs=0.02)
-    assert _left_alone(lane_on(asset_class, "ours"), 0.5) == pytest.approx(0.5, abs=0.01)
+    assert _left_alone(lane_on(asset_class, "default"), 0.5) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
@@ -203,16 +204,19 @@ def test_a_toaster_s_lever_stays_up_and_yields_to_a_push() -> None:
 
 
 def test_every_row_is_a_pose_and_none_stands_twice() -> None:
-    text = (files(original) / "default_poses.csv").read_text()
+    text = (files("gensim2.scenes") / "default_poses.csv").read_text()
+    box = dataclasses.replace(open_library("builtin").load("box_rotate", "0"), source="real")
+    assert isinstance(box, Instance)
     rows = list(csv.DictReader(text.splitlines()))
     assert len(rows) == len({(row["class"], row["id"]) for row in rows}) == 169
     for row in rows:
-        pose = original.default_pose(row["class"], row["id"])
+        pose = released_pose(dataclasses.replace(box, asset_class=row["class"], id=row["id"]))
         assert pose is not None
         assert np.linalg.norm(pose.quaternion) == pytest.approx(1.0)
         assert np.abs(pose.position).max() < 0.65
         assert 0 <= pose.openness <= 1
-    assert original.default_pose("box_rotate", "no such box") is None
+    assert released_pose(dataclasses.replace(box, id="no such box")) is None
+    assert released_pose(dataclasses.replace(box, id="100141", source="generated")) is None
 
 
 class _Renamed:
@@ -240,17 +244,17 @@ def test_a_released_model_stands_at_the_original_s_pose_and_others_at_ours() -> 
     released = dataclasses.replace(generated, source="real", id="100141")
     unknown = dataclasses.replace(generated, source="real", id="1")
     still = {"offset": [0.0, 0.0, 0.0]}
-    row = original.default_pose("box_rotate", "100141")
+    row = released_pose(released)
     assert row is not None
     own = generated.placement.position
     cases: list[tuple[Any, Instance, Any, str]] = [
         ("original", released, row.position, "original"),
-        ("ours", released, own, "ours"),
-        ("original", unknown, own, "ours"),
-        ("original", generated, own, "ours"),
+        ("default", released, own, "default"),
+        ("original", unknown, own, "default"),
+        ("original", generated, own, "default"),
     ]
     for physics, model, position, origin in cases:
-        lane = Lane(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
+        lane = HeadlessEnv(task_on("box_rotate"), assets=_Renamed(model), physics=physics)
         lane.reset(0, still)
         thing = lane.setup.objects["object"]
         assert thing.position == pytest.approx(position)
@@ -265,9 +269,9 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
     generated = lane_on("toaster_move").setup.objects["object"].model
     assert isinstance(generated, Instance)
     place = generated.placement
-    sunk = original.DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0)
-    monkeypatch.setattr(original, "default_pose", lambda *_: sunk)
-    lane = Lane(
+    sunk = DefaultPose(place.position - [0.0, 0.0, 0.01], place.quaternion, 0.0, "original")
+    monkeypatch.setattr("gensim2.scenes.default_pose.released_pose", lambda _: sunk)
+    lane = HeadlessEnv(
         task_on("toaster_move"), assets=_Renamed(dataclasses.replace(generated, source="real")), physics="original"
     )
     lane.reset(0, {"offset": [0.0, 0.0, 0.0], "openness": 0.0}, robot=False)
@@ -285,13 +289,13 @@ def test_a_pose_that_has_what_moves_in_the_table_is_raised(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05])
-@pytest.mark.parametrize("physics", ["ours", "original"])
+@pytest.mark.parametrize("physics", ["default", "original"])
 def test_states_are_those_of_the_environment(
     crates: Callable[..., Any], crate_task: TaskSpec, physics: Any, damping: float
 ) -> None:
     library = crates(damping=damping, friction=0.35)
     env = GenSim2Env(crate_task, assets=library, physics=physics)
-    lane = Lane(crate_task, assets=library, physics=physics)
+    lane = HeadlessEnv(crate_task, assets=library, physics=physics)
     options = {"offset": [-0.02, 0.0, 0.0], "openness": 0.9}
     start = np.array([0.0, -0.32, 0.0, -2.618, 0.0, 2.23, 0.785, 1.0], dtype=np.float32)
     reach = np.array([0.0, 0.9, 0.0, -1.9, 0.0, 2.7, 0.785, -1.0], dtype=np.float32)
@@ -314,7 +318,7 @@ def test_states_are_those_of_the_environment(
 
 
 def test_an_unknown_physics_is_refused(crate_task: TaskSpec, crates: Callable[..., Any]) -> None:
-    for make in (Lane, GenSim2Env):
-        with pytest.raises(InputError, match="physics: must be one of ours, original, is 'theirs'"):
+    for make in (HeadlessEnv, GenSim2Env):
+        with pytest.raises(InputError, match="physics: no physics 'theirs' \\(one of default, original\\)"):
             make(crate_task, assets=crates(), physics="theirs")
-    assert named_physics("ours") is OURS
+    assert named_physics("default") is named_physics("ours") is DEFAULT

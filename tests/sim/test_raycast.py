@@ -18,7 +18,7 @@ from gensim2.raycast.scene import RaycastScene
 from gensim2.raycast.shapes import Surface, read_mesh
 from gensim2.robots import robot, robot_names
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.rendering import can_render
 
 HOLD = np.array([0, -0.32, 0, -2.618, 0, 2.23, 0.785, 1], dtype=np.float32)
@@ -42,12 +42,12 @@ def at(x: float, y: float, z: float, yaw: float = 0.0) -> np.ndarray:
     return pose
 
 
-def states(lane: Lane) -> dict[str, Any]:
+def states(lane: HeadlessEnv) -> dict[str, Any]:
     """The present state, as recordings have it."""
     return {kind: {name: row[None] for name, row in rows.items()} for kind, rows in lane.state().items()}
 
 
-def models(lane: Lane) -> dict[str, Any]:
+def models(lane: HeadlessEnv) -> dict[str, Any]:
     return {name: placed.model for name, placed in lane.setup.objects.items()}
 
 
@@ -134,7 +134,7 @@ def test_a_texture_is_sampled_where_it_lies(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", robot_names())
 def test_links_and_ids_are_the_simulators(name: str) -> None:
-    lane = Lane("StashCupInBox" if name == "panda" else "OpenDrawer", assets="builtin", robot=name)
+    lane = HeadlessEnv("StashCupInBox" if name == "panda" else "OpenDrawer", assets="builtin", robot=name)
     lane.reset(seed=4)
     for _ in range(3):
         lane.step(lane.profile.rest_action + np.float32(0.2))
@@ -164,7 +164,7 @@ def test_a_policy_sees_in_evaluation_what_recordings_give() -> None:
     env = GenSim2Env("OpenDrawer", assets="builtin", obs_mode="raycast", observation=settings.to_dict())
     obs, _ = env.reset(seed=3)
     assert env.obs_mode == "raycast"
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     lane.reset(seed=3)
     observer = Observer(robot("panda"), models(lane), settings, seed=3)
     for step in range(3):
@@ -184,7 +184,7 @@ def test_settings_are_for_rays_and_states_are_of_the_scene() -> None:
         GenSim2Env("OpenDrawer", assets="builtin", obs_mode="state", observation={"points": 8})
     with pytest.raises(InputError, match="no setting 'colour'"):
         GenSim2Env("OpenDrawer", assets="builtin", obs_mode="raycast", observation={"colour": 8})
-    lane = Lane("OpenDrawer", assets="builtin")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin")
     lane.reset(seed=1)
     scene = RaycastScene(robot("panda"), models(lane), [camera()])
     with pytest.raises(InputError, match="env_states/articulations/drawer"):
@@ -198,12 +198,12 @@ def test_pictures_are_those_of_the_renderer() -> None:
     from gensim2.sim.pictures import StatePictures
     from gensim2.tasks.library import load_task
 
-    lane = Lane("StashCupInBox", assets="builtin")
+    lane = HeadlessEnv("StashCupInBox", assets="builtin")
     lane.reset(seed=6)
     for _ in range(6):
         lane.step(HOLD + np.float32(0.4))
     recorded = states(lane)
-    pictures = StatePictures(lane.task, "builtin", "panda", "ours", ("depth", "segmentation"))
+    pictures = StatePictures(lane.task, "builtin", "panda", "default", ("depth", "segmentation"))
     instances = {name: model.id for name, model in models(lane).items()}
     pictures.show(instances, 6, {"instance": instances})
     images = pictures.at(recorded, 0)

@@ -12,8 +12,8 @@ from gensim2.data.trajectory import env_kwargs
 from gensim2.robots import robot
 from gensim2.rollout.run import run
 from gensim2.rollout.still import StillController
-from gensim2.scenes.config import Circumstances
-from gensim2.sim.lane import Lane
+from gensim2.scenes.config import SceneOptions
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.parts import ArticulatedPart, Part
 from gensim2.sim.registration import env_id
 from gensim2.tasks.presets import PRESET_NAMES
@@ -41,9 +41,11 @@ def _resistance(part: Part) -> float:
     return float(joint.friction) or float(joint.force_limit)
 
 
-@pytest.mark.parametrize("physics", ["ours", "original"])
+@pytest.mark.parametrize("physics", ["default", "original"])
 def test_what_is_drawn_reaches_physics(physics: str) -> None:
-    plain, wide = (Lane(TASK, assets="builtin", physics=physics, randomization=name) for name in ("paper", "wide"))
+    plain, wide = (
+        HeadlessEnv(TASK, assets="builtin", physics=physics, randomization=name) for name in ("paper", "wide")
+    )
     seen = set()
     for seed in range(3):
         plain.reset(seed)
@@ -59,13 +61,13 @@ def test_what_is_drawn_reaches_physics(physics: str) -> None:
             assert _frictions(part) == pytest.approx(expected, rel=1e-5)
             seen.add(factors)
         drawer = wide.parts["drawer"].thing.factors
-        joint = drawer.joint_friction * (drawer.mass if physics == "ours" else 1.0)
+        joint = drawer.joint_friction * (drawer.mass if physics == "default" else 1.0)
         assert _resistance(wide.parts["drawer"]) == pytest.approx(joint * _resistance(plain.parts["drawer"]), rel=1e-5)
     assert len(seen) == 6
 
 
 def test_no_preset_shifts_what_another_draws() -> None:
-    lanes = {name: Lane(TASK, assets="builtin", randomization=name) for name in PRESET_NAMES}
+    lanes = {name: HeadlessEnv(TASK, assets="builtin", randomization=name) for name in PRESET_NAMES}
     for seed in range(5):
         for lane in lanes.values():
             lane.reset(seed)
@@ -78,7 +80,7 @@ def test_no_preset_shifts_what_another_draws() -> None:
 
 
 def test_the_record_tells_every_draw() -> None:
-    lane = Lane("OpenDrawer", assets="builtin", randomization="wide")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", randomization="wide")
     episode = run(lane, StillController(PANDA, 2), seed=3).episode
     thing, record = lane.setup.objects["drawer"], episode.objects["drawer"]
     assert (episode.randomization, tuple(episode.start)) == ("wide", lane.setup.start)
@@ -90,9 +92,9 @@ def test_the_record_tells_every_draw() -> None:
 
 
 def test_a_wide_scene_is_replayed_by_what_travels_with_a_trajectory() -> None:
-    environment: dict[str, Any] = Circumstances("builtin", randomization="wide").environment
+    environment: dict[str, Any] = SceneOptions("builtin", randomization="wide").environment
     assert environment == {"randomization": "wide"}
-    lane = Lane(TASK, assets="builtin", randomization="wide")
+    lane = HeadlessEnv(TASK, assets="builtin", randomization="wide")
     moves = np.random.default_rng(0).normal(0.0, 0.2, (40, 8)).astype(np.float32)
     for seed in (1, 2):
         lane.reset(seed)
@@ -110,7 +112,7 @@ def test_a_wide_scene_is_replayed_by_what_travels_with_a_trajectory() -> None:
 
 
 def test_without_the_arm_the_hand_counts_as_standing_at_the_drawn_start() -> None:
-    lane = Lane("OpenDrawer", assets="builtin", randomization="wide")
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", randomization="wide")
     lane.reset(5)
     hand = dict(lane.measure().gripper)
     lane.reset(5, robot=False)

@@ -96,9 +96,9 @@ def test_the_script_replaces_rows_of_the_same_condition(tmp_path: Path) -> None:
     original = written(tmp_path / "b.json", document(physics="original"))
     again = written(tmp_path / "c.json", document(seed=10))
     assert run(ours, original).returncode == 0
-    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("original", 9), ("ours", 9)]
+    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("default", 9), ("original", 9)]
     assert run(again).returncode == 0
-    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("original", 9), ("ours", 10)]
+    assert [(row.condition.physics, row.seed) for row in read_figures(out).rows] == [("default", 10), ("original", 9)]
     twice = run(ours, again)
     assert twice.returncode == 1
     assert "same task under the same condition" in twice.stderr

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task, task_names
 
 pytest.importorskip("mani_skill")
@@ -20,14 +20,14 @@ NEEDED = 4
 @pytest.fixture(scope="module")
 def evaluator() -> Iterator[PoolEvaluator]:
     """On generated objects; two workers, which change nothing."""
-    with PoolEvaluator(Circumstances("builtin"), 2) as evaluator:
+    with PoolEvaluator(SceneOptions("builtin"), 2) as evaluator:
         yield evaluator
 
 
 @pytest.mark.parametrize("name", task_names("paper"))
 def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator) -> None:
     strategies = load_strategies(name)
-    setting = evaluator.setting(load_task(name), "all")
+    setting = evaluator.config(load_task(name), "all")
     ways = {step.name: {each: strategies[each] for each in step.strategies} for step in setting.task.steps}
     episodes = evaluator.episodes(setting, [(ways, seed) for seed in SEEDS])
     assert [episode.seed for episode in episodes] == list(SEEDS)
@@ -40,17 +40,17 @@ def test_the_stored_strategies_do_their_task(name: str, evaluator: PoolEvaluator
 @pytest.mark.parametrize(
     ("name", "physics", "instance", "seed"),
     [
-        ("PlaceCrackerBoxIntoRefrigerator", "ours", "0", 5),  # let go between fingers one above the other, it fell
+        ("PlaceCrackerBoxIntoRefrigerator", "default", "0", 5),  # let go between fingers one above the other, it fell
         ("OpenDrawer", "original", "12", 12),  # pulled fast, a drawer with little friction springs back from its stop
-        ("FillMugWithWater", "ours", "2", 2),  # the way that the grasp foresaw was not found again
+        ("FillMugWithWater", "default", "2", 2),  # the way that the grasp foresaw was not found again
     ],
 )
 def test_what_is_done_stays_done(name: str, physics: str, instance: str, seed: int) -> None:
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.run import run
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-    lane = Lane(name, assets="builtin", physics=physics, instances=instance)
+    lane = HeadlessEnv(name, assets="builtin", physics=physics, instances=instance)
     controller = ChainController(load_task(name), load_strategies(name), lane.profile)
     episode = run(lane, controller, seed=seed).episode
     assert episode.held, (episode.cause, episode.diagnosis)

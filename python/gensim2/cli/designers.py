@@ -12,7 +12,7 @@ from gensim2.cli import options
 
 if TYPE_CHECKING:
     from gensim2.design import Designer
-    from gensim2.scenes.config import Circumstances
+    from gensim2.scenes.config import SceneOptions
     from gensim2.tasks.spec import TaskSpec
 
 OFFLINE = "offline"
@@ -75,7 +75,7 @@ def designer_of_command(
     designer: str | None,
     target_task: str | None,
     target_object: str | None,
-    circumstances: Circumstances,
+    scene: SceneOptions,
     asked: dict[str, Any],
 ) -> tuple[Designer, str | None]:
     """The designer that the options stand for, and the task of the library that is to be designed anew.
@@ -105,7 +105,7 @@ def designer_of_command(
     found = model_designer(
         None if designer == OFFLINE else designer,
         Asking(**{name: value for name, value in {**asking, **wished}.items() if value is not None}),
-        circumstances,
+        scene,
         review=review,
         **asked,
     )

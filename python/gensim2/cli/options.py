@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -39,6 +39,14 @@ class Command(click.Command):
             return False
         needed = [param for param in self.params if isinstance(param, click.Argument) and param.required]
         return any(not isinstance(given.get(param.name), str | tuple) for param in needed)
+
+
+class _Physics(click.Choice[str]):
+    """A preset; the word of earlier releases is understood and not offered."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name of the preset."""
+        return super().convert("default" if value == "ours" else value, param, ctx)
 
 
 def _use_library(ctx: click.Context, _: click.Parameter, folder: str | None) -> None:
@@ -100,10 +108,10 @@ video = click.option(
 )
 physics = click.option(
     "--physics",
-    type=click.Choice(("ours", "original")),
-    default="ours",
+    type=_Physics(("default", "original")),
+    default="default",
     show_default=True,
-    help="Joint friction, densities, materials and default poses: ours, or those of the original GenSim2.",
+    help="Joint friction, densities, materials and default poses: the project's own, or those of the original GenSim2.",
 )
 randomization = click.option(
     "--randomization",
@@ -176,7 +184,7 @@ def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
     return decorate
 
 
-#: What scenes and episodes follow from: ``gensim2.rollout.inputs.SceneArguments``, and the seed.
+#: What scenes and episodes follow from: ``gensim2.rollout.config.RolloutArguments``, and the seed.
 scenes = _all(seed, assets, instances, physics, randomization, robot, open_loop)
 #: How simulator processes work.
 processes = _all(workers, time_limit, jobs_per_worker)

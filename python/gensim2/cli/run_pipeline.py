@@ -14,8 +14,7 @@ from gensim2.cli.output import line, report, table
 from gensim2.cli.tasks_memory import show_remembered
 
 if TYPE_CHECKING:
-    from gensim2.scenes.config import Physics
-    from gensim2.tasks.presets import PresetName
+    pass
 
 
 @click.command("run-pipeline", cls=options.Command, short_help="Design, verify and demonstrate new tasks.")
@@ -64,10 +63,6 @@ def run_pipeline(
     target_task: str | None,
     target_object: str | None,
     designer: str | None,
-    assets: str | None,
-    physics: Physics,
-    randomization: PresetName,
-    robot: str,
     json_file: str | None,
     **given: Any,
 ) -> None:
@@ -81,19 +76,14 @@ def run_pipeline(
     with report(json_file, _show) as (progress, give):
         from gensim2.design import run_pipeline as function
         from gensim2.design.remembering import remember
-        from gensim2.objects import open_library
-        from gensim2.scenes.config import Circumstances
+        from gensim2.scenes.config import SceneOptions, split_arguments
 
         asked = {name: given.pop(name) for name in NAMES}
-        circumstances = Circumstances(open_library(assets).location, physics, robot, randomization=randomization)
-        by, target = designer_of_command(designer, target_task, target_object, circumstances, asked)
+        scene = SceneOptions.of(**split_arguments(given)[0])
+        by, target = designer_of_command(designer, target_task, target_object, scene, asked)
         result = function(
             designer=by,
             target_task=target,
-            assets=assets,
-            physics=physics,
-            randomization=randomization,
-            robot=robot,
             progress=progress,
             **given,
         ).to_dict()

@@ -12,19 +12,32 @@ from gensim2.cli import options
 from gensim2.cli.output import line, report
 
 
-@click.command("add", cls=options.Command, short_help="Add what a run kept to your own library.")
-@click.argument("run", type=click.Path(path_type=Path))
+@click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--episodes", type=options.count(), default=20, show_default=True, help="To verify a task of your own by."
+)
 @options.library
+@options.scenes
+@options.workers
 @options.json_file
-def add(run: Path, json_file: str | None) -> None:
-    """Add the tasks that RUN, the folder of a run-pipeline, designed and kept to your own library.
+def add(folder: Path, json_file: str | None, **given: Any) -> None:
+    """Add the tasks of FOLDER to your own library.
 
-    A task that the library has already, by its name or in other words, is named and left out.
+    FOLDER is that of a run-pipeline, whose tasks that were designed and kept are added; or one that holds task.yaml and
+    strategies/, a task made by hand, which is verified first: of its --episodes fresh ones 0.6 must hold. What is not
+    added is named with the reason.
     """
-    with report(json_file, show_remembered) as (_, give):
-        from gensim2.design.remembering import remember
+    with report(json_file, show_remembered) as (progress, give):
+        if (folder / "task.yaml").is_file():
+            from gensim2.design.adding import add_task
 
-        give({"schema_version": 1, **asdict(remember(run))})
+            remembered = add_task(folder, progress=progress, **given)
+        else:
+            from gensim2.design.remembering import remember
+
+            remembered = remember(folder)
+        give({"schema_version": 1, **asdict(remembered)})
 
 
 @click.command("remove", cls=options.Command, short_help="Remove a task from your own library.")
@@ -74,6 +87,10 @@ def show_remembered(result: dict[str, Any]) -> None:
     """Say what was added and what was not."""
     for name, why in result["left_out"].items():
         line(f"left out {name}: {why}")
+    if not result["added"] and not result["left_out"]:
+        line(
+            "nothing to add: no task was designed and kept" if result["library"] else "there is no library of your own"
+        )
     if result["added"]:
         line(f"in your library {result['library']}: {', '.join(result['added'])}")
 

@@ -97,7 +97,7 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
 
 
 def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
-    record, circumstances = dataset.record, dataset.record.circumstances
+    record, scene = dataset.record, dataset.record.scene
     episodes, steps = sum(one.episodes for one in described), sum(one.steps for one in described)
     used = {f"{asset_class}/{id}" for one in described for asset_class, id in one.objects}
     licenses = sorted({record.objects[name].license for name in used if name in record.objects})
@@ -129,10 +129,10 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         *_table(
             ("", ""),
             [
-                ("robot", circumstances.robot),
-                ("objects", "generated" if circumstances.assets == "builtin" else "from a folder"),
-                ("physics", circumstances.physics),
-                ("randomization", circumstances.randomization),
+                ("robot", scene.robot),
+                ("objects", "generated" if scene.assets == "builtin" else "from a folder"),
+                ("physics", scene.physics),
+                ("randomization", scene.randomization),
                 ("seed", str(record.seed)),
                 ("episodes tried of each task", str(record.episodes)),
                 *((f"version of {name}", version) for name, version in sorted(record.versions.items())),

@@ -11,7 +11,8 @@ from typing import Any, Unpack
 from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.rollout.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -64,7 +65,7 @@ def collect(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     listener: Listener | None = None,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> CollectionResult:
     """Try episodes of tasks and keep each as soon as it is finished.
 
@@ -82,7 +83,7 @@ def collect(
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
         listener: is told how far it is.
-        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.
@@ -107,9 +108,10 @@ def collect(
     ) as folder:
         queue = Queue(folder, given, listener)
         with PoolEvaluator(
-            given[0].circumstances,
+            given[0].scene.options,
             workers,
             listener,
+            rollout=given[0].rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.path / ERRORS_LOG,
@@ -134,7 +136,7 @@ def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_fail
     from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(
-        arguments=asdict(given[0].circumstances),
+        arguments={**given[0].scene.options.to_record(), **given[0].rollout.to_record()},
         seed=seed,
         episodes=episodes,
         keep_failures=keep_failures,

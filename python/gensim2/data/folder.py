@@ -9,11 +9,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gensim2.data.lock import FolderLock
+from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.record import DatasetRecord
 from gensim2.data.store import DATASET_JSON, DataSet
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries, write_json
+from gensim2.files import write_json
 
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
 """What says when, where and how; everything else in the folder follows from ``dataset.json``."""
@@ -21,7 +21,7 @@ RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
 _REMEDY = "go on with the same, or choose another --out"
 
 
-class CollectionFolder:
+class CollectionFolder(OwnedFolder):
     """A context manager: leaving it gives the folder up.
 
     Args:
@@ -29,19 +29,16 @@ class CollectionFolder:
         record: what the collection is to be. A data set that is gone on with may get more episodes and more tasks;
             everything else must be as it was.
         resume: go on with a data set that is there.
-        circumstances: of this run alone (workers, for example), for ``run.json``.
+        process: facts of this run alone (workers, for example), for ``run.json``.
 
     Raises:
         InputError: the folder holds a data set and ``resume`` is off, or another one, or something else, or another
             process is at work in it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, record: DatasetRecord, resume: bool, circumstances: dict[str, Any]) -> None:
-        self._check(path, resume)
-        self._lock = FolderLock(path)
-        try:
-            self._check(path, resume)  # what another process did until we had the lock
-            remove_temporaries(path)
+    def __init__(self, path: Path, record: DatasetRecord, resume: bool, process: dict[str, Any]) -> None:
+        super().__init__(path, DATASET_JSON, "a data set", resume)
+        with self.released_on_error():
             if (path / DATASET_JSON).exists():
                 _compare(path / DATASET_JSON, DataSet.open(path).record, record)
             self.dataset = DataSet(path, record)
@@ -51,17 +48,8 @@ class CollectionFolder:
                 "host": socket.gethostname(),
                 "platform": platform.platform(),
             }
-            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **circumstances}
+            self._run |= {"folder": str(path.resolve()), "started": now(), "finished": None, **process}
             self.note({})
-        except BaseException:
-            self._lock.release()
-            raise
-
-    def __enter__(self) -> CollectionFolder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
     @property
     def path(self) -> Path:
@@ -73,18 +61,6 @@ class CollectionFolder:
         self._run |= progress
         write_json(self.path / RUN_JSON, self._run)
         return self._run
-
-    @staticmethod
-    def _check(path: Path, resume: bool) -> None:
-        if not path.exists():
-            return
-        if not path.is_dir():
-            raise InputError("is not a folder", file=path, remedy="choose another --out")
-        if (path / DATASET_JSON).exists():
-            if not resume:
-                raise InputError("holds a data set", file=path, remedy="add --resume, or choose another --out")
-        elif any(entry.name != FolderLock.NAME for entry in path.iterdir() if not _is_leftover(entry)):
-            raise InputError("is not empty and holds no data set", file=path, remedy="choose another --out")
 
 
 def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
@@ -119,7 +95,3 @@ def _compare(file: Path, before: DatasetRecord, now: DatasetRecord) -> None:
 def now() -> str:
     """The time, with its zone."""
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
-
-
-def _is_leftover(path: Path) -> bool:
-    return path.name.startswith(f".{DATASET_JSON}.")

@@ -18,8 +18,8 @@ from gensim2.raycast.observer import Observer
 from gensim2.robots import RobotProfile
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneConfig
 from gensim2.sim.cameras import PLACES, observation_cameras
-from gensim2.tasks.spec import TaskSpec
 
 Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]
 MODALITIES: tuple[Modality, ...] = get_args(Modality)
@@ -63,35 +63,16 @@ class Plan:
         }
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What the episodes of one task are shown with.
-
-    Attributes:
-        task: of the episodes.
-        assets, robot, physics: of their environment.
-    """
-
-    task: TaskSpec
-    assets: str
-    robot: str
-    physics: str
-
-    def __hash__(self) -> int:
-        """By the task's name: a spec holds mappings."""
-        return hash((self.task.name, self.assets, self.robot, self.physics))
-
-
-def observe(recording: Recording, shown: Shown, plan: Plan) -> Arrays:
+def observe(recording: Recording, scene: SceneConfig, plan: Plan) -> Arrays:
     """Everything that the plan asks for, (T + 1, ...) an array; states of T steps, and the one before the first.
 
     Raises:
         InputError: an object's files cannot be used, or there is no renderer for ``rgb``.
         EmptyCloudError: the cameras see nothing of the workspace at some instant; it says at which.
     """
-    profile = robot_profile(shown.robot)
+    profile = robot_profile(scene.robot)
     cameras = tuple(camera for camera in observation_cameras(profile) if camera.name in plan.cameras)
-    observer = Observer(profile, _objects(shown, recording.instances), plan.cloud, recording.seed, cameras)
+    observer = Observer(profile, _objects(scene, recording.instances), plan.cloud, recording.seed, cameras)
     arrays: Arrays = {}
     for camera in cameras:
         arrays[f"cameras/{camera.name}/intrinsic"] = camera.intrinsic
@@ -100,7 +81,7 @@ def observe(recording: Recording, shown: Shown, plan: Plan) -> Arrays:
     if plan.casts:
         arrays |= _cast(recording, observer, plan)
     if "rgb" in plan.modalities:
-        arrays |= _photographed(recording, shown, plan)
+        arrays |= _photographed(recording, scene, plan)
     return arrays
 
 
@@ -153,8 +134,8 @@ def _stored_view(view: View, plan: Plan) -> Arrays:
     return found
 
 
-def _photographed(recording: Recording, shown: Shown, plan: Plan) -> Arrays:
-    pictures = _pictures(shown)
+def _photographed(recording: Recording, scene: SceneConfig, plan: Plan) -> Arrays:
+    pictures = _pictures(scene)
     pictures.show(recording.instances, recording.seed, recording.reset_options)
     frames: dict[str, list[npt.NDArray[Any]]] = {}
     for step in range(recording.steps + 1):
@@ -169,16 +150,16 @@ def _library(assets: str) -> Library:
 
 
 @lru_cache(maxsize=1)  # 2 GB each
-def _pictures(shown: Shown) -> Any:
+def _pictures(scene: SceneConfig) -> Any:
     from gensim2.sim.pictures import StatePictures
 
-    return StatePictures(shown.task, shown.assets, shown.robot, shown.physics)
+    return StatePictures(scene)
 
 
-def _objects(shown: Shown, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
-    library = _library(shown.assets)
+def _objects(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
+    library = _library(scene.assets)
     found: dict[str, ObjectModel] = {}
-    for name, spec in shown.task.objects.items():
+    for name, spec in scene.task.objects.items():
         if name not in instances:
             raise GenSim2Error(f"the recording does not say which {name} it was made with")
         found[name] = library.load(spec.asset_class, instances[name])

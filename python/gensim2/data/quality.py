@@ -76,8 +76,8 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
     Raises:
         InputError: the collection is not complete, or a file is damaged, of an episode or of an object.
     """
-    circumstances = dataset.record.circumstances
-    profile, library = robot(circumstances.robot), open_library(circumstances.assets)
+    scene = dataset.record.scene
+    profile, library = robot(scene.robot), open_library(scene.assets)
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)

@@ -9,6 +9,7 @@ import contextlib
 import shutil
 import time
 from collections.abc import Sequence
+from functools import partial
 
 from gensim2.data.card import card
 from gensim2.data.folder import CollectionFolder, now
@@ -16,11 +17,9 @@ from gensim2.data.page import write_page
 from gensim2.data.record import ObjectUsed
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.status import Listener, Status
-from gensim2.data.task_queue import TaskQueue
-from gensim2.errors import InputError, NotRunError
-from gensim2.files import remove_temporaries
+from gensim2.data.task_queue import Quota, TaskQueue, run_queues
+from gensim2.errors import InputError
 from gensim2.objects import Library
-from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput
 
@@ -43,13 +42,25 @@ class Queue:
     def __init__(self, folder: CollectionFolder, given: Sequence[TaskInput], listener: Listener) -> None:
         self._folder, self._listener, self._library = folder, listener, given[0].library
         self._record = folder.dataset.record
-        self._tasks = [TaskQueue(one, folder.dataset.task(one.spec.name), self._record) for one in given]
+        self._tasks = [self._queue(one) for one in given]
         self._ran, self._begin, self._told = 0, time.monotonic(), 0.0
         self._evaluator: PoolEvaluator | None = None
         for task in self._tasks:
             files = TaskFolder(task.store.folder)
-            files.write_task(task.given.spec)
-            files.write_strategies(task.given.strategies)
+            files.write_task(task.task)
+            files.write_strategies(task.strategies)
+
+    def _queue(self, given: TaskInput) -> TaskQueue:
+        name = given.spec.name
+        return TaskQueue(
+            given.spec,
+            given.strategies,
+            given.instances,
+            self._folder.dataset.task(name),
+            partial(self._record.scene_seed, name),
+            Quota(self._record.episodes),
+            keep_failures=self._record.keep_failures,
+        )
 
     def run(self, evaluator: PoolEvaluator) -> Status:
         """Run what is not done; leave the data set complete, with its report.
@@ -62,7 +73,6 @@ class Queue:
             whole = self._read()
             self._begin = time.monotonic()
             self._run(evaluator, whole)
-            remove_temporaries(self._folder.path)  # a worker that was killed while it wrote leaves one
             self._record.complete = True
             self._folder.dataset.save()
             if any(task.status.held for task in self._tasks):
@@ -104,25 +114,20 @@ class Queue:
         for task in self._tasks:
             if task.is_done and task.name not in whole:
                 self._finish(task)
-        total = self._record.episodes
-        jobs = (job for number, task in enumerate(self._tasks) for job in task.jobs(evaluator, number * total))
         try:
-            for number, kept in evaluator.run(worker.record, jobs, "collection"):
-                task, index = self._tasks[number // total], number % total
-                task.count(index, kept)
-                self._ran += 1
-                self._tell()
-                if task.is_done:
-                    self._finish(task)
-        except NotRunError as error:
-            raise self._named(error) from error
+            run_queues(self._tasks, evaluator, self._counted)
         finally:
             self._tell(at_once=True)
 
+    def _counted(self, task: TaskQueue) -> None:
+        self._ran += 1
+        self._tell()
+        if task.is_done:
+            self._finish(task)
+
     def _finish(self, task: TaskQueue) -> None:
         """Write the rows of a task all of whose episodes are there."""
-        for _ in task.store.write_rows(task.total):
-            pass
+        task.finish()
         self._add_objects(task)
 
     def _add_objects(self, task: TaskQueue) -> None:
@@ -146,15 +151,6 @@ class Queue:
         entry, status = self._record.tasks[task.name], task.status
         entry.tried, entry.held, entry.strict, entry.causes = status.tried, status.held, status.strict, status.causes
         self._folder.dataset.save()
-
-    def _named(self, error: NotRunError) -> NotRunError:
-        """The error with the indices of the first task that it is of."""
-        total = self._record.episodes
-        concerned = sorted({number // total for number in error.reasons})
-        first = concerned[0]
-        others = f" (and of {len(concerned) - 1} other tasks)" if len(concerned) > 1 else ""
-        reasons = {number % total: why for number, why in error.reasons.items() if number // total == first}
-        return NotRunError(f"episodes of {self._tasks[first].name}{others}", reasons, error.log)
 
     def _tell(self, at_once: bool = False) -> None:
         if at_once or time.monotonic() - self._told > UPDATE_SECONDS:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from gensim2.scenes.config import Circumstances
+from gensim2.rollout.config import RolloutOptions
+from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.physics import with_current_physics
 from gensim2.seeding import scene_seeds
 
 DATASET_SCHEMA: Literal[1] = 1
@@ -55,8 +56,8 @@ class DatasetRecord(_Record):
     """``dataset.json``.
 
     Attributes:
-        arguments: what all episodes follow from, as :class:`~gensim2.scenes.config.Circumstances` has it:
-            ``assets``, ``physics``, ``robot``, ``open_loop``, ``disturbance``, ``randomization`` and ``attempts``.
+        arguments: what all episodes follow from: fields of :class:`~gensim2.scenes.config.SceneOptions` and of
+            :class:`~gensim2.rollout.config.RolloutOptions`.
         seed: of the collection.
         episodes: tried of each task.
         keep_failures: whether the states of failures are kept, too.
@@ -68,7 +69,7 @@ class DatasetRecord(_Record):
     """
 
     schema_version: Literal[1] = DATASET_SCHEMA
-    arguments: dict[str, Any]
+    arguments: Annotated[dict[str, Any], BeforeValidator(with_current_physics)]
     seed: Count
     episodes: Annotated[int, Field(ge=1)]
     keep_failures: bool
@@ -79,9 +80,14 @@ class DatasetRecord(_Record):
     complete: bool = False
 
     @property
-    def circumstances(self) -> Circumstances:
-        """What all episodes follow from, beside their task."""
-        return Circumstances(**{field.name: self.arguments[field.name] for field in fields(Circumstances)})
+    def scene(self) -> SceneOptions:
+        """What the scenes of all tasks follow from."""
+        return SceneOptions.from_record(self.arguments)
+
+    @property
+    def rollout(self) -> RolloutOptions:
+        """What all episodes have in common beside their scenes."""
+        return RolloutOptions.from_record(self.arguments)
 
     def scene_seed(self, task: str, index: int) -> int:
         """Seed of an episode's reset: a function of the collection's seed, the task's name and the index alone."""

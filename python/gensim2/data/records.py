@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
+from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.physics import with_current_physics
 
 RUN_SCHEMA_VERSION: Literal[4] = 4
 """Of ``run.json``, and with it of what a run can go on with."""
@@ -37,7 +40,7 @@ class RunRecord(Record):
     """``run.json``."""
 
     schema_version: Literal[4]
-    arguments: dict[str, Any]
+    arguments: Annotated[dict[str, Any], BeforeValidator(with_current_physics)]
     identity: dict[str, str]
     command_line: list[str]
     started: str
@@ -95,15 +98,12 @@ class RecordingSummary(BaseModel):
 
 
 class ArgumentsSummary(BaseModel):
-    """What a report says of what a run was asked for."""
+    """What a report says of what a run was asked for; scenes and rollouts under names of their own."""
 
     command: str
     seed: int
-    assets: str
-    physics: str
-    robot: str
-    open_loop: bool
-    randomization: str
+    scene: SceneOptions
+    rollout: RolloutOptions
 
 
 class RejectionSummary(BaseModel):
@@ -123,7 +123,7 @@ class ResultSummary(BaseModel):
 class RunSummary(BaseModel):
     """What a report says of ``run.json`` beyond what every run has."""
 
-    arguments: ArgumentsSummary
+    arguments: Annotated[ArgumentsSummary, BeforeValidator(nested_options)]
     result: ResultSummary | None
 
 

@@ -11,12 +11,13 @@ from typing import Any
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
-from gensim2.data.observing import Plan, Shown, observe
+from gensim2.data.observing import Plan, observe
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import remove_temporaries
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.scenes.config import SceneConfig
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -125,9 +126,9 @@ class _Rendering:
         self, stores: dict[str, TaskStore], workers: int, time_limit: float, jobs_per_worker: int
     ) -> RenderingResult:
         missing = [(store, row) for store in stores.values() for row in self._missing(store)]
-        shown = {name: self._shown(store) for name, store in stores.items()}
+        scenes = {name: self._scene(store) for name, store in stores.items()}
         jobs = (
-            Job(number, (store.folder, row, shown[store.name], self._plan))
+            Job(number, (store.folder, row, scenes[store.name], self._plan))
             for number, (store, row) in enumerate(missing)
         )
         self._progress.start("observations", len(missing))
@@ -172,9 +173,9 @@ class _Rendering:
             self._there += 1
             self._size += path.stat().st_size
 
-    def _shown(self, store: TaskStore) -> Shown:
-        circumstances = self._dataset.record.circumstances
-        return Shown(store.spec(), circumstances.assets, circumstances.robot, circumstances.physics)
+    def _scene(self, store: TaskStore) -> SceneConfig:
+        record = self._dataset.record
+        return record.scene.with_task(store.spec(), record.tasks[store.name].instances)
 
     def _failed(self, failure: Failure) -> None:
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
@@ -184,7 +185,7 @@ class _Rendering:
             stream.write(failure.traceback or "")
 
 
-def render_episode(folder: Path, row: LoggedEpisode, shown: Shown, plan: Plan) -> Rendered:
+def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, plan: Plan) -> Rendered:
     """Observe one episode and write its file; called in a worker.
 
     Raises:
@@ -196,12 +197,12 @@ def render_episode(folder: Path, row: LoggedEpisode, shown: Shown, plan: Plan) -
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
     begin = time.process_time()
-    arrays = observe(recording, shown, plan)
+    arrays = observe(recording, scene, plan)
     cpu = time.process_time() - begin
     path = observation_path(store, row.index)
     description = _description(store, row, plan) | {
-        "language": shown.task.description,
-        "robot": shown.robot,
+        "language": scene.task.description,
+        "robot": scene.robot,
         "steps": recording.steps,
         "seed": recording.seed,
         "instances": recording.instances,

@@ -87,8 +87,8 @@ def _film(dataset: DataSet, store: TaskStore, row: LoggedEpisode, progress: Prog
     else:
         recording = store.read(row).recording
         assert recording is not None
-        circumstances = dataset.record.circumstances
-        replay = Replay.of(recording, store.spec(), circumstances.assets, circumstances.environment)
+        scene = dataset.record.scene
+        replay = Replay.of(recording, store.spec(), scene.assets, scene.environment)
         film(replay, dataset.path / video, still=dataset.path / still)
     progress.advance()
     return video, still

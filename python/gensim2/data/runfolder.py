@@ -13,17 +13,20 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from gensim2.data.lock import FolderLock
+from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.records import RUN_SCHEMA_VERSION, Effort, RunRecord, Verification, VerificationRecord
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries, write_atomic, write_json
+from gensim2.files import write_atomic, write_json
 from gensim2.objects import Library, ObjectModel
 from gensim2.record_files import read_record
+from gensim2.rollout.config import RolloutOptions
 from gensim2.rollout.identity import versions
 from gensim2.rollout.record import Episode
+from gensim2.scenes.config import SCENE_FIELDS
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 from gensim2.yaml_files import dump_yaml
@@ -32,18 +35,12 @@ from gensim2.yaml_files import dump_yaml
 FIXED_ARGUMENTS = (
     "command",
     "seed",
-    "assets",
-    "physics",
-    "robot",
-    "open_loop",
-    "disturbance",
-    "randomization",
-    "attempts",
+    *SCENE_FIELDS,
+    *(field.name for field in fields(RolloutOptions)),
     "designer",
     "target_task",
     "stored_tasks",
     "episodes",
-    "instances",
     "verify",
     "from_empty",
 )
@@ -56,7 +53,7 @@ def default_run_dir() -> Path:
     return Path("runs") / time.strftime("%Y%m%d-%H%M%S")
 
 
-class RunFolder:
+class RunFolder(OwnedFolder):
     """A run folder, new or resumed, with one owner at a time. A context manager: leaving it gives the folder up.
 
     Args:
@@ -71,26 +68,14 @@ class RunFolder:
     """
 
     def __init__(self, path: Path, arguments: dict[str, Any], identity: Mapping[str, str], resume: bool) -> None:
+        super().__init__(path, RUN_JSON, "a run", resume)
         self.path = path
-        self._check(resume)
-        self._lock = FolderLock(path)
-        try:
-            self._check(resume)  # what another process did until we had the lock
-            remove_temporaries(path)
+        with self.released_on_error():
             if (path / RUN_JSON).exists():
                 self.record = self._resumed(arguments, identity)
             else:
                 self.record = self._new(arguments, identity)
             self.save()
-        except BaseException:
-            self._lock.release()
-            raise
-
-    def __enter__(self) -> RunFolder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
     @property
     def errors_log(self) -> Path:
@@ -163,17 +148,6 @@ class RunFolder:
         if source.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
             source.rename(target)
-
-    def _check(self, resume: bool) -> None:
-        if not self.path.exists():
-            return
-        if not self.path.is_dir():
-            raise InputError("is not a folder", file=self.path, remedy="choose another --out")
-        if (self.path / RUN_JSON).exists():
-            if not resume:
-                raise InputError("holds a run already", file=self.path, remedy="add --resume, or choose another --out")
-        elif any(entry.name != FolderLock.NAME for entry in self.path.iterdir() if not _is_leftover(entry)):
-            raise InputError("is not empty and holds no run", file=self.path, remedy="choose another --out")
 
     def _resumed(self, arguments: dict[str, Any], identity: Mapping[str, str]) -> RunRecord:
         path = self.path / RUN_JSON
@@ -258,7 +232,3 @@ class TaskFolder:
 
 def _now() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%S%z")
-
-
-def _is_leftover(path: Path) -> bool:
-    return path.name.startswith(f".{RUN_JSON}.")

@@ -76,8 +76,8 @@ class Selection:
         """Those whose clearance is at least ``least``; it does not stand in the record."""
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
-        circumstances = dataset.record.circumstances
-        meter = ClearanceMeter(robot(circumstances.robot), store.spec(), open_library(circumstances.assets))
+        scene = dataset.record.scene
+        meter = ClearanceMeter(robot(scene.robot), store.spec(), open_library(scene.assets))
         progress.start(f"{store.name}: clearance", len(rows))
         kept = []
         for row in rows:

@@ -81,6 +81,11 @@ class TaskStore:
         """Where the file of an episode lies."""
         return self.folder / ("episodes" if held else "failures") / f"{index:06d}.h5"
 
+    @property
+    def rows_path(self) -> Path:
+        """``episodes.jsonl``."""
+        return self.folder / ROWS
+
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode, whole or not at all, and return the digest of its file.
 
@@ -100,7 +105,7 @@ class TaskStore:
         Raises:
             InputError: the file is not there, because the collection is not complete, or it cannot be read.
         """
-        path = self.folder / ROWS
+        path = self.rows_path
         try:
             with path.open("rb") as stream:
                 for number, line in enumerate(stream, 1):
@@ -108,6 +113,17 @@ class TaskStore:
         except OSError as error:
             remedy = "finish the collection with --resume"
             raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+
+    def logged(self) -> list[LoggedEpisode]:
+        """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.
+
+        Raises:
+            InputError: ``episodes.jsonl`` cannot be read, or another version of gensim2 wrote an episode.
+        """
+        if self.rows_path.exists():
+            return list(self.rows())
+        rows = [LoggedEpisode.of(each.row.episode, each.index, each.row.digest) for each in self.found() if each.row]
+        return sorted(rows, key=lambda row: row.index)
 
     def read(self, row: LoggedEpisode) -> StoredEpisode:
         """Return the whole of an episode.
@@ -156,7 +172,7 @@ class TaskStore:
         Raises:
             InputError: an episode is missing or damaged.
         """
-        with replacing(self.folder / ROWS) as path, path.open("wb") as stream:
+        with replacing(self.rows_path) as path, path.open("wb") as stream:
             for index in range(count):
                 held = self.path(index, True)
                 row = read_row(held if held.exists() else self.path(index, False))

@@ -1,23 +1,43 @@
-"""The episodes of one task in a collection: which are done, which are to come, and how one is kept."""
+"""The episodes of one task in a collection: which are done, which are to come, and how one is kept.
+
+Data sets and demonstrations are collected by the same queue; only the quota differs.
+"""
 
 from __future__ import annotations
 
+import bisect
 import contextlib
+import itertools
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from gensim2.data.record import DatasetRecord
 from gensim2.data.status import TaskStatus
 from gensim2.data.store import TaskStore
-from gensim2.errors import InputError
+from gensim2.errors import InputError, NotRunError
 from gensim2.processes import Job
+from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import Drawn
+from gensim2.tasks.spec import TaskSpec
+from gensim2.tasks.strategies import Strategies
+
+
+@dataclass(frozen=True)
+class Quota:
+    """How many episodes of a task are collected.
+
+    Attributes:
+        limit: episodes tried at most.
+        held: the collection ends with the episode that makes up this number of successes; None: all are tried.
+    """
+
+    limit: int
+    held: int | None = None
 
 
 @dataclass(frozen=True)
@@ -36,7 +56,7 @@ class Kept:
 
     @staticmethod
     def of(episode: Episode, path: Path) -> Kept:
-        """What is said of an episode whose file lies at ``path``."""
+        """Return what is said of an episode whose file lies at ``path``."""
         cause = None if episode.cause is None else str(episode.cause)
         return Kept(episode.held, episode.strict, cause, path.stat().st_size)
 
@@ -56,43 +76,73 @@ class TaskQueue:
     """The episodes of one task.
 
     Args:
-        given: the task.
-        store: its folder.
-        record: of the data set.
+        task: what is to be done.
+        strategies: by name, as plain data.
+        instances: which instances episodes draw from.
+        store: folder of the task.
+        seeds: of the resets, by index.
+        quota: how many episodes are collected.
+        keep_failures: keep the states of episodes that do not hold, too.
 
     Attributes:
-        done: a byte an episode: 1 where it is finished.
-        tried, held, strict, causes: over those, and ``size`` the bytes of their files.
+        tried, held, strict, causes: over the finished episodes, and ``size`` the bytes of their files.
     """
 
-    def __init__(self, given: TaskInput, store: TaskStore, record: DatasetRecord) -> None:
-        self.given, self.store, self._record = given, store, record
-        self.name, self.total = given.spec.name, record.episodes
+    def __init__(
+        self,
+        task: TaskSpec,
+        strategies: Strategies,
+        instances: Drawn,
+        store: TaskStore,
+        seeds: Callable[[int], int],
+        quota: Quota,
+        *,
+        keep_failures: bool = False,
+    ) -> None:
+        self.task, self.strategies, self.instances, self.store = task, strategies, instances, store
+        self.seed, self.quota, self._keep_failures = seeds, quota, keep_failures
         self._forget()
 
     def _forget(self) -> None:
-        self.done = bytearray(self.total)
+        self._done, self._holds = bytearray(self.quota.limit), bytearray(self.quota.limit)
+        self._under_way: set[int] = set()
         self.tried = self.held = self.strict = self.size = 0
         self.causes: Counter[str] = Counter()
 
     @property
+    def name(self) -> str:
+        """Name of the task."""
+        return self.task.name
+
+    @property
+    def needed(self) -> int | None:
+        """Length of the shortest run of indices from 0 that fills the quota; None while episodes of it are missing."""
+        if self.quota.held is None:
+            return self.quota.limit if self.tried == self.quota.limit else None
+        held = 0
+        for index in range(self.quota.limit):
+            if not self._done[index]:
+                return None
+            held += self._holds[index]
+            if held == self.quota.held:
+                return index + 1
+        return self.quota.limit
+
+    @property
     def is_done(self) -> bool:
-        """Whether all were tried."""
-        return self.tried == self.total
+        """Whether the quota is filled."""
+        return self.needed is not None
 
     @property
     def status(self) -> TaskStatus:
         """How far it is."""
         causes = dict(sorted(self.causes.items(), key=lambda item: (-item[1], item[0])))
-        return TaskStatus(self.name, self.total, self.tried, self.held, self.strict, causes)
-
-    def seed(self, index: int) -> int:
-        """Of an episode's reset."""
-        return self._record.scene_seed(self.name, index)
+        return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes)
 
     def count(self, index: int, kept: Kept) -> None:
         """Take note of a finished episode."""
-        self.done[index] = 1
+        self._under_way.discard(index)
+        self._done[index], self._holds[index] = 1, kept.held
         self.tried += 1
         self.held += kept.held
         self.strict += kept.strict
@@ -113,34 +163,86 @@ class TaskQueue:
                 damaged += 1
                 continue
             episode = found.row.episode
-            foreign = found.index >= self.total or episode.seed != self.seed(found.index)
-            if foreign or self.done[found.index]:
+            foreign = found.index >= self.quota.limit or episode.seed != self.seed(found.index)
+            if foreign or self._done[found.index]:
                 reason = "is not of this collection" if foreign else "is there twice"
                 raise InputError(reason, file=found.path, remedy="delete it and resume")
             self.count(found.index, Kept.of(episode, found.path))
         return damaged
 
     def is_complete(self) -> bool:
-        """Whether ``episodes.jsonl`` and all that it tells of are there and whole; then they are taken note of."""
+        """Take note of ``episodes.jsonl`` where it and all that it tells of are there and whole; else return False."""
+        number = -1
         with contextlib.suppress(InputError):
             for number, row in enumerate(self.store.rows()):
-                seems_right = row.index == number < self.total and row.seed == self.seed(number)
+                seems_right = row.index == number < self.quota.limit and row.seed == self.seed(number)
                 if not seems_right or not self.store.is_complete(row):
                     break
                 self.count(number, Kept.of(row, self.store.path(number, row.held)))
-            if self.is_done and not self._lies_more_there():
+            if self.needed == number + 1 and not self._lies_more_there(number + 1):
                 return True
         self._forget()
         return False
 
-    def _lies_more_there(self) -> bool:
+    def _lies_more_there(self, count: int) -> bool:
         folders = [self.store.path(0, held).parent for held in (True, False)]
-        return sum(len(list(folder.iterdir())) for folder in folders if folder.is_dir()) != self.total
+        return sum(len(list(folder.iterdir())) for folder in folders if folder.is_dir()) != count
 
-    def jobs(self, evaluator: PoolEvaluator, first: int) -> Iterator[Job]:
-        """What is to come, numbered from ``first`` on."""
-        setting = evaluator.setting(self.given.spec, self.given.instances)
-        for index in range(self.total):
-            if not self.done[index]:
-                keep = partial(keep_episode, self.store.folder, index, self._record.keep_failures)
-                yield Job(first + index, (setting, self.given.strategies, self.seed(index), keep))
+    def finish(self) -> None:
+        """Write ``episodes.jsonl``, once the quota is filled."""
+        assert self.needed is not None
+        for _ in self.store.write_rows(self.needed):
+            pass
+
+    def jobs(self, evaluator: PoolEvaluator, first: int) -> Iterator[Job | None]:
+        """Yield what is to come, numbered from ``first`` on; None while what is under way may fill the quota.
+
+        An episode is begun only while those that held and those under way, were all of them to hold, are too few. So
+        the same indices are run with any number of workers, in whatever order they finish.
+        """
+        config = evaluator.config(self.task, self.instances)
+        last = self._done.rfind(1)
+        for index in range(self.quota.limit):
+            if self._done[index]:
+                continue
+            while self.quota.held is not None and index > last and self.held + len(self._under_way) >= self.quota.held:
+                if not self._under_way:
+                    return
+                yield None
+            self._under_way.add(index)
+            keep = partial(keep_episode, self.store.folder, index, self._keep_failures)
+            yield Job(first + index, (config, self.strategies, self.seed(index), keep))
+
+
+def run_queues(
+    queues: Sequence[TaskQueue],
+    evaluator: PoolEvaluator,
+    finished: Callable[[TaskQueue], None],
+) -> None:
+    """Run what the queues lack, task by task, and count each episode as it is finished.
+
+    Args:
+        finished: is called with an episode's queue after each.
+
+    Raises:
+        WriteError: no room is left; what was finished is kept.
+        NotRunError: some episodes could not be run; all others are finished.
+    """
+    starts = [0, *itertools.accumulate(queue.quota.limit for queue in queues)]
+    jobs = (job for queue, start in zip(queues, starts[:-1], strict=True) for job in queue.jobs(evaluator, start))
+
+    def place(number: int) -> tuple[int, int]:
+        owner = bisect.bisect_right(starts, number) - 1
+        return owner, number - starts[owner]
+
+    try:
+        for number, kept in evaluator.run(worker.record, jobs, "collection"):
+            owner, index = place(number)
+            queues[owner].count(index, kept)
+            finished(queues[owner])
+    except NotRunError as error:
+        first, _ = place(min(error.reasons))
+        concerned = {place(number)[0] for number in error.reasons}
+        others = f" (and of {len(concerned) - 1} other tasks)" if len(concerned) > 1 else ""
+        reasons = {place(number)[1]: why for number, why in error.reasons.items() if place(number)[0] == first}
+        raise NotRunError(f"episodes of {queues[first].name}{others}", reasons, error.log) from error

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,20 +26,14 @@ from gensim2.data.episode_file import (
     LIBVER,
     DamagedEpisodeError,
     EpisodeRow,
-    episode_digest,
     open_episode,
-    write_episode,
 )
 from gensim2.errors import InputError
 from gensim2.files import replacing
-from gensim2.rollout.record import Episode
-from gensim2.rollout.recording import Recording
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 2
 H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
-
-_EPISODE_FILE = re.compile(r"^(\d{6,})\.h5$")
 
 
 @dataclass(frozen=True)
@@ -64,77 +57,6 @@ class Provenance:
     seed: int
     environment: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
-
-
-class TrajectoryStore:
-    """The demonstrations of one task in one folder.
-
-    Args:
-        folder: holds ``episodes/``, ``trajectory.h5`` and ``trajectory.json``.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._episodes = folder / "episodes"
-
-    @property
-    def h5_path(self) -> Path:
-        """The merged file."""
-        return self._folder / H5_NAME
-
-    def indices(self) -> tuple[int, ...]:
-        """Indices of the episode files that are there, whoever wrote them, sorted."""
-        if not self._episodes.is_dir():
-            return ()
-        matches = (_EPISODE_FILE.match(path.name) for path in self._episodes.iterdir())
-        return tuple(sorted(int(match[1]) for match in matches if match))
-
-    def add(self, index: int, recording: Recording, episode: Episode) -> str:
-        """Write one finished episode, atomically, and return the digest by which :meth:`digest` knows it again.
-
-        Args:
-            index: its place in the order of the merged file; need not be contiguous.
-            recording: what was recorded of it.
-            episode: what is known of it; its entry in the JSON file holds it.
-
-        Raises:
-            WriteError: the folder cannot be written to.
-        """
-        return write_episode(self._path(index), episode, recording)
-
-    def digest(self, index: int) -> str | None:
-        """Digest of an episode file; None where there is none, or none that is whole."""
-        try:
-            return episode_digest(self._path(index))
-        except InputError:
-            return None
-
-    def entry(self, index: int, digest: str | None) -> dict[str, Any]:
-        """What the JSON file says of a finished episode, whose file has this digest.
-
-        Raises:
-            InputError: there is no such episode, or it is damaged.
-        """
-        with _recorded(self._path(index), digest) as (_, entry):
-            return entry
-
-    def merge(self, provenance: Provenance, episodes: Mapping[int, str | None]) -> Path:
-        """Write ``trajectory.h5`` and ``trajectory.json`` from finished episodes and return the first.
-
-        One episode is in memory at a time, however many there are.
-
-        Args:
-            provenance: goes into the JSON file.
-            episodes: index to the digest of its file, in order.
-
-        Raises:
-            InputError: there is no episode, or one is damaged.
-        """
-        write_trajectory(self._folder, provenance, [(self._path(index), each) for index, each in episodes.items()])
-        return self.h5_path
-
-    def _path(self, index: int) -> Path:
-        return self._episodes / f"{index:06d}.h5"
 
 
 def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tuple[Path, str | None]]) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         Declined,
         Designer,
         Known,
-        Settings,
+        RobotSummary,
         StageResult,
     )
     from gensim2.design.diagnosis import Diagnosis
@@ -37,7 +37,7 @@ __all__ = [
     "Diagnosis",
     "Known",
     "OfflineDesigner",
-    "Settings",
+    "RobotSummary",
     "StageResult",
     "demo",
     "run_pipeline",
@@ -56,7 +56,7 @@ __getattr__ = lazy_names(
         "Diagnosis": "gensim2.design.diagnosis",
         "Known": "gensim2.design.base",
         "OfflineDesigner": "gensim2.design.offline",
-        "Settings": "gensim2.design.base",
+        "RobotSummary": "gensim2.design.base",
         "StageResult": "gensim2.design.base",
         "demo": "gensim2.design.single",
         "run_pipeline": "gensim2.design.run",

@@ -24,8 +24,8 @@ class Declined(GenSim2Error):
 
 
 @dataclass(frozen=True)
-class Settings:
-    """The robot and what is drawn of a scene, as far as a designer needs to know.
+class RobotSummary:
+    """The robot, as far as a designer needs to know.
 
     Attributes:
         robot: its name.
@@ -33,8 +33,6 @@ class Settings:
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
         stroke: most that the fingers open, m between the pads.
         tool_keypoints: name to description.
-        randomization: name of the preset that scenes are drawn with.
-        physics: whose, ``"ours"`` or ``"original"``.
     """
 
     robot: str
@@ -42,8 +40,6 @@ class Settings:
     reach: float
     stroke: float
     tool_keypoints: dict[str, str]
-    randomization: str
-    physics: str
 
 
 @dataclass(frozen=True)
@@ -67,13 +63,13 @@ class Brief:
     """All that a designer is told.
 
     Attributes:
-        settings: of robot and interface.
+        settings: of the robot.
         classes: what each class of objects affords, articulated and rigid, by class name.
         known: tasks that are there: nothing proposed may repeat one, and long tasks can be made of them. A run adds
             what it keeps while it goes on, so a designer that yields its proposals one by one can build on them.
     """
 
-    settings: Settings
+    settings: RobotSummary
     classes: Mapping[str, Affordance]
     known: Sequence[Known] = ()
     familiar: Sequence[TaskSpec] = ()

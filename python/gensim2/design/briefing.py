@@ -1,4 +1,4 @@
-"""What a designer is told of a library and of the settings of a run."""
+"""What a designer is told of a library and of the robot."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from gensim2 import seeding
 from gensim2.data.runfolder import RunFolder
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import Settings
+from gensim2.design.base import RobotSummary
 from gensim2.design.unseen import seen_by_search
 from gensim2.design.views import view_of
 from gensim2.errors import InputError
@@ -15,24 +15,21 @@ from gensim2.objects import Instance, Library, RigidObject
 from gensim2.progress import Progress
 from gensim2.robots import robot
 from gensim2.rollout.inputs import has_instances
-from gensim2.scenes.config import Circumstances
 
 #: Instances from which an affordance is read.
 AFFORDANCE_INSTANCES = 3
 
 
-def settings_of(circumstances: Circumstances) -> Settings:
-    """What a designer is told of the robot and of what scenes are drawn with."""
-    profile = robot(circumstances.robot)
+def robot_summary(name: str) -> RobotSummary:
+    """What a designer is told of a robot."""
+    profile = robot(name)
     x, y, _ = profile.base_position
-    return Settings(
+    return RobotSummary(
         robot=profile.name,
         base=(x, y),
         reach=profile.reach,
         stroke=len(profile.gripper.joints) * profile.gripper.open,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
-        randomization=circumstances.randomization,
-        physics=circumstances.physics,
     )
 
 

@@ -11,7 +11,7 @@ from gensim2.design import Designer, OfflineDesigner
 from gensim2.design.chosen import Chosen
 from gensim2.errors import InputError
 from gensim2.files import cache_dir
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def offline_designer(
 def model_designer(
     model: str | None,
     asking: Asking,
-    circumstances: Circumstances,
+    scene: SceneOptions,
     *,
     prompts: Path | None = None,
     record: Path | None = None,
@@ -57,7 +57,7 @@ def model_designer(
     Args:
         model: its name at its endpoint; None: what ``config`` or ``replay`` says.
         asking: what for.
-        circumstances: of the run; for what the model is shown.
+        scene: of the run; for what the model is shown.
         prompts: folder with prompts of one's own.
         record: folder that gets every answer, for a replay.
         replay: folder that all answers come from; no model is asked. It says which model, and ``asking``.
@@ -81,15 +81,15 @@ def model_designer(
         if recorded.prompts != texts.digest:
             remedy = "replay with the --prompts of the run that was recorded"
             raise InputError("was recorded with other prompts", file=replay, remedy=remedy)
-        given, asking = recorded.options, Asking(**recorded.asking)
+        given, asking = recorded.options, Asking.read(recorded.asking, replay)
     cache = None if replay is not None else cache_dir() / "answers"
     asked = Model(given, texts.digest, asdict(asking), cache=cache, record=record, replay=replay)
     views = None
     if asking.visual:
         from gensim2.design.views import SceneViews
 
-        views = SceneViews(circumstances)
-    return _reviewed(LLMDesigner(asked, texts, asking, circumstances.robot, views), review)
+        views = SceneViews(scene)
+    return _reviewed(LLMDesigner(asked, texts, asking, scene.robot, views), review)
 
 
 def _reviewed(designer: Designer, review: Callable[[TaskSpec], bool] | None) -> Designer:

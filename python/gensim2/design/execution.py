@@ -12,19 +12,19 @@ from gensim2.data.records import DesignEffort, PipelineResult, TaskOutcome
 from gensim2.data.runfolder import RunFolder, TaskFolder
 from gensim2.design import Designer
 from gensim2.design.base import Brief, Declined, Known
-from gensim2.design.briefing import Classes, settings_of
+from gensim2.design.briefing import Classes, robot_summary
 from gensim2.design.designs import read_design, write_design
 from gensim2.design.proposals import goal_of
 from gensim2.design.report import write_report
 from gensim2.design.search import Budget, Search
 from gensim2.design.unseen import kept_apart
 from gensim2.design.verification import VERIFY_EPISODES, verify
-from gensim2.errors import InputError
 from gensim2.objects import Library
 from gensim2.progress import Progress
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput, chosen_word
 from gensim2.rollout.tally import Tally
+from gensim2.scenes.initial_state import PlacementError
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
@@ -112,7 +112,7 @@ class Execution:
         self.notes: list[str] = []
         self._known, self._familiar = list(known), tuple(familiar)
         self._classes = Classes(library, extent.instances, seed, folder, progress)
-        self._brief = Brief(settings_of(evaluator.circumstances), self._classes, self._known, self._familiar)
+        self._brief = Brief(robot_summary(evaluator.scene.robot), self._classes, self._known, self._familiar)
         self._outcomes: list[TaskOutcome] = []
         self._kept: list[TaskSpec] = []
 
@@ -165,9 +165,7 @@ class Execution:
             outcome = self._tested(task, strategies, folder)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
-        except InputError as error:
-            if not _is_no_room(error):
-                raise
+        except PlacementError as error:  # the proposal's fault, which ends no run
             return self._rejected(task, folder, error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)
@@ -198,8 +196,8 @@ class Execution:
         self.folder.save()
         record = read_design(folder.path)
         if record is None:
-            setting = self.evaluator.setting(task, kept_apart(self.library, task).search)
-            search = Search(setting, self._brief, self.designer, self.evaluator, self.seed, self.budget, self.progress)
+            config = self.evaluator.config(task, kept_apart(self.library, task).search)
+            search = Search(config, self._brief, self.designer, self.evaluator, self.seed, self.budget, self.progress)
             write_design(folder.path, search.run())
             record = read_design(folder.path)
             assert record is not None
@@ -247,7 +245,6 @@ class Execution:
                 progress=self.progress,
             )
             fresh, demos = (*fresh, *collected.episodes), collected.demos
-            self.notes.extend(collected.notes)
         if not verification.kept:
             self.folder.reject(task.name)
         held = f"{task.name}: {verification.tally.held} of {verification.tally.episodes} fresh episodes hold"
@@ -272,10 +269,3 @@ def _made(task: TaskSpec, seen: Literal["train", "all"]) -> TaskSpec:
     origin = "search" if task.provenance is None else task.provenance.origin
     strategies = {name: Made(by="search", seen=seen) for name in strategies_of(task)}
     return task.model_copy(update={"provenance": Provenance(origin=origin, strategies=strategies)})
-
-
-def _is_no_room(error: InputError) -> bool:
-    """Whether a scene's objects found no room, which is the proposal's fault and ends no run."""
-    from gensim2.sim.setup import PlacementError  # here: refusing arguments needs no simulator
-
-    return isinstance(error, PlacementError)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from gensim2.errors import GenSim2Error
 from gensim2.files import write_atomic
@@ -14,7 +14,7 @@ from gensim2.processes import TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.inputs import check_workers, read_task_inputs
-from gensim2.scenes.config import Physics
+from gensim2.scenes.config import SceneArguments
 
 INDEX = "index.html"
 
@@ -46,12 +46,11 @@ def tasks_gallery(
     origin: str | None = None,
     out: Path,
     seed: int = 0,
-    assets: str | Path | None = None,
-    physics: Physics = "ours",
     workers: int = 2,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
 ) -> TasksGallery:
     """Make a folder with a page that shows each task: an episode that held, its sentence, its steps, its figures.
 
@@ -62,9 +61,10 @@ def tasks_gallery(
         origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
         out: folder to write to.
         seed: of the scenes; of the first five of each task the first that holds is shown.
-        assets, physics, workers, time_limit: as for ``demo``.
+        workers, time_limit: as for ``demo``.
         resume: go on with the gallery that ``out`` holds.
         progress: listener.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -72,7 +72,7 @@ def tasks_gallery(
         NotRunError: some tasks could not be run; all others are finished, and ``resume`` goes on.
     """
     check_workers(time_limit, jobs_per_worker=1)
-    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, assets=assets, physics=physics)
+    given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder
     from gensim2.design.shelf import SPEED, Shelf, film_one_that_holds
@@ -83,7 +83,7 @@ def tasks_gallery(
 
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
-    circumstances, library = given[0].circumstances, given[0].library
+    options, rollout, library = given[0].scene.options, given[0].rollout, given[0].library
     with (
         RunFolder(
             out,
@@ -91,13 +91,14 @@ def tasks_gallery(
                 "command": "tasks gallery",
                 "stored_tasks": [one.spec.name for one in given],
                 "seed": seed,
-                **asdict(circumstances),
+                **options.to_record(),
+                **rollout.to_record(),
                 "workers": workers,
             },
             identity(given),
             resume,
         ) as folder,
-        PoolEvaluator(circumstances, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,
+        PoolEvaluator(options, workers, progress, time_limit=time_limit, log=folder.errors_log) as evaluator,
     ):
         shelves = [Shelf(one, folder.task(one.spec.name), seed) for one in given]
         for shelf in shelves:
@@ -114,7 +115,7 @@ def tasks_gallery(
         progress.advance(sum(shelf.is_finished for shelf in shelves))
         write_page()
         jobs = [
-            Job(index, (evaluator.setting(shelf.spec, "all"), shelf.strategies, shelf.seeds, shelf.folder))
+            Job(index, (evaluator.config(shelf.spec, "all"), shelf.strategies, shelf.seeds, shelf.folder))
             for index, shelf in enumerate(shelves)
             if not shelf.is_finished
         ]

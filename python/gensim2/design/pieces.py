@@ -22,10 +22,19 @@ class Piece(NamedTuple):
 
 
 def pieces(brief: Brief) -> list[Piece]:
-    """Those that are known, the most useful first."""
+    """Return the known ones on classes that the library has, the most useful first."""
     goals = [(joint_goal(known.task), known) for known in brief.known]
-    found = [Piece(goal[0], goal[1], known) for goal, known in goals if goal is not None and goal[1] in ENDS]  # type: ignore[arg-type]
+    found = [
+        Piece(goal[0], goal[1], known)  # type: ignore[arg-type]
+        for goal, known in goals
+        if goal is not None and goal[1] in ENDS and has_joint(brief, goal[0])
+    ]
     return sorted(found, key=lambda each: -words(each.asset_class, each.goal).usefulness)
+
+
+def has_joint(brief: Brief, asset_class: str) -> bool:
+    """Return whether the library has a class of this name whose objects have a joint; known tasks may be on others."""
+    return asset_class in brief.classes and brief.classes[asset_class].kind == "articulated"
 
 
 def is_known(brief: Brief, asset_class: str, goal: str) -> bool:

@@ -90,7 +90,13 @@ def remember(run: Path, memory: Memory | None = None) -> Remembered:
     for folder in sorted((run / "tasks").glob("*/")):
         verification = TaskFolder(folder).verification()
         task = load_task_file(folder)
-        if verification is None or not verification.kept or origin_of(task) in (None, PAPER):
+        if origin_of(task) == PAPER:
+            continue
+        if verification is None or origin_of(task) is None:
+            left_out[task.name] = "the run did not verify it; `gensim2 tasks add` of the task's own folder does"
+            continue
+        if not verification.kept:
+            left_out[task.name] = f"{verification.tally.held} of {len(verification.episodes)} episodes held"
             continue
         told = verified(verification, record.arguments["seed"])
         try:

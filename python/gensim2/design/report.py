@@ -11,6 +11,7 @@ from typing import Any
 from gensim2.data.attempt_log import ATTEMPTS, read_log
 from gensim2.data.records import RecordingSummary, ResultSummary, RunRecord, RunSummary, Verification
 from gensim2.data.runfolder import RUN_JSON, TaskFolder
+from gensim2.data.store import TaskStore
 from gensim2.data.trajectory import JSON_NAME
 from gensim2.design.designs import DesignRecord, StageRecord, read_design
 from gensim2.design.model_report import ModelReport
@@ -85,7 +86,7 @@ def _task(folder: Path, model: ModelReport) -> dict[str, Any]:
     recorded = folder / JSON_NAME
     recording = read_record(recorded, RecordingSummary, "delete the file and resume") if recorded.exists() else None
     verification = files.verification()
-    logged = read_log(folder / ATTEMPTS)
+    logged = TaskStore(folder).logged() or read_log(folder / ATTEMPTS)
     return {
         "name": spec.name if spec is not None else folder.name,
         "spec": spec,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Unpack
 
 from gensim2 import seeding
 from gensim2.data.records import PipelineResult
@@ -21,20 +22,19 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.robots import DEFAULT_ROBOT
+from gensim2.rollout.config import RolloutArguments, RolloutOptions
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.identity import digest, listing
 from gensim2.rollout.inputs import (
-    check_circumstances,
     check_counts,
     check_workers,
     chosen_word,
     has_instances,
+    instances_word,
     read_task_input,
+    scene_options,
 )
-from gensim2.scenes.config import Circumstances, Physics
 from gensim2.tasks.library import PAPER, load_strategies, load_task, task_names
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
 
 DESIGNERS: dict[str, type[Designer]] = {"offline": OfflineDesigner}
 
@@ -48,16 +48,10 @@ def run_pipeline(
     from_empty: bool = False,
     episodes: int = 5,
     seed: int = 0,
-    assets: str | Path | None = None,
     out: Path | None = None,
     workers: int = 2,
     target_task: str | None = None,
     stored_tasks: Sequence[str] = (),
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    open_loop: bool = False,
-    randomization: PresetName = DEFAULT_PRESET,
-    instances: str = "all",
     resume: bool = False,
     designer: str | Designer = "offline",
     video: bool = True,
@@ -65,6 +59,7 @@ def run_pipeline(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[RolloutArguments],
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
@@ -77,17 +72,10 @@ def run_pipeline(
             repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
         episodes: demonstrations to keep of each task; 0: none.
         seed: of everything that is drawn.
-        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes; the result does not depend on their number.
         target_task: design this task of the task library anew, with that task hidden from the designer.
         stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
-        physics: ``"ours"`` or ``"original"``.
-        robot: name of its profile.
-        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
-        randomization: ``"paper"`` for the tasks' own ranges, ``"paper-half"`` or ``"wide"``.
-        instances: what demonstrations draw from, as for ``demo``; search and verification keep theirs apart. Only tasks
-            on objects that have such instances are proposed.
         resume: go on with the run that ``out`` holds.
         designer: ``"offline"``, or a designer.
         video: film each kept task where this machine can render.
@@ -95,6 +83,8 @@ def run_pipeline(
         time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`. Demonstrations draw from ``instances``, search and
+            verification keep theirs apart; only tasks on objects that have such instances are proposed.
 
     Raises:
         InputError: an argument cannot be used.
@@ -109,28 +99,15 @@ def run_pipeline(
     by = _designer(designer)
     target = redesigned(load_task(target_task)) if target_task is not None else None
     seeding.check_seed(seed)
-    check_circumstances(physics, robot, randomization)
-    library = open_library(assets)
+    options, rollout = scene_options(**scene), RolloutOptions(open_loop=scene.get("open_loop", False))
+    library, instances = open_library(options.assets), instances_word(**scene)
     if target is not None:
         chosen_word(target, library, instances, seed)  # what is not there is said before anything starts
     elif not any(has_instances(library, name, instances) for name in library.classes()):
         raise InputError(f"no class of {library.location} has the instances {instances!r}", field="instances")
-    stored = [
-        read_task_input(
-            name,
-            library.location,
-            instances,
-            seed,
-            physics=physics,
-            robot=robot,
-            open_loop=open_loop,
-            randomization=randomization,
-        )
-        for name in dict.fromkeys(stored_tasks)
-    ]
+    stored = [read_task_input(name, seed=seed, **scene) for name in dict.fromkeys(stored_tasks)]
     known = [] if from_empty else [Known(load_task(name), load_strategies(name)) for name in known_before(out)]
     familiar = [load_task(name) for name in task_names(PAPER)] if from_empty else []
-    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
     with (
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
@@ -139,7 +116,8 @@ def run_pipeline(
                 "num_tasks": num_tasks,
                 "episodes": episodes,
                 "seed": seed,
-                **asdict(circumstances),
+                **options.to_record(),
+                **rollout.to_record(),
                 "instances": instances,
                 "designer": by.name,
                 "verify": verify,
@@ -160,9 +138,10 @@ def run_pipeline(
         ) as folder,
         reported(folder.path),
         PoolEvaluator(
-            circumstances,
+            options,
             workers,
             progress,
+            rollout=rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,

@@ -25,10 +25,10 @@ from gensim2.design.base import Brief, Candidate, CandidateResult, Designer, Sta
 from gensim2.design.designs import Design
 from gensim2.design.diagnosis import diagnoses
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import interval
 from gensim2.rollout.worker import Screened
-from gensim2.scenes.config import Setting
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
@@ -40,12 +40,12 @@ class Evaluator(Protocol):
     """What the search asks of the simulator; the same interface serves one process or many."""
 
     def screen(
-        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[Screened]]:
         """Plan each candidate on each seed's scene: for each candidate, one result a seed."""
         ...
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         """Run (strategies of each step, seed) episodes in physics, in order."""
         ...
 
@@ -102,7 +102,7 @@ class Search:
     """One search for one task.
 
     Args:
-        setting: the task, and which instances the search may see.
+        config: the task, and which instances the search may see.
         brief: what the designer is told.
         designer: writes the candidates.
         evaluator: tries them.
@@ -113,7 +113,7 @@ class Search:
 
     def __init__(
         self,
-        setting: Setting,
+        config: EpisodeConfig,
         brief: Brief,
         designer: Designer,
         evaluator: Evaluator,
@@ -121,9 +121,9 @@ class Search:
         budget: Budget | None = None,
         progress: Progress = NULL_PROGRESS,
     ) -> None:
-        self.setting, self.task = setting, setting.task
+        self.config, self.task = config, config.task
         self.brief, self.designer, self.evaluator = brief, designer, evaluator
-        self.seed, self.budget, self.progress = seed, budget or budget_for(setting.task), progress
+        self.seed, self.budget, self.progress = seed, budget or budget_for(config.task), progress
         self._episodes_run: dict[str, int] = defaultdict(int)
         self._notes: list[str] = []
 
@@ -173,7 +173,7 @@ class Search:
             return []
         seeds = seeding.scene_seeds(self.seed, self.task.name, "screen", self.budget.screen_scenes)
         self.progress.start(f"{self.task.name}: plan {len(candidates)} candidates", len(seeds))
-        outcomes = self.evaluator.screen(self.setting, [c.steps for c in candidates], seeds)
+        outcomes = self.evaluator.screen(self.config, [c.steps for c in candidates], seeds)
         results = [
             CandidateResult(
                 candidate,
@@ -205,7 +205,7 @@ class Search:
                 owners.append(index)
             self._episodes_run[self._key(result)] += episodes
         self.progress.start(f"{self.task.name}: {what}", len(jobs))
-        episodes_run = self.evaluator.episodes(self.setting, jobs)
+        episodes_run = self.evaluator.episodes(self.config, jobs)
         grouped: dict[int, list[Episode]] = defaultdict(list)
         for owner, episode in zip(owners, episodes_run, strict=True):
             grouped[owner].append(episode)

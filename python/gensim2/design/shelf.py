@@ -12,9 +12,9 @@ from gensim2.data.video import Replay, film
 from gensim2.design.description import description_of
 from gensim2.errors import GenSim2Error
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.inputs import TaskInput
 from gensim2.rollout.record import Episode
-from gensim2.scenes.config import Setting
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.strategies import Strategies
 
@@ -96,7 +96,9 @@ class Shelf:
         return f"{self.folder.parent.name}/{self.folder.name}/{name}" if there else None
 
 
-def film_one_that_holds(setting: Setting, strategies: Strategies, seeds: Sequence[int], folder: Path) -> list[Episode]:
+def film_one_that_holds(
+    config: EpisodeConfig, strategies: Strategies, seeds: Sequence[int], folder: Path
+) -> list[Episode]:
     """Run episodes until one holds, and film that one; runs in a worker.
 
     Returns:
@@ -107,14 +109,14 @@ def film_one_that_holds(setting: Setting, strategies: Strategies, seeds: Sequenc
     """
     tried = []
     for seed in seeds:
-        episode, recording = worker.demonstrate(setting, strategies, seed)
+        episode, recording = worker.demonstrate(config, strategies, seed)
         tried.append(episode)
         if recording is None:
             continue
-        given = setting.circumstances
-        replay = Replay.of(recording, setting.task, given.assets, given.environment)
+        given = config.scene
+        replay = Replay.of(recording, config.task, given.assets, given.environment)
         filmed = film(replay, folder / VIDEO, still=folder / STILL, stride=STRIDE, speed=SPEED)
         if not filmed.success:
-            raise GenSim2Error(f"{setting.task.name}: the replay of seed {seed} does not end in the goal")
+            raise GenSim2Error(f"{config.task.name}: the replay of seed {seed} does not end in the goal")
         break
     return tried

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -10,7 +10,8 @@ from gensim2.files import check_writable
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
-from gensim2.rollout.inputs import SceneArguments, check_counts, check_workers, read_task_input
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.inputs import check_counts, check_workers, read_task_input
 from gensim2.rollout.tally import Tally
 
 
@@ -61,7 +62,7 @@ def demo(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> DemoResult:
     """Record demonstrations of a task with its stored strategies.
 
@@ -76,7 +77,7 @@ def demo(
         time_limit: seconds after which an episode counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
         progress: listener.
-        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -104,7 +105,8 @@ def demo(
                 "target_task": spec.name,
                 "episodes": episodes,
                 "seed": seed,
-                **asdict(given.circumstances),
+                **given.scene.options.to_record(),
+                **given.rollout.to_record(),
                 "instances": given.instances,
                 "workers": workers,
             },
@@ -117,9 +119,10 @@ def demo(
         ) as folder,
         reported(folder.path),
         PoolEvaluator(
-            given.circumstances,
+            given.scene.options,
             workers,
             progress,
+            rollout=given.rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
@@ -141,8 +144,6 @@ def demo(
             video=video,
             progress=progress,
         )
-        result = DemoResult(
-            spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s, collected.notes
-        )
+        result = DemoResult(spec.name, str(folder.path), collected.demos, collected.tally, evaluator.cpu_s)
         folder.finish(result.to_dict())
     return result

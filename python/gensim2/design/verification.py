@@ -68,10 +68,10 @@ def verify(
         threshold = KEEP_THRESHOLD if task.is_single_step else KEEP_LONG
         progress.start(f"{task.name}: verify", len(seeds))
         progress.advance(len(log.done))
-        settings = [evaluator.setting(task, drawn) for drawn in apart.verification(len(seeds), seed)]
+        configs = [evaluator.config(task, drawn) for drawn in apart.verification(len(seeds), seed)]
         for first in range(0, len(seeds), STRIDE):
             upto = min(first + STRIDE, len(seeds))
-            jobs = [Job(i, (settings[i], strategies, seeds[i])) for i in range(first, upto) if i not in log.done]
+            jobs = [Job(i, (configs[i], strategies, seeds[i])) for i in range(first, upto) if i not in log.done]
             for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
                 log.add(LoggedEpisode.of(episode, index))
                 progress.advance()

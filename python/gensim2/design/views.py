@@ -12,7 +12,6 @@ import multiprocessing
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict
 from functools import cache
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -24,7 +23,7 @@ from gensim2.errors import GenSim2Error
 from gensim2.objects import open_library
 from gensim2.planning.strategies import KeypointStrategy
 from gensim2.robots import robot
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -56,11 +55,11 @@ class SceneViews:
     """Fills :class:`~gensim2.design.llm.Views`.
 
     Args:
-        circumstances: of the run.
+        options: of the run's scenes.
     """
 
-    def __init__(self, circumstances: Circumstances) -> None:
-        self.circumstances = circumstances
+    def __init__(self, options: SceneOptions) -> None:
+        self.options = options
 
     def start(self, task: TaskSpec, step: str) -> Picture:
         """A scene at its start, marked for ``step``."""
@@ -68,8 +67,8 @@ class SceneViews:
 
     def actuation(self, task: TaskSpec, steps: Mapping[str, Strategies], step: str) -> Picture:
         """The scene with the arm at the actuation pose of ``step``; at its start where the solver finds none."""
-        told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **asdict(self.circumstances)}
-        given = (self.circumstances, task, {name: dict(each) for name, each in steps.items()}, step)
+        told = {"task": task.model_dump(mode="json"), "steps": steps, "step": step, **self.options.to_record()}
+        given = (self.options, task, {name: dict(each) for name, each in steps.items()}, step)
         return Picture(json.dumps(told, sort_keys=True), cache(lambda: _drawn(draw_scene, *given)))
 
 
@@ -96,7 +95,7 @@ def draw_thing(location: str, asset_class: str, instance: str) -> bytes:
     return _png(strip(Studio(OBJECT_SIZE), open_library(location).load(asset_class, instance)))
 
 
-def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
+def draw_scene(options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str) -> bytes:
     """PNG of a scene; in a process of its own."""
     from PIL import Image, ImageDraw
 
@@ -105,14 +104,12 @@ def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str,
 
     if not rendering.can_render():
         raise GenSim2Error(rendering.NO_DRIVER)
-    given = circumstances
-    env = GenSim2Env(
-        task, assets=given.assets, robot=given.robot, physics=given.physics, obs_mode="none", render_mode="rgb_array"
-    )
+    scene_config = SceneOptions(options.assets, options.physics, options.robot).with_task(task)
+    env = GenSim2Env(task, **scene_config.arguments, obs_mode="none", render_mode="rgb_array")
     try:
         env.reset(seed=SEED)
         scene = env.scene_state()
-        q, T_hand = _actuation(circumstances, task, steps, name, scene) if name in steps else (None, None)
+        q, T_hand = _actuation(options, task, steps, name, scene) if name in steps else (None, None)
         if q is not None:
             env.agent.robot.set_qpos(q)
         picture = Image.fromarray(np.asarray(env.render()[0].cpu().numpy(), dtype=np.uint8))
@@ -133,13 +130,13 @@ def draw_scene(circumstances: Circumstances, task: TaskSpec, steps: Mapping[str,
 
 
 def _actuation(
-    circumstances: Circumstances, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
+    options: SceneOptions, task: TaskSpec, steps: Mapping[str, Strategies], name: str, scene: Any
 ) -> tuple[Any, Any]:
     """Joints (n,) and hand pose (4, 4) in the base frame at the actuation pose; None each where there is none."""
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.worker import SCREEN_OPTIONS, parsed
 
-    planner = StepPlanner(robot(circumstances.robot), options=SCREEN_OPTIONS)
+    planner = StepPlanner(robot(options.robot), options=SCREEN_OPTIONS)
     step = next(each for each in task.steps if each.name == name)
     for before in task.steps:  # what is to be in the hand is taken up first
         if before.name != name and before.object == step.tool and before.name in steps:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -13,9 +13,9 @@ from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
-from gensim2.rollout.inputs import SceneArguments, TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.config import DISTURBANCES, Disturbance, RolloutArguments
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
 from gensim2.rollout.record import Episode
-from gensim2.scenes.config import DISTURBANCES, Disturbance
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def benchmark(
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
     progress: Progress = NULL_PROGRESS,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> BenchmarkResult:
     """Run every task on random scenes; each episode is kept as soon as it is finished.
 
@@ -88,7 +88,7 @@ def benchmark(
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
         progress: listener.
-        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`.
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -108,12 +108,13 @@ def benchmark(
     from gensim2.rollout.identity import identity, versions
 
     library = given[0].library
-    circumstances = replace(given[0].circumstances, disturbance=disturbance, attempts=attempts)
+    options, rollout = given[0].scene.options, replace(given[0].rollout, disturbance=disturbance, attempts=attempts)
     arguments = {
         "seed": seed,
         "runs": runs,
         "episodes": episodes,
-        **asdict(circumstances),
+        **options.to_record(),
+        **rollout.to_record(),
         "instances": scene.get("instances", "all"),
     }
     with (
@@ -129,9 +130,10 @@ def benchmark(
             resume,
         ) as folder,
         PoolEvaluator(
-            circumstances,
+            options,
             workers,
             progress,
+            rollout=rollout,
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
@@ -166,8 +168,8 @@ def _episodes(
     log = AttemptLog(folder / ATTEMPTS, seeds)
     progress.start(task.name, len(seeds))
     progress.advance(len(log.done))
-    setting = evaluator.setting(task, given.instances)
-    jobs = [Job(i, (setting, given.strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+    config = evaluator.config(task, given.instances)
+    jobs = [Job(i, (config, given.strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
     begin = time.perf_counter()
     for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: episodes"):
         log.add(LoggedEpisode.of(episode, index))

@@ -6,12 +6,14 @@ from pathlib import Path
 from statistics import mean, pstdev
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from gensim2.errors import InputError
 from gensim2.record_files import read_record
+from gensim2.rollout.config import RolloutOptions, nested_options
 from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.figures import Condition, Figure
 
 _REMEDY = "give a file that `gensim2 benchmark --json FILE` wrote"
@@ -21,14 +23,9 @@ class _Arguments(BaseModel):
     seed: int
     runs: Annotated[int, Field(ge=1)]
     episodes: Annotated[int, Field(ge=1)]
-    assets: str
-    physics: str
-    robot: str
     instances: str
-    randomization: str
-    attempts: int
-    open_loop: bool
-    disturbance: str | None
+    scene: SceneOptions
+    rollout: RolloutOptions
 
 
 class _Row(BaseModel):
@@ -37,7 +34,7 @@ class _Row(BaseModel):
 
 
 class _Document(BaseModel):
-    arguments: _Arguments
+    arguments: Annotated[_Arguments, BeforeValidator(nested_options)]
     tasks: list[_Row]
 
 
@@ -50,9 +47,12 @@ def rows_of(path: Path) -> list[Figure]:
     document = read_record(path, _Document, _REMEDY)
     given = document.arguments
     condition: dict[str, Any] = {
-        "objects": "generated" if given.assets == "builtin" else "real",
-        **given.model_dump(include=set(Condition.model_fields) - {"objects"}),
+        **given.scene.to_record(),
+        **given.rollout.to_record(),
+        "instances": given.instances,
+        "objects": "generated" if given.scene.assets == "builtin" else "real",
     }
+    del condition["assets"]
     rows = []
     for task in document.tasks:
         if len(task.records) != given.runs * given.episodes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -166,8 +167,10 @@ class _Maker:
         self._studio = self._studio or pictures.Studio(self._size)
         stream = io.BytesIO()
         draw(self._studio).save(stream, "WEBP", quality=82, method=4)
-        for outdated in file.parent.glob(f"{Path(place).name}-*.webp"):
-            outdated.unlink()
+        own = re.compile(re.escape(Path(place).name) + r"-[0-9a-f]{8}\.webp")  # "1-2" and "*" are names of others
+        for outdated in file.parent.glob("*.webp"):
+            if own.fullmatch(outdated.name):
+                outdated.unlink()
         write_atomic(file, stream.getvalue())
         self.made += 1
         return picture

@@ -154,7 +154,7 @@ class _Stage:
             from sapien.physx import PhysxCpuSystem
 
             from gensim2.sim import objects
-            from gensim2.sim.physics import OURS
+            from gensim2.sim.physics import DEFAULT
         except ImportError as error:
             raise MissingExtraError("sapien", "sim") from error
         self.instance, self._sim = instance, objects
@@ -169,7 +169,7 @@ class _Stage:
         self._object = builder.build(fix_root_link=True)
         place = instance.placement
         self._object.set_root_pose(sapien.Pose(place.position, place.quaternion))
-        self._resistance = OURS.resist(self._object, instance)
+        self._resistance = DEFAULT.resist(self._object, instance)
 
     def whole(self) -> list[Finding]:
         """Nothing vanished or became something else on the way into the physics engine."""

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from gensim2.planning.scene import Scene
+from gensim2.rollout.config import Disturbance
 from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, Observation
 from gensim2.rollout.record import StepRecord
-from gensim2.scenes.config import Disturbance
 from gensim2.seeding import rng
 from gensim2.tasks.spec import TaskSpec
 

@@ -21,12 +21,15 @@ from gensim2.processes import (
 )
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig, RolloutOptions
 from gensim2.rollout.record import Episode
-from gensim2.scenes.config import Circumstances, Drawn, Setting
+from gensim2.scenes.config import Drawn, SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 Result = TypeVar("Result")
+
+DEFAULT_ROLLOUT = RolloutOptions()
 
 
 class PoolEvaluator:
@@ -35,9 +38,10 @@ class PoolEvaluator:
     A context manager: leaving it ends the workers.
 
     Args:
-        circumstances: what episodes follow from beside the task.
+        scene: what the scenes of all tasks follow from.
         workers: number of processes; None where the pool says itself how many.
         progress: is advanced once a job; whoever calls starts the stage.
+        rollout: what all episodes have in common beside their scenes.
         time_limit: seconds after which a job counts as hung and is tried again.
         jobs_per_worker: jobs after which a process is renewed.
         log: file for tries that came to nothing, with their tracebacks; None keeps none.
@@ -49,16 +53,17 @@ class PoolEvaluator:
 
     def __init__(
         self,
-        circumstances: Circumstances,
+        scene: SceneOptions,
         workers: int | None,
         progress: Progress = NULL_PROGRESS,
         *,
+        rollout: RolloutOptions = DEFAULT_ROLLOUT,
         time_limit: float = TIME_LIMIT,
         jobs_per_worker: int = JOBS_PER_WORKER,
         log: Path | None = None,
         pool: Callable[..., Executor] = WorkerPool,
     ) -> None:
-        self.circumstances = circumstances
+        self.scene, self.rollout = scene, rollout
         self.failed_tries = 0
         self._progress, self._log = progress, log
         self._executor: Executor = pool(
@@ -66,7 +71,7 @@ class PoolEvaluator:
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             preload=worker.PRELOAD,
-            prepare=partial(worker.prepare, circumstances),
+            prepare=partial(worker.prepare, scene),
             on_failure=self._failed,
         )
         self._begin, self._elsewhere = time.process_time(), 0.0
@@ -82,9 +87,9 @@ class PoolEvaluator:
         """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
         return time.process_time() - self._begin + self._elsewhere
 
-    def setting(self, task: TaskSpec, instances: Drawn) -> Setting:
-        """Return the environment of a task, as a value that pickles."""
-        return Setting(task, instances, self.circumstances)
+    def config(self, task: TaskSpec, instances: Drawn) -> EpisodeConfig:
+        """Return what the episodes of a task follow from, as a value that pickles."""
+        return EpisodeConfig(self.scene.with_task(task, instances), self.rollout)
 
     def run(
         self, function: Callable[..., Result], jobs: Iterable[Job | None], what: str
@@ -108,21 +113,21 @@ class PoolEvaluator:
             yield outcome
 
     def screen(
-        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[worker.Screened]]:
         """Plan each candidate on each seed's scene; one list a candidate, one result a seed."""
-        jobs = enumerated((setting, seed, candidates) for seed in seeds)
+        jobs = enumerated((config, seed, candidates) for seed in seeds)
         by_seed: dict[int, list[worker.Screened]] = {}
-        for index, screened in self.run(worker.screen_scene, jobs, f"{setting.task.name}: planning of candidates"):
+        for index, screened in self.run(worker.screen_scene, jobs, f"{config.task.name}: planning of candidates"):
             by_seed[index] = screened
             self._progress.advance()
         return [list(outcomes) for outcomes in zip(*(by_seed[index] for index in range(len(seeds))), strict=True)]
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
         """Run (strategies of each step, seed) episodes in physics; their records in the order of the jobs."""
-        numbered = enumerated((setting, ways, seed) for ways, seed in jobs)
+        numbered = enumerated((config, ways, seed) for ways, seed in jobs)
         found: dict[int, Episode] = {}
-        for index, episode in self.run(worker.trial, numbered, f"{setting.task.name}: episodes"):
+        for index, episode in self.run(worker.trial, numbered, f"{config.task.name}: episodes"):
             found[index] = episode
             self._progress.advance()
         return [found[index] for index in range(len(jobs))]

@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Unpack
 
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
 from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
-from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as profile
-from gensim2.scenes.config import PHYSICS, Circumstances, Physics
+from gensim2.rollout.config import RolloutArguments, RolloutOptions
+from gensim2.scenes.config import SceneConfig, SceneOptions, split_arguments
 from gensim2.seeding import check_seed, rng
 from gensim2.tasks.library import (
     PAPER,
@@ -29,7 +29,6 @@ from gensim2.tasks.library import (
     task_folder,
     task_names,
 )
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -42,104 +41,103 @@ class TaskInput:
     """A task that can be run: it is valid, its objects exist, and they have what its strategies name.
 
     Attributes:
-        spec: the task.
+        scene: what its scenes follow from.
+        instances: which of its objects are drawn from, one word: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an
+            id.
         strategies: by name, as plain data.
         library: where its objects come from.
-        instances: which of them, one word: ``"all"``, ``"train"``, ``"test"``, ``"new"`` or an id.
-        circumstances: of its episodes.
+        rollout: what else its episodes have in common.
     """
 
-    spec: TaskSpec
+    scene: SceneConfig
+    instances: str
     strategies: Strategies
     library: Library
-    instances: str
-    circumstances: Circumstances
+    rollout: RolloutOptions
+
+    @property
+    def spec(self) -> TaskSpec:
+        """The task."""
+        return self.scene.task
 
 
-class SceneArguments(TypedDict, total=False):
-    """What the episodes of a task follow from beside their seed, as every command takes it by keyword.
-
-    Keys:
-        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library.
-        instances: what episodes draw from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
-            (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of the run.
-        physics: ``"ours"`` or ``"original"``.
-        robot: name of its profile.
-        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"``.
-    """
-
-    assets: str | Path | None
-    instances: str
-    physics: Physics
-    robot: str
-    open_loop: bool
-    randomization: PresetName
-
-
-def read_task_input(
-    task: str,
-    assets: str | Path | None = None,
-    instances: str = "all",
-    seed: int = 0,
-    *,
-    physics: Physics = "ours",
-    robot: str = DEFAULT_ROBOT,
-    open_loop: bool = False,
-    randomization: PresetName = DEFAULT_PRESET,
-) -> TaskInput:
+def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RolloutArguments]) -> TaskInput:
     """Read and check a task.
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/ (or solver.yaml, version 1).
         seed: of the run.
-        assets, instances, physics, robot, open_loop, randomization: as in :class:`SceneArguments`.
+        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: names the file and the field, or the argument.
     """
     seed = check_seed(seed)
-    check_circumstances(physics, robot, randomization)
+    options = scene_options(**given)
     spec, strategies = task_and_strategies(task)
     folder = Path(task) if _is_folder(task) else None
-    library = open_library(assets)
+    library = open_library(options.assets)
     for role, thing in spec.objects.items():
         try:
             library.instances(thing.asset_class)
         except InputError as error:
             file = folder / "task.yaml" if folder else None
             raise InputError(error.message, file=file, field=f"objects.{role}.class", remedy=error.remedy) from error
-    word = chosen_word(spec, library, instances, seed)
+    word = chosen_word(spec, library, instances_word(**given), seed)
     files = {name: str(file) for name, file in strategy_files(folder or task_folder(spec.name), spec).items()}
     check_strategies(
         spec,
         {name: parse_strategy(data, files[name]) for name, data in strategies.items()},
         _object_names(spec, library, word),
-        profile(robot),
+        profile(options.robot),
         files,
     )
-    circumstances = Circumstances(library.location, physics, robot, open_loop, randomization=randomization)
-    return TaskInput(spec, strategies, library, word, circumstances)
+    rollout = RolloutOptions(open_loop=given.get("open_loop", False))
+    return TaskInput(options.with_task(spec, word), word, strategies, library, rollout)
+
+
+def scene_options(**given: Unpack[RolloutArguments]) -> SceneOptions:
+    """Options of a run's scenes, from its keywords.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    if not isinstance(given.get("assets"), str | Path | None):
+        raise InputError("must be None, 'builtin' or a folder", field="assets")
+    return SceneOptions.of(**split_arguments(given)[0])
+
+
+def instances_word(**given: Unpack[RolloutArguments]) -> str:
+    """The word that says which instances a run draws from.
+
+    Raises:
+        InputError: it is not one word.
+    """
+    word = given.get("instances", "all")
+    if not isinstance(word, str):
+        raise InputError(f"must be one word, is {word!r}", field="instances")
+    return word
 
 
 def read_task_inputs(
-    tasks: Sequence[str], *, seed: int, origin: str | None = None, **scene: Unpack[SceneArguments]
+    tasks: Sequence[str], *, seed: int, origin: str | None = None, **given: Unpack[RolloutArguments]
 ) -> tuple[list[TaskInput], dict[str, str]]:
     """Read and check the tasks that these objects do for; the others come with the reason why they are left out.
 
     Args:
         tasks, origin: as for :func:`of_these_objects`.
         seed: of the run.
-        scene: see :class:`SceneArguments`.
+        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
 
     Raises:
         InputError: as for :func:`of_these_objects` and :func:`read_task_input`, or a task is named twice.
     """
-    wanted, skipped = of_these_objects(scene.get("assets"), tasks, scene.get("instances", "all"), origin)
-    given = [read_task_input(task, seed=seed, **scene) for task in wanted]
-    if len({one.spec.name for one in given}) < len(given):
+    assets, word = scene_options(**given).assets, instances_word(**given)
+    wanted, skipped = of_these_objects(assets, tasks, word, origin)
+    inputs = [read_task_input(task, seed=seed, **given) for task in wanted]
+    if len({one.spec.name for one in inputs}) < len(inputs):
         raise InputError("a task is named twice", field="tasks")
-    return given, skipped
+    return inputs, skipped
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
@@ -185,9 +183,9 @@ def of_these_objects(
     """Tasks that these objects do for, and why the others are left out.
 
     Args:
-        assets: as for :func:`read_task_input`.
+        assets: as in :class:`~gensim2.scenes.config.SceneArguments`.
         tasks: names of library tasks, or folders; none: all of ``origin``.
-        instances: as for :func:`read_task_input`.
+        instances: one word, as there.
         origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
 
     Raises:
@@ -244,19 +242,6 @@ def _is_folder(task: str) -> bool:
         return bool(task) and Path(task).is_dir()
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}", file=task) from error
-
-
-def check_circumstances(physics: str, robot: str, randomization: str) -> None:
-    """Refuse what there is not.
-
-    Raises:
-        InputError: no such physics, robot or randomization.
-        MissingExtraError: the robot's model comes with a package that is not installed.
-    """
-    if physics not in PHYSICS:
-        raise InputError(f"no physics {physics!r}", field="physics", remedy=f"one of {', '.join(PHYSICS)}")
-    profile(robot)
-    preset(randomization)
 
 
 def check_workers(time_limit: float, jobs_per_worker: int) -> None:

@@ -64,7 +64,8 @@ class ObjectRecord:
         yaw: rad that the randomization turned it by.
         openness_start, openness_end: of its joint; None of a rigid object, or where it is no number any more.
         pose_end: (7,) of a rigid object at the end; None of an articulated one or where it is no number any more.
-        default_pose: whose default pose the draw started from, ``"ours"`` or ``"original"``; None: its pose was given.
+        default_pose: physics preset of the default pose that was randomized (earlier files: ``"ours"``);
+            None: its pose was given.
         mass_factor, contact_friction_factor, joint_friction_factor: by what its physics was multiplied.
     """
 

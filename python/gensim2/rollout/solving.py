@@ -12,7 +12,8 @@ from gensim2.files import check_writable, write_json
 from gensim2.planning.scene import Scene
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.robots import RobotProfile
-from gensim2.rollout.inputs import SceneArguments, TaskInput, read_task_input
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.inputs import TaskInput, read_task_input
 
 if TYPE_CHECKING:
     from gensim2.planning.step_plan import StepPlan
@@ -89,7 +90,7 @@ def solve(
     seed: int = 0,
     out: Path | None = None,
     view: Callable[[Scene, kpam.Plan, RobotProfile], None] | None = None,
-    **scene: Unpack[SceneArguments],
+    **scene: Unpack[RolloutArguments],
 ) -> SolveResult:
     """Plan the steps of a task on the scene of one seed as an episode would, without executing them.
 
@@ -103,7 +104,7 @@ def solve(
         seed: of the scene.
         out: folder in which to leave ``plan.json``.
         view: called with the scene and the plan of the first step, and the robot, at the end, for example to show them.
-        scene: see :class:`~gensim2.rollout.inputs.SceneArguments`; the seed draws one of several instances, and
+        scene: see :class:`~gensim2.rollout.config.RolloutArguments`; the seed draws one of several instances, and
             ``open_loop`` takes the first strategy of each step only.
 
     Raises:
@@ -113,27 +114,20 @@ def solve(
         check_writable(Path(out) / "plan.json")
     given = read_task_input(task, seed=seed, **scene)
     # Only now what takes seconds to import.
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-    lane = Lane(
-        given.spec,
-        assets=given.library,
-        instances=given.instances,
-        physics=given.circumstances.physics,
-        robot=given.circumstances.robot,
-        randomization=given.circumstances.randomization,
-    )
-    lane.reset(seed)
+    env = HeadlessEnv(given.spec, **given.scene.arguments)
+    env.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
-        for role, placed in lane.setup.objects.items()
+        for role, placed in env.setup.objects.items()
     }
-    steps = _plan(given, lane.scene_state())
+    steps = _plan(given, env.scene_state())
     result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))
     if out is not None:
         write_json(Path(out) / "plan.json", result.to_dict())
     if view is not None and steps[0].found.plan is not None:
-        view(steps[0].scene, steps[0].found.plan, lane.profile)
+        view(steps[0].scene, steps[0].found.plan, env.profile)
     return result
 
 
@@ -142,12 +136,12 @@ def _plan(given: TaskInput, scene: Scene) -> list[SolvedStep]:
     from gensim2.robots import robot
     from gensim2.rollout.worker import parsed
 
-    planner, strategies = StepPlanner(robot(given.circumstances.robot)), parsed(given.strategies)
+    planner, strategies = StepPlanner(robot(given.scene.robot)), parsed(given.strategies)
     ways = [(step, [strategies[name] for name in step.strategies]) for step in given.spec.steps]
     steps: list[SolvedStep] = []
     for index, (step, _) in enumerate(ways):
         tried: list[SolvedStep] = []
-        for name in step.strategies[:1] if given.circumstances.open_loop else step.strategies:
+        for name in step.strategies[:1] if given.rollout.open_loop else step.strategies:
             found = planner.plan(scene, step, strategies[name], following=ways[index + 1 :])
             tried.append(SolvedStep(step.name, name, scene, found))
             if found.rank == 0:

@@ -13,8 +13,9 @@ import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.rollout.record import Episode
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies, Strategies, with_strategies
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from gensim2.rollout.controller import Controller
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.still import StillResult
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
 Result = TypeVar("Result")
 
@@ -34,7 +35,7 @@ PRELOAD: Sequence[str] = (
     "gensim2.rollout.chain",
     "gensim2.rollout.run",
     "gensim2.planning.steps",
-    "gensim2.sim.lane",
+    "gensim2.sim.headless",
 )
 
 #: For screening, where hundreds of candidates are planned and most cannot work: few poses, short searches. Measured on
@@ -46,36 +47,28 @@ SCREEN_OPTIONS: kpam.Options = {"allow_partial": True, "harvest": 0, "candidates
 Screened = tuple[float, str | None, dict[str, Any]]
 
 
-def prepare(circumstances: Circumstances) -> None:
+def prepare(scene: SceneOptions) -> None:
     """Read and build what every episode of a run needs and only the first of a process would pay for."""
     import sapien
 
     from gensim2.sim.arm import Arm
     from gensim2.sim.physics import named_physics
 
-    open_library(circumstances.assets).classes()
-    profile, physics = robot(circumstances.robot), named_physics(circumstances.physics)
+    open_library(scene.assets).classes()
+    profile, physics = robot(scene.robot), named_physics(scene.physics)
     assert profile.model
     Arm(sapien.Scene([physics.new_system(profile)]), profile, physics)
 
 
 @lru_cache(maxsize=2)
-def simulator(setting: Setting) -> Lane:
-    """Return the simulator of a setting; the last two are kept, since jobs come task by task."""
-    from gensim2.sim.lane import Lane
+def simulator(scene: SceneConfig) -> HeadlessEnv:
+    """Return the simulator of scenes; the last two are kept, since jobs come task by task."""
+    from gensim2.sim.headless import HeadlessEnv
 
-    given = setting.circumstances
-    return Lane(
-        setting.task,
-        assets=given.assets,
-        instances=dict(setting.instances) if isinstance(setting.instances, frozenset) else setting.instances,
-        physics=given.physics,
-        robot=given.robot,
-        randomization=given.randomization,
-    )
+    return HeadlessEnv(scene.task, **scene.arguments)
 
 
-def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:
+def screen_scene(config: EpisodeConfig, seed: int, candidates: Sequence[StepStrategies]) -> list[Screened]:
     """Plan every candidate on the scene of one seed.
 
     Returns:
@@ -84,11 +77,11 @@ def screen_scene(setting: Setting, seed: int, candidates: Sequence[StepStrategie
     """
     from gensim2.planning.steps import StepPlanner
 
-    lane = simulator(setting)
-    lane.reset(seed)
-    scene = lane.scene_state()
-    planner = StepPlanner(robot(setting.circumstances.robot), options=SCREEN_OPTIONS)
-    return [_screen(planner, setting.task, scene, candidate) for candidate in candidates]
+    env = simulator(config.scene)
+    env.reset(seed)
+    scene = env.scene_state()
+    planner = StepPlanner(robot(config.scene.robot), options=SCREEN_OPTIONS)
+    return [_screen(planner, config.task, scene, candidate) for candidate in candidates]
 
 
 def _screen(planner: StepPlanner, task: TaskSpec, scene: Scene, candidate: StepStrategies) -> Screened:
@@ -136,25 +129,25 @@ def parsed(strategies: Mapping[str, Mapping[str, Any]]) -> dict[str, Strategy]:
     return {name: parse_strategy(data, f"strategies/{name}.yaml") for name, data in strategies.items()}
 
 
-def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     """Run one episode in physics and, where it seems to succeed, the same seed with a still arm."""
-    return _run(setting, setting.task, strategies, seed, record=False)[0]
+    return _run(config, config.task, strategies, seed, record=False)[0]
 
 
-def trial(setting: Setting, ways: StepStrategies, seed: int) -> Episode:
-    """Run one episode of a candidate: the setting's task, its steps done in these ways."""
+def trial(config: EpisodeConfig, ways: StepStrategies, seed: int) -> Episode:
+    """Run one episode of a candidate: the configured task, its steps done in these ways."""
     strategies = {name: data for own in ways.values() for name, data in own.items()}
-    return _run(setting, with_strategies(setting.task, ways), strategies, seed, record=False)[0]
+    return _run(config, with_strategies(config.task, ways), strategies, seed, record=False)[0]
 
 
-def demonstrate(setting: Setting, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
+def demonstrate(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Episode, Recording | None]:
     """Run one episode as ``episode`` does and keep its states; the recording is None where it did not hold."""
-    found, recording = _run(setting, setting.task, strategies, seed, record=True)
+    found, recording = _run(config, config.task, strategies, seed, record=True)
     return found, recording if found.held else None
 
 
 def record(
-    setting: Setting, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
+    config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[[Episode, Recording | None], Result]
 ) -> Result:
     """Run one episode as ``episode`` does and hand it on in this process: its states need not travel.
 
@@ -164,40 +157,40 @@ def record(
     Returns:
         What ``keep`` returned.
     """
-    return keep(*_run(setting, setting.task, strategies, seed, record=True))
+    return keep(*_run(config, config.task, strategies, seed, record=True))
 
 
 def _run(
-    setting: Setting, task: TaskSpec, strategies: Strategies, seed: int, record: bool
+    config: EpisodeConfig, task: TaskSpec, strategies: Strategies, seed: int, record: bool
 ) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.attempts import Attempt, attempted
     from gensim2.rollout.chain import ChainController
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.run import EpisodeResult, run
 
-    given = setting.circumstances
-    lane = simulator(setting)
+    given = config.rollout
+    env = simulator(config.scene)
     ways = parsed(strategies)
 
     def once(attempt: Attempt) -> EpisodeResult:
         controller: Controller = ChainController(
             attempt.task(task),
             ways,
-            profile=robot(given.robot),
+            profile=robot(config.scene.robot),
             open_loop=given.open_loop,
             options=attempt.options,
         )
         if given.disturbance is not None:
-            controller = Disturbed(controller, lane, setting.task, given.disturbance, seed)
-        return run(lane, controller, seed=seed, record=record, still=lambda: still_episode(setting, seed))
+            controller = Disturbed(controller, env, config.task, given.disturbance, seed)
+        return run(env, controller, seed=seed, record=record, still=lambda: still_episode(config.scene, seed))
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording
 
 
 @lru_cache(maxsize=4096)
-def still_episode(setting: Setting, seed: int) -> StillResult:
+def still_episode(scene: SceneConfig, seed: int) -> StillResult:
     """What the scene of this seed does by itself; a search asks for the same seeds again and again."""
     from gensim2.rollout.still import still_arm
 
-    return still_arm(simulator(setting), seed)
+    return still_arm(simulator(scene), seed)

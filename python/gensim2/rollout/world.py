@@ -52,7 +52,7 @@ class Placed(Protocol):
 
     @property
     def default_pose(self) -> str | None:
-        """Whose default pose it was put from, ``"ours"`` or ``"original"``; None: its pose was given."""
+        """Whose default pose it was put from, ``"default"`` or ``"original"``; None: its pose was given."""
         ...
 
     @property
@@ -86,7 +86,7 @@ class Setup(Protocol):
 
 
 class World(Protocol):
-    """One task's scene. :class:`gensim2.sim.lane.Lane` is one."""
+    """One task's scene. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
 
     task: TaskSpec
     seed: int

@@ -1,71 +1,144 @@
-"""What episodes follow from beside their strategies and their seed."""
+"""Configuration of scenes: what initial states follow from beside their seed, spelled once for everybody who takes it.
+
+Users give the keywords of :class:`SceneArguments`; a run keeps :class:`SceneOptions`, which its tasks share; the scenes
+of one task follow from a :class:`SceneConfig`. Command-line options and files carry the same names.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypedDict, Unpack, cast
 
+from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT
-from gensim2.tasks.presets import DEFAULT_PRESET, PresetName
+from gensim2.robots import robot as robot_profile
+from gensim2.scenes.arguments import ObjectSource, Words, check_words
+from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName, physics_name
+from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
-Physics = Literal["ours", "original"]
-"""Whose joint friction, densities, materials and default poses episodes have (docs/simulation.md)."""
-
 Drawn = str | tuple[str, ...] | frozenset[tuple[str, str]]
-"""Which instances episodes draw from."""
+"""Instances that scenes draw from: one word, several ids, or (object's name, word) pairs."""
 
-Disturbance = Literal["push", "drop"]
-"""By what an episode is disturbed, once, at a seeded moment."""
 
-DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
-PHYSICS: tuple[Physics, ...] = get_args(Physics)
+class SceneArguments(TypedDict, total=False):
+    """What scenes of a task follow from beside their seed, by keyword; nothing else in the package spells it.
+
+    Keys:
+        assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library. An
+            environment takes an opened library, too.
+        instances: what is drawn from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
+            (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
+            environment takes several of them, too, also by object.
+        physics: ``"default"`` or ``"original"`` (docs/simulation.md).
+        robot: name of its profile.
+        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"`` (docs/simulation.md).
+    """
+
+    assets: str | Path | ObjectSource | None
+    instances: Words | Mapping[str, Words]
+    physics: str
+    robot: str
+    randomization: str
+
+
+SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 
 @dataclass(frozen=True)
-class Circumstances:
-    """What all episodes of a run have in common.
+class SceneOptions:
+    """What the scenes of all tasks of a run follow from.
 
     Attributes:
         assets: a folder of objects or ``"builtin"``.
-        physics: ``"ours"`` or ``"original"``.
+        physics: name of the preset.
         robot: name of its profile.
-        open_loop: everything is planned at the start, with the first strategy of each step.
-        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
-        randomization: ``"paper"``, ``"paper-half"`` or ``"wide"``: what becomes of the tasks' ranges.
-        attempts: resets to the same start that an episode has at most, until one holds.
+        randomization: name of the preset, which says what becomes of the tasks' ranges.
+
+    Raises:
+        InputError: there is no such physics or randomization.
     """
 
     assets: str
-    physics: Physics = "ours"
+    physics: PhysicsName = DEFAULT_PHYSICS
     robot: str = DEFAULT_ROBOT
-    open_loop: bool = False
-    disturbance: Disturbance | None = None
     randomization: PresetName = DEFAULT_PRESET
-    attempts: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "physics", physics_name(self.physics))
+        preset(self.randomization)
+
+    @classmethod
+    def of(cls, **scene: Unpack[SceneArguments]) -> SceneOptions:
+        """Options from a user's keywords; ``instances`` is a matter of each task.
+
+        Raises:
+            InputError: the folder, the robot or a preset cannot be used.
+            MissingExtraError: the robot's model comes with a package that is not installed.
+        """
+        words = {name: scene[name] for name in ("physics", "robot", "randomization") if name in scene}
+        check_words(**words)
+        options = cls("", **cast(Any, words))
+        robot_profile(options.robot)
+        assets = scene.get("assets")
+        location = getattr(assets, "location", None) or open_library(cast(Any, assets)).location
+        return cls(str(location), options.physics, options.robot, options.randomization)
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> SceneOptions:
+        """Options from the fields of a file, other fields beside them left alone.
+
+        Raises:
+            InputError: there is no such physics or randomization.
+        """
+        return cls(**{each.name: record[each.name] for each in fields(SceneOptions) if each.name in record})
+
+    def to_record(self) -> dict[str, Any]:
+        """Fields of a file."""
+        return {each.name: getattr(self, each.name) for each in fields(SceneOptions)}
+
+    def with_task(self, task: TaskSpec, instances: Drawn = "all") -> SceneConfig:
+        """Configuration of the scenes of one task."""
+        return SceneConfig(**self.to_record(), task=task, instances=instances)
 
     @property
     def environment(self) -> dict[str, str]:
         """Arguments of the registered environment, where they are not its defaults."""
-        given = {"physics": self.physics, "robot": self.robot, "randomization": self.randomization}
-        defaults = {"physics": "ours", "robot": DEFAULT_ROBOT, "randomization": DEFAULT_PRESET}
-        return {name: value for name, value in given.items() if value != defaults[name]}
+        defaults = {"physics": DEFAULT_PHYSICS, "robot": DEFAULT_ROBOT, "randomization": DEFAULT_PRESET}
+        return {name: getattr(self, name) for name, default in defaults.items() if getattr(self, name) != default}
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What all episodes of one task have in common.
+@dataclass(frozen=True, kw_only=True)
+class SceneConfig(SceneOptions):
+    """What the scenes of one task follow from beside their seed: plain values that pickle.
 
     Attributes:
         task: what is to be done.
-        instances: which instances are drawn from: one word, several ids, or (object's name, word) pairs.
-        circumstances: of the run.
+        instances: which instances are drawn from.
     """
 
     task: TaskSpec
-    instances: Drawn
-    circumstances: Circumstances
+    instances: Drawn = "all"
 
     def __hash__(self) -> int:
         """By the task's name: a spec holds mappings."""
-        return hash((self.task.name, self.instances, self.circumstances))
+        return hash((self.task.name, self.instances, *self.to_record().values()))
+
+    @property
+    def options(self) -> SceneOptions:
+        """What the scenes share with those of other tasks."""
+        return SceneOptions(**self.to_record())
+
+    @property
+    def arguments(self) -> SceneArguments:
+        """Keywords that an environment takes beside the task."""
+        instances = dict(self.instances) if isinstance(self.instances, frozenset) else self.instances
+        return cast(SceneArguments, {**self.to_record(), "instances": instances})
+
+
+def split_arguments(given: Mapping[str, Any]) -> tuple[SceneArguments, dict[str, Any]]:
+    """Keywords of scenes, and all others."""
+    scene = {name: value for name, value in given.items() if name in SCENE_FIELDS}
+    return cast(SceneArguments, scene), {name: value for name, value in given.items() if name not in scene}

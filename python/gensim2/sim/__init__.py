@@ -1,6 +1,6 @@
 """ManiSkill environments, one a task.
 
-They are for everybody's tools; ``Lane`` gives the same states, bit for bit, for episodes that nobody watches.
+``HeadlessEnv`` gives the same states, bit for bit, in physics alone.
 Importing this module registers them with gymnasium, without importing ManiSkill:
 
     import gymnasium as gym
@@ -21,10 +21,10 @@ from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, register_all
 
 if TYPE_CHECKING:
     from gensim2.sim.env import GenSim2Env
-    from gensim2.sim.lane import Lane
+    from gensim2.sim.headless import HeadlessEnv
 
-__all__ = ["TASK_ENV_ID", "GenSim2Env", "Lane", "env_id", "make_env", "register_all"]
+__all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "register_all"]
 
-__getattr__ = lazy_names(__name__, {"GenSim2Env": "gensim2.sim.env", "Lane": "gensim2.sim.lane"})
+__getattr__ = lazy_names(__name__, {"GenSim2Env": "gensim2.sim.env", "HeadlessEnv": "gensim2.sim.headless"})
 
 register_all()

@@ -1,4 +1,4 @@
-"""The robot of a lane: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
+"""Robot of the headless environment: built from its profile, driven as its controller ``pd_joint_pos`` drives it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.errors import InputError
 from gensim2.robots import RobotProfile, robot
+from gensim2.scenes.physics import PhysicsName
 from gensim2.sim.agents import urdf_config
 from gensim2.sim.objects import link_name
 from gensim2.sim.parts import Row, articulation_state, pose_row
-from gensim2.sim.physics import Physics, PhysicsName
+from gensim2.sim.physics import Physics
 from gensim2.sim.scene_state import RobotReader
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,31 +19,21 @@ from gensim2.observations import CloudSettings
 from gensim2.planning.scene import Scene
 from gensim2.raycast.sensor import OBS_MODE as RAYCAST
 from gensim2.raycast.sensor import RaycastSensor
-from gensim2.robots import DEFAULT_ROBOT, robot_names
 from gensim2.robots import robot as robot_profile
+from gensim2.robots import robot_names
+from gensim2.scenes.arguments import check_words
+from gensim2.scenes.config import split_arguments
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
+from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim import agents, rendering
-from gensim2.sim.arguments import (
-    ObjectSource,
-    Words,
-    as_library,
-    as_task,
-    check_names,
-    check_one_of,
-    check_words,
-    checked_action,
-    checked_seed,
-    chosen_instances,
-)
+from gensim2.sim.arguments import check_one_of, checked_action, checked_seed
 from gensim2.sim.managed import build_part, spare_imports_from_collection
 from gensim2.sim.observed import RaycastObservations
-from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.scene_state import RobotReader, read_scene
-from gensim2.sim.setup import set_up
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -61,20 +50,15 @@ class GenSim2Env(RaycastObservations):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        assets: as in :func:`gensim2.objects.open_library` (``None``, ``"builtin"`` or a folder), or an opened
-            library.
-        instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id need not
-            be one that the library lists: any number up to 10^6 is a generated object. It is said of the first object
-            of whose class there are several; or of any, as a mapping from an object's name.
-        robot: name of its profile (:func:`gensim2.robots.robot_names`); ``robot_uids`` follows from it.
-        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
         obs_mode: ManiSkill's, or ``"raycast"``: the point cloud of :mod:`gensim2.observations`, ray-cast without a
             renderer, beside the robot's own state (docs/observations.md).
         observation: fields of :class:`~gensim2.observations.CloudSettings`, for ``"raycast"``.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
-        kwargs: as in ManiSkill's ``BaseEnv``.
+        kwargs: those of :class:`~gensim2.scenes.config.SceneArguments`, and as in ManiSkill's ``BaseEnv``;
+            ``robot_uids`` follows from ``robot``. A reset draws one of ``instances``; an id need not be one that the
+            library lists: any number up to 10^6 is a generated object. It is said of the first object of whose class
+            there are several; or of any, as a mapping from an object's name.
 
     Reset options, each of which replaces what would have been drawn: ``instance`` (id), ``openness`` (0..1),
     ``offset`` (x, y, yaw from where it stands before) or ``pose`` (root in the world: x, y, z, qw, qx, qy,
@@ -91,12 +75,7 @@ class GenSim2Env(RaycastObservations):
         self,
         task: str | TaskSpec | Mapping[str, Any],
         *,
-        assets: str | Path | ObjectSource | None = None,
-        instances: Words | Mapping[str, Words] = "all",
-        robot: str = DEFAULT_ROBOT,
         robot_uids: str | None = None,
-        physics: str = "ours",
-        randomization: str = DEFAULT_PRESET,
         control_mode: str | None = "pd_joint_pos",
         num_envs: int = 1,
         sim_backend: str = "physx_cpu",
@@ -112,24 +91,14 @@ class GenSim2Env(RaycastObservations):
         if reconfiguration_freq not in (None, 1):
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
-        check_words(
-            robot=robot,
-            physics=physics,
-            randomization=randomization,
-            obs_mode=obs_mode,
-            control_mode=control_mode,
-            render_backend=render_backend,
-        )
-        self.profile = robot_profile(robot)
+        check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
+        scene, rest = split_arguments(kwargs)
+        self._sampler = sampler = SceneSampler(task, **scene)
+        self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
+        self.physics = named_physics(sampler.physics)
         if robot_uids not in (None, self.profile.agent):
             raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
         agents.register(self.profile)
-        self.physics = named_physics(physics)
-        self.randomization = preset(randomization)
-        self.task = as_task(task)
-        check_names(self.task, self.profile)
-        self._library = as_library(assets)
-        self._instances = chosen_instances(self._library, self.task, instances)
         self._spec: EnvSpec | None = None
         self._sensor = RaycastSensor(observation) if obs_mode == RAYCAST else None
         if observation is not None and self._sensor is None:
@@ -147,7 +116,7 @@ class GenSim2Env(RaycastObservations):
                 reconfiguration_freq=1,
                 obs_mode=obs_mode if self._sensor is None else "none",  # as far as ManiSkill is concerned
                 render_mode=render_mode,
-                **kwargs,
+                **rest,
             )
         except (AssertionError, NotImplementedError) as error:  # ManiSkill's word for an argument that it does not know
             raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see its BaseEnv") from error
@@ -164,7 +133,7 @@ class GenSim2Env(RaycastObservations):
     @property
     def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
         """Ids that a reset draws from, by object."""
-        return self._instances
+        return self._sampler.instances
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -218,10 +187,7 @@ class GenSim2Env(RaycastObservations):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
-        given = read_options(options, tuple(self.task.objects))
-        setup = set_up(
-            self.task, self._library, self._instances, seed, given, self.profile, self.physics, self.randomization
-        )
+        setup = self._sampler.sample(seed, options)
         self._robot = RobotReader(self.profile, self.agent.robot._objs[0])
         self.table = build_table(self.scene, visible=self.scene.can_render())
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}

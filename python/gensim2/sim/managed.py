@@ -9,14 +9,14 @@ import sapien
 from mani_skill.envs.scene import ManiSkillScene
 
 from gensim2.objects import RigidObject
+from gensim2.scenes.initial_state import PlacedObject
 from gensim2.sim.objects import load_object
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart
 from gensim2.sim.physics import Physics, vary
 from gensim2.sim.rigid import load_rigid
-from gensim2.sim.setup import Placed
 
 
-def build_part(scene: ManiSkillScene, name: str, thing: Placed, physics: Physics) -> Part:
+def build_part(scene: ManiSkillScene, name: str, thing: PlacedObject, physics: Physics) -> Part:
     """Build an object where it was put.
 
     Raises:

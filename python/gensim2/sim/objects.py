@@ -14,7 +14,7 @@ from sapien import physx
 
 from gensim2.errors import InputError
 from gensim2.objects.types import Instance
-from gensim2.sim.physics import OURS, Physics
+from gensim2.sim.physics import DEFAULT, Physics
 
 
 class _PhysicsOnlyLoader(URDFLoader):  # type: ignore[misc]
@@ -35,7 +35,7 @@ the real objects one, a plate of 3 mm, loses more than 0.7 mm (37.5 of 256)."""
 
 
 def load_object(
-    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object", physics: Physics = OURS
+    scene: ManiSkillScene, instance: Instance, pose: sapien.Pose, name: str = "object", physics: Physics = DEFAULT
 ) -> tuple[Articulation, tuple[str, ...]]:
     """Build ``instance`` with its root fixed at ``pose`` (root to world); nothing resists its joint yet.
 

@@ -10,10 +10,10 @@ from mani_skill.envs.sapien_env import BaseEnv
 from gensim2.raycast.sensor import OBS_MODE as RAYCAST
 from gensim2.raycast.sensor import RaycastSensor
 from gensim2.robots import RobotProfile
-from gensim2.sim.standing import Standing
+from gensim2.sim.scene_access import SceneAccessMixin
 
 
-class RaycastObservations(Standing, BaseEnv):  # type: ignore[misc]
+class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     """Adds ``obs_mode="raycast"`` to ManiSkill's; ``_sensor`` is None in all others."""
 
     profile: RobotProfile

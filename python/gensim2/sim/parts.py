@@ -14,11 +14,11 @@ from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, SceneBody, SceneObject
-from gensim2.sim.later import Later
+from gensim2.scenes.initial_state import PlacedObject
+from gensim2.scenes.randomize import placed
+from gensim2.sim.lazy_mapping import LazyMapping
 from gensim2.sim.objects import link_name
 from gensim2.sim.physics import JointResistance
-from gensim2.sim.randomize import placed
-from gensim2.sim.setup import Placed
 
 Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
@@ -38,7 +38,7 @@ class ArticulatedPart:
     def __init__(
         self,
         name: str,
-        thing: Placed,
+        thing: PlacedObject,
         articulation: physx.PhysxArticulation,
         resistance: JointResistance,
         warnings: tuple[str, ...] = (),
@@ -86,7 +86,7 @@ class ArticulatedPart:
             links = {name: as_matrix(pose) for name, pose in poses.items()}
             return {name: _moved(links[point.link], point.position) for name, point in self.model.keypoints.items()}
 
-        return Later(work_out)
+        return LazyMapping(work_out)
 
     @cached_property
     def _keypoint_links(self) -> frozenset[str]:
@@ -155,7 +155,7 @@ class RigidPart:
 
     warnings: tuple[str, ...] = ()
 
-    def __init__(self, name: str, thing: Placed, entity: sapien.Entity) -> None:
+    def __init__(self, name: str, thing: PlacedObject, entity: sapien.Entity) -> None:
         assert isinstance(thing.model, RigidObject)
         self.name, self.thing, self.model, self.entity = name, thing, thing.model, entity
         self.body: physx.PhysxRigidDynamicComponent = entity.find_component_by_type(physx.PhysxRigidDynamicComponent)
@@ -200,7 +200,7 @@ class RigidPart:
             body = as_matrix(pose)
             return {name: _moved(body, point.position) for name, point in self.model.keypoints.items()}
 
-        return Later(work_out)
+        return LazyMapping(work_out)
 
     def state(self) -> Row:
         """(13,) ManiSkill's: pose and velocities."""

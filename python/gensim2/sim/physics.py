@@ -1,16 +1,16 @@
-"""Physics by a switch: ours, or as the original GenSim2 has it.
+"""Physics by a switch: the default, or as the original GenSim2 has it.
 
-What differs is all here: PhysX's settings, what resists a joint, what objects weigh, contact materials and where an
-object stands by default. Both environments ask the same :class:`Physics` for it, so they stay the same.
+All that differs is here, default poses apart (:mod:`gensim2.scenes.default_pose`): PhysX's settings, joint resistance,
+masses and contact materials. Both environments ask the same :class:`Physics` for it, so they stay the same.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,18 +18,14 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from sapien import physx
 from sapien.wrapper.urdf_loader import URDFLoader
 
-from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
 from gensim2.robots import Gripper, RobotProfile
+from gensim2.scenes.physics import PhysicsName, physics_name
+from gensim2.scenes.randomize import AS_IT_IS, Factors
 from gensim2.sim import original
-from gensim2.sim.footprint import lowest_of_moving_link
-from gensim2.sim.randomize import AS_IT_IS, Factors
 
 Array = npt.NDArray[np.float64]
-
-PhysicsName = Literal["ours", "original"]
-PHYSICS_NAMES: tuple[PhysicsName, ...] = get_args(PhysicsName)
 
 RIGID_CONTACT_OFFSET = 0.005
 """Metres, of every shape in a scene of ours with rigid objects. With ManiSkill's 20 mm each finger is in speculative
@@ -46,28 +42,11 @@ class JointResistance(Protocol):
         """To be called before each physics step."""
 
 
-@dataclass(frozen=True)
-class DefaultPlace:
-    """Where an object stands before its randomization.
-
-    Attributes:
-        position: (3,) of the root in the world, m.
-        quaternion: (4,) (w, x, y, z), root to world.
-        openness: mean of the randomized openness; 0 of a rigid object.
-        origin: whose place it is: the original's own, or ours.
-    """
-
-    position: Array
-    quaternion: Array
-    openness: float
-    origin: PhysicsName
-
-
 class Physics(ABC):
     """One way to have physics; :func:`named_physics` gives it by name.
 
     Attributes:
-        name: ``"ours"`` or ``"original"``.
+        name: ``"default"`` or ``"original"``.
         scene_config: PhysX's settings, as ManiSkill takes them.
         material: of what says nothing of its own.
     """
@@ -137,16 +116,12 @@ class Physics(ABC):
     def rigid_density(self, rigid: RigidObject) -> float | None:
         """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
 
-    @abstractmethod
-    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
-        """Where an object stands before its randomization."""
 
-
-class OurPhysics(Physics):
+class DefaultPhysics(Physics):
     """TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration; joints with Coulomb
     friction, which stay where they are let go; objects that weigh what they say."""
 
-    name = "ours"
+    name = "default"
     scene_config = SceneConfig(
         enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
     )
@@ -184,11 +159,6 @@ class OurPhysics(Physics):
 
     def rigid_density(self, rigid: RigidObject) -> float | None:
         return None
-
-    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
-        if isinstance(model, RigidObject):
-            return DefaultPlace(model.placement.position, model.placement.quaternion, 0.0, "ours")
-        return DefaultPlace(model.placement.position, model.placement.quaternion, model.default_openness, "ours")
 
 
 class CoulombFriction:
@@ -276,20 +246,6 @@ class OriginalPhysics(Physics):
     def rigid_density(self, rigid: RigidObject) -> float | None:
         return self._constants.rigid_density
 
-    def default_place(self, model: Instance | RigidObject) -> DefaultPlace:
-        # Rigid objects rest on the table: the original's height puts some of them into it. An id says something of the
-        # released models only: generated ones have numbers of their own.
-        pose = None
-        if isinstance(model, Instance) and model.source == "real":
-            pose = original.default_pose(model.asset_class, model.id)
-        if pose is None:
-            return OURS.default_place(model)
-        assert isinstance(model, Instance)
-        # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that contact
-        # holds the joint against 400 N.
-        sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
-        return DefaultPlace(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
-
     def _material(self) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(**self._constants.material)
 
@@ -326,16 +282,14 @@ def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> N
             )
 
 
-OURS: Physics = OurPhysics()
+DEFAULT: Physics = DefaultPhysics()
 
 
 @cache
 def named_physics(name: str) -> Physics:
-    """The physics of that name, one value a process.
+    """Return the physics of that name, one value a process.
 
     Raises:
         InputError: there is none.
     """
-    if name not in PHYSICS_NAMES:
-        raise InputError(f"must be one of {', '.join(PHYSICS_NAMES)}, is {name!r}", field="physics")
-    return OURS if name == "ours" else OriginalPhysics()
+    return DEFAULT if physics_name(name) == "default" else OriginalPhysics()

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from gensim2.scenes.config import SceneConfig
 from gensim2.sim.env import GenSim2Env
-from gensim2.tasks.spec import TaskSpec
 
 Images = dict[str, npt.NDArray[Any]]
 
@@ -19,19 +19,16 @@ class StatePictures:
     """Pictures by the environment's cameras. The scene is built again only where other objects stand in it.
 
     Args:
-        task: of the episodes.
-        assets, robot, physics: of the environment.
+        config: of the scenes.
         textures: ``rgb``, ``depth`` and ``segmentation``, or some of them.
 
     Raises:
         InputError: no Vulkan driver works.
     """
 
-    def __init__(
-        self, task: TaskSpec, assets: str, robot: str, physics: str, textures: Sequence[str] = ("rgb",)
-    ) -> None:
+    def __init__(self, config: SceneConfig, textures: Sequence[str] = ("rgb",)) -> None:
         self._textures = tuple(textures)
-        self._env = GenSim2Env(task, assets=assets, robot=robot, physics=physics, obs_mode="+".join(textures))
+        self._env = GenSim2Env(config.task, **config.arguments, obs_mode="+".join(textures))
         self._shown: Mapping[str, str] | None = None
 
     def show(self, instances: Mapping[str, str], seed: int, options: Mapping[str, Any]) -> None:

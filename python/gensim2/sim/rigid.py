@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
+from gensim2.scenes.randomize import placed
 from gensim2.sim.objects import cooking_is_fair, cooking_misfit
-from gensim2.sim.physics import OURS, Physics
-from gensim2.sim.randomize import placed
+from gensim2.sim.physics import DEFAULT, Physics
 
 
 def load_rigid(
@@ -24,7 +24,7 @@ def load_rigid(
     rigid: RigidObject,
     pose: sapien.Pose | None = None,
     name: str | None = None,
-    physics: Physics = OURS,
+    physics: Physics = DEFAULT,
 ) -> Actor:
     """Build ``rigid`` at ``pose`` (object to world; default: resting at the world's origin).
 
@@ -58,7 +58,7 @@ def build_rigid(
     return entity
 
 
-def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = OURS) -> None:
+def fill(builder: sapien.ActorBuilder, rigid: RigidObject, visual: bool, physics: Physics = DEFAULT) -> None:
     """Give a builder the object's shapes and inertia, and its visual where ``visual``."""
     material, density = physics.rigid_material(rigid), physics.rigid_density(rigid)
     weight = {} if density is None else {"density": density}

@@ -10,7 +10,7 @@ from sapien import physx
 
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
-from gensim2.sim.later import Later
+from gensim2.sim.lazy_mapping import LazyMapping
 from gensim2.sim.objects import link_name
 from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, as_matrix
 from gensim2.sim.table import HALF_SIZE, corners
@@ -67,7 +67,7 @@ class RobotReader:
         if self.articulation is None:
             return self.profile.gripper_with(self._start)
         pose = self._hand.entity.pose
-        return Later(lambda: self.profile.gripper_at(as_matrix(pose)))
+        return LazyMapping(lambda: self.profile.gripper_at(as_matrix(pose)))
 
     @property
     def finger_friction(self) -> float:

@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from gensim2.errors import InputError
 
@@ -25,12 +25,16 @@ class _Value(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+def _current_word(word: object) -> object:
+    return "default" if word == "ours" else word
+
+
 class Condition(_Value):
     """What a row was measured under.
 
     Attributes:
         objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
-        physics: ``"ours"`` or ``"original"``.
+        physics: ``"default"`` (``"ours"`` in earlier files) or ``"original"``.
         robot: its name.
         instances: which were drawn from, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
@@ -40,7 +44,7 @@ class Condition(_Value):
     """
 
     objects: Literal["generated", "real"]
-    physics: Literal["ours", "original"]
+    physics: Annotated[Literal["default", "original"], BeforeValidator(_current_word)]
     robot: str
     instances: str
     randomization: str
@@ -56,7 +60,7 @@ class Condition(_Value):
     @property
     def in_words(self) -> str:
         """Whose physics, which objects, and what else is not the paper's protocol."""
-        physics = "our physics" if self.physics == "ours" else "the original's physics"
+        physics = "our physics" if self.physics == "default" else "the original's physics"
         return ", ".join([physics, f"{self.objects} objects", *self._deviations()])
 
     def _deviations(self) -> list[str]:

@@ -149,6 +149,15 @@ class Memory:
                 write_json(made / ADDED_FILE, _note(run))
         return self.folder / task.name
 
+    def check_new(self, task: TaskSpec, strategies: Mapping[str, Strategy]) -> None:
+        """Refuse a task that could not be added whatever its verification says; the very same is no such task.
+
+        Raises:
+            KnownTaskError: the library, or the package, has this name or such a task.
+        """
+        if not self._has(task, {name: dict(strategies[name]) for name in strategies_of(task)}):
+            self._check_new(task)
+
     def remove(self, *names: str) -> None:
         """Remove tasks: all of them or, where one cannot be, none.
 

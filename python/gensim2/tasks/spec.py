@@ -7,6 +7,7 @@ strategies, which are files beside it (``strategies/<name>.yaml``).
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -22,6 +23,20 @@ TABLE = "table"
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 """Of an object, a step or a strategy."""
 Share = Annotated[float, Field(ge=0, le=1)]
+
+FARTHEST = 5.0
+"""Metres from the world's origin along x or y, beyond which nothing stands: the table ends at 0.65."""
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
+_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, and those that turn the direction of what is read."""
+
+
+def _text(text: str) -> str:
+    odd = _NO_TEXT.search(text)
+    if odd is not None:
+        raise ValueError(f"holds a control character ({odd[0]!a})")
+    return text
 
 
 def _pair(value: Any) -> Any:
@@ -64,7 +79,7 @@ class Place(_Value):
     """
 
     on: Name = TABLE
-    at: Annotated[tuple[float, float], Field()] | None = None
+    at: tuple[Coordinate, Coordinate] | None = None
     yaw: Annotated[float, Field(ge=-6.2832, le=6.2832)] = 0.0
 
 
@@ -197,7 +212,7 @@ class TaskSpec(_Value):
 
     schema_version: Literal[2] = 2
     name: Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
-    description: Annotated[str, Field(max_length=1000)]
+    description: Annotated[str, Field(max_length=1000), AfterValidator(_text)]
     objects: Annotated[dict[Name, ObjectSpec], Field(min_length=1, max_length=20)]
     steps: Annotated[tuple[Step, ...], Field(min_length=1, max_length=50)]
     goal: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)] | None = None

@@ -12,7 +12,7 @@ from llm_answers import GoodModel
 from llm_server import KEY, ModelServer
 
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import Brief, Known, Settings
+from gensim2.design.base import Brief, Known, RobotSummary
 from gensim2.objects import Library
 from gensim2.robots import robot
 from gensim2.tasks.library import load_strategies, load_task
@@ -38,14 +38,12 @@ def server() -> Iterator[ModelServer]:
 def brief(library: Library) -> Brief:
     """Of six classes and four known tasks."""
     profile = robot("panda")
-    settings = Settings(
+    settings = RobotSummary(
         robot="panda",
         base=(-0.615, 0.0),
         reach=0.7,
         stroke=0.08,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
-        randomization="paper",
-        physics="ours",
     )
     classes = {
         name: Affordance.of([library.load(name, library.instances(name)[0])], library.describe(name))

@@ -26,7 +26,8 @@ from llm_server import (
 )
 
 from gensim2.design.llm import Model, ModelOptions
-from gensim2.design.llm.client import MOST_BYTES, Client
+from gensim2.design.llm.boundary import MOST_BYTES
+from gensim2.design.llm.client import Client
 from gensim2.design.llm.ledger import BudgetSpent
 from gensim2.design.llm.questions import Message, Question
 from gensim2.design.pictures import Picture

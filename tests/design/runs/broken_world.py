@@ -8,11 +8,11 @@ from typing import Any
 
 import fake_world
 
-from gensim2.scenes.config import Setting
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.tasks.strategies import Strategies
 
 
-def record(setting: Setting, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
+def record(config: EpisodeConfig, strategies: Strategies, seed: int, keep: Callable[..., Any]) -> Any:
     if os.environ.get("BROKEN_SEED") == str(seed):
         raise RuntimeError("broken on purpose")
-    return fake_world.record(setting, strategies, seed, keep)
+    return fake_world.record(config, strategies, seed, keep)

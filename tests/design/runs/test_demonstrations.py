@@ -17,13 +17,14 @@ from gensim2.data.demonstrations import TRIES_PER_DEMO
 from gensim2.errors import InputError, NotRunError
 from gensim2.rollout import worker
 from gensim2.rollout.record import Cause
-from gensim2.scenes.config import Setting
+from gensim2.rollout.config import EpisodeConfig
 from gensim2.tasks.library import load_strategies
 from gensim2.tasks.strategies import Strategies
 
 Record = Callable[..., Any]
 EPISODES = Path("tasks/OpenDrawer/episodes")
-ATTEMPTS = Path("tasks/OpenDrawer/attempts.jsonl")
+FAILURES = Path("tasks/OpenDrawer/failures")
+ROWS = Path("tasks/OpenDrawer/episodes.jsonl")
 
 
 def assert_same(run: Path, undisturbed: dict[str, Any]) -> None:
@@ -34,7 +35,11 @@ def assert_same(run: Path, undisturbed: dict[str, Any]) -> None:
 
 
 def lines(run: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (run / ATTEMPTS).read_text().splitlines()]
+    return [json.loads(line) for line in (run / ROWS).read_text().splitlines()]
+
+
+def finished(run: Path) -> set[int]:
+    return {int(path.stem) for folder in (EPISODES, FAILURES) for path in (run / folder).glob("*.h5")}
 
 
 def test_the_shortest_run_of_indices_with_enough_successes_is_kept(tmp_path: Path, record: Record) -> None:
@@ -60,8 +65,8 @@ def test_the_number_of_workers_changes_nothing(
 
 
 def test_it_gives_up_after_enough_tries(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(setting: Setting, strategies: Strategies, seed: int) -> tuple[Any, None]:
-        episode, _ = fake_world.demonstrate(setting, strategies, seed)
+    def hopeless(config: EpisodeConfig, strategies: Strategies, seed: int) -> tuple[Any, None]:
+        episode, _ = fake_world.demonstrate(config, strategies, seed)
         return dataclasses.replace(episode, held=False, strict=False, cause=Cause.NO_CONTACT), None
 
     monkeypatch.setattr(worker, "demonstrate", hopeless)
@@ -89,12 +94,11 @@ def test_the_counts_are_those_of_the_episodes_and_cpu_is_told(tmp_path: Path, re
 def test_any_part_of_a_run_can_be_gone(tmp_path: Path, record: Record, undisturbed: dict[str, Any], seed: int) -> None:
     run, dice = tmp_path / "run", random.Random(seed)
     record()
-    kept = [line for line in (run / ATTEMPTS).read_text().splitlines() if dice.random() < 0.6]
-    dice.shuffle(kept)
-    (run / ATTEMPTS).write_text("".join(f"{line}\n" for line in kept) + ('{"index": 3, "se' if seed % 2 else ""))
-    for path in (run / EPISODES).iterdir():
+    for path in (*(run / EPISODES).iterdir(), *(run / FAILURES).iterdir()):
         if dice.random() < 0.3:
             path.unlink()
+    if dice.random() < 0.5:
+        (run / ROWS).unlink()
     for name in ("trajectory.h5", "trajectory.json", f"strategies/{next(iter(load_strategies('OpenDrawer')))}.yaml"):
         if dice.random() < 0.5:
             (run / "tasks/OpenDrawer" / name).unlink()
@@ -123,7 +127,7 @@ def test_a_damaged_episode_is_made_again(
     assert_same(tmp_path / "run", undisturbed)
 
 
-def test_an_episode_of_another_run_is_not_merged_and_counted(
+def test_an_episode_of_another_run_is_refused_and_named(
     tmp_path: Path, record: Record, undisturbed: dict[str, Any]
 ) -> None:
     record()
@@ -131,14 +135,14 @@ def test_an_episode_of_another_run_is_not_merged_and_counted(
     source = min(episodes.iterdir())
     failed = next(entry["index"] for entry in lines(tmp_path / "run") if not entry["held"])
     for index in (failed, 999):
-        (episodes / f"{index:06d}.h5").write_bytes(source.read_bytes())
-    result = record(resume=True)
-    assert result.demos == 6
-    assert result.notes == ("OpenDrawer: 2 files in episodes/ are not of this run and were left out",)
-    for index in (failed, 999):
-        (episodes / f"{index:06d}.h5").unlink()
-    found = contents(tmp_path / "run")
-    assert set(differences(found, undisturbed)) <= {"run.json"}  # which holds the note
+        foreign = episodes / f"{index:06d}.h5"
+        foreign.write_bytes(source.read_bytes())
+        with pytest.raises(InputError, match=rf"{foreign.name}: is not of this collection") as raised:
+            record(resume=True)
+        assert raised.value.remedy == "delete it and resume"
+        foreign.unlink()
+    record(resume=True)
+    assert_same(tmp_path / "run", undisturbed)
 
 
 def test_what_cannot_be_run_ends_the_run_after_all_others_and_is_tried_again(
@@ -155,7 +159,7 @@ def test_what_cannot_be_run_ends_the_run_after_all_others_and_is_tried_again(
     assert "errors.log" in str(raised.value)
     log = (tmp_path / "run/errors.log").read_text()
     assert log.count("Traceback") == 3
-    done = {entry["index"] for entry in lines(tmp_path / "run")}
+    done = finished(tmp_path / "run")
     assert done == {e["index"] for e in json_lines(undisturbed)} - {broken["index"]}
     monkeypatch.delenv("BROKEN_SEED")
     record(workers=2, resume=True)
@@ -163,12 +167,12 @@ def test_what_cannot_be_run_ends_the_run_after_all_others_and_is_tried_again(
 
 
 def json_lines(undisturbed: dict[str, Any]) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in undisturbed[str(ATTEMPTS)].splitlines()]
+    return [json.loads(line) for line in undisturbed[str(ROWS)].splitlines()]
 
 
 def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(setting: Setting, strategies: Strategies, seed: int) -> Any:
-        episode, recording = fake_world.demonstrate(setting, strategies, seed)
+    def refuse(config: EpisodeConfig, strategies: Strategies, seed: int) -> Any:
+        episode, recording = fake_world.demonstrate(config, strategies, seed)
         if episode.seed == lines_of[0]["seed"]:
             raise InputError("has no mesh", file="drawer/0/mobility.urdf")
         return episode, recording
@@ -178,4 +182,4 @@ def test_an_object_that_is_broken_is_bad_input(tmp_path: Path, record: Record, m
     monkeypatch.setattr(worker, "demonstrate", refuse)
     with pytest.raises(InputError, match="has no mesh"):
         record()
-    assert lines(tmp_path / "run")  # the others are kept
+    assert finished(tmp_path / "run")  # the others are kept

@@ -88,10 +88,10 @@ def test_what_is_finished_is_kept_and_what_is_gone_is_made_again(tmp_path: Path,
 def test_a_page_stands_after_each_task(tmp_path: Path, camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
     real = worker.demonstrate
 
-    def stops(setting: Any, strategies: Any, seed: int) -> Any:
-        if setting.task.name == "CloseBox":
+    def stops(config: Any, strategies: Any, seed: int) -> Any:
+        if config.task.name == "CloseBox":
             raise KeyboardInterrupt
-        return real(setting, strategies, seed)
+        return real(config, strategies, seed)
 
     monkeypatch.setattr(worker, "demonstrate", stops)
     with pytest.raises(KeyboardInterrupt):
@@ -105,8 +105,8 @@ def test_a_page_stands_after_each_task(tmp_path: Path, camera: Camera, monkeypat
 
 
 def test_a_task_without_a_success_says_why(tmp_path: Path, camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
-    def never(setting: Any, strategies: Any, seed: int) -> Any:
-        return fake_world.episode_of(setting.task, seed, held=False, content_hash=_hash(setting)), None
+    def never(config: Any, strategies: Any, seed: int) -> Any:
+        return fake_world.episode_of(config.task, seed, held=False, content_hash=_hash(config)), None
 
     monkeypatch.setattr(worker, "demonstrate", never)
     result = made(tmp_path / "out", tasks=("OpenDrawer",))
@@ -118,10 +118,10 @@ def test_a_task_without_a_success_says_why(tmp_path: Path, camera: Camera, monke
     assert again == result
 
 
-def _hash(setting: Any) -> str:
+def _hash(config: Any) -> str:
     from gensim2.objects import open_library
 
-    thing = next(iter(setting.task.objects.values()))
+    thing = next(iter(config.task.objects.values()))
     return open_library("builtin").load(thing.asset_class, "0").content_hash
 
 

@@ -57,7 +57,7 @@ def test_a_keypoint_that_nobody_has_is_named(tmp_path: Path, field: str, old: st
     config["constraint_list"][0][field] = new
     folder = _folder(tmp_path / "task", config)
     with pytest.raises(InputError) as caught:
-        read_task_input(str(folder), "builtin", "all", 0)
+        read_task_input(str(folder), assets="builtin", instances="all", seed=0)
     assert str(caught.value).startswith(str(folder / "strategies/pull.yaml"))
     assert words in str(caught.value)
 
@@ -65,18 +65,18 @@ def test_a_keypoint_that_nobody_has_is_named(tmp_path: Path, field: str, old: st
 def test_a_keypoint_may_be_told_with_its_object(tmp_path: Path) -> None:
     config = _config()
     config["constraint_list"][0]["target_keypoint_name"] = "drawer/articulated_object_head"
-    assert read_task_input(str(_folder(tmp_path / "task", config)), "builtin", "all", 0).strategies["pull"] == config
+    assert read_task_input(str(_folder(tmp_path / "task", config)), assets="builtin", instances="all", seed=0).strategies["pull"] == config
 
 
 def test_every_library_strategy_fits_its_classes() -> None:
     for name in task_names("paper"):
-        given = read_task_input(name, "builtin", "all", 0)
+        given = read_task_input(name, assets="builtin", instances="all", seed=0)
         assert given.spec.name == name
         assert given.instances == "all"
 
 
 def test_random_is_one_object_drawn_by_the_seed() -> None:
-    words = [read_task_input("OpenDrawer", "builtin", "random", seed).instances for seed in (0, 0, 1, 2, 3)]
+    words = [read_task_input("OpenDrawer", assets="builtin", instances="random", seed=seed).instances for seed in (0, 0, 1, 2, 3)]
     assert all(word.isdecimal() for word in words)
     assert words[0] == words[1]
     assert len(set(words)) > 1
@@ -85,12 +85,12 @@ def test_random_is_one_object_drawn_by_the_seed() -> None:
 def test_a_word_means_the_same_of_tasks_with_rigid_objects() -> None:
     task = "PlaceGolfBallIntoDrawer"
     for word in ("all", "train", "test", "new", "3"):
-        assert read_task_input(task, "builtin", word, 0).instances == word
-    assert read_task_input(task, "builtin", "random", 4).instances in read_task_input(
-        task, "builtin", "all", 4
+        assert read_task_input(task, assets="builtin", instances=word, seed=0).instances == word
+    assert read_task_input(task, assets="builtin", instances="random", seed=4).instances in read_task_input(
+        task, assets="builtin", instances="all", seed=4
     ).library.instances("drawer")
     with pytest.raises(InputError, match="no instance 'x' of drawer"):
-        read_task_input(task, "builtin", "x", 0)
+        read_task_input(task, assets="builtin", instances="x", seed=0)
 
 
 def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
     ):
         folder = _folder(tmp_path / str(number), config)
         with pytest.raises(InputError) as caught:
-            read_task_input(str(folder), "builtin", "all", 0)
+            read_task_input(str(folder), assets="builtin", instances="all", seed=0)
         assert str(caught.value).startswith(f"{folder / 'strategies/pull.yaml'}: ")
         assert words in str(caught.value)
 
@@ -113,7 +113,7 @@ def test_a_strategy_that_nobody_takes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("field", "word"), [("physics", "newtonian"), ("robot", "r2d2"), ("randomization", "none")])
 def test_physics_robots_and_randomizations_that_there_are_not(field: str, word: str) -> None:
     with pytest.raises(InputError, match=f"{field}: no {field} .*{word}"):
-        read_task_input("OpenDrawer", "builtin", "all", 0, **{field: word})
+        read_task_input("OpenDrawer", assets="builtin", instances="all", seed=0, **{field: word})
 
 
 def test_a_name_and_a_folder_are_read_alike(tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_a_folder_of_version_1_is_read(tmp_path: Path) -> None:
     }
     (tmp_path / "task.yaml").write_text(yaml.safe_dump(task))
     (tmp_path / "solver.yaml").write_text(yaml.safe_dump(_config()))
-    given = read_task_input(str(tmp_path), "builtin", "all", 0)
+    given = read_task_input(str(tmp_path), assets="builtin", instances="all", seed=0)
     assert given.spec.is_single_step
     assert given.strategies == {"solver": _config()}
 

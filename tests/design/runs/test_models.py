@@ -28,7 +28,8 @@ from gensim2.errors import InputError, ModelError
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.record import Episode, StrictMiss
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.strategies import Strategies, with_strategies
 
 SMALL = Budget(screen_scenes=1, rounds=((4, 1),), refined=(4, 1), comparison=(1, 2), enough=0.1, enough_episodes=2)
@@ -39,11 +40,11 @@ PAGE = Path(__file__).parents[3] / "docs" / "pipeline.md"
 CLASSES = ("box_rotate", "drawer", "golf_ball")
 
 
-def episode(setting: Setting, strategies: Strategies, seed: int) -> Episode:
+def episode(config: EpisodeConfig, strategies: Strategies, seed: int) -> Episode:
     """One of the made-up world that holds, on the first object's instances."""
-    drawn = setting.instances
-    word = dict(drawn)[next(iter(setting.task.objects))] if isinstance(drawn, frozenset) else drawn
-    found = fake_world.episode(replace(setting, instances=word), strategies, seed)
+    drawn = config.scene.instances
+    word = dict(drawn)[next(iter(config.task.objects))] if isinstance(drawn, frozenset) else drawn
+    found = fake_world.episode(replace(config, scene=replace(config.scene, instances=word)), strategies, seed)
     misses = [StrictMiss.NOT_LET_GO]
     return replace(found, held=True, paper=True, cause=None, still=False, strict=False, strict_misses=misses)
 
@@ -55,18 +56,18 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("GENSIM2_LIBRARY", "none")
     monkeypatch.setattr("openai._base_client.INITIAL_RETRY_DELAY", 0.01)
     monkeypatch.setattr("gensim2.design.designing.cache_dir", lambda: tmp_path / "cache")
-    monkeypatch.setattr(worker, "screen_scene", lambda setting, seed, candidates: [(1.0, None, {}) for _ in candidates])
+    monkeypatch.setattr(worker, "screen_scene", lambda config, seed, candidates: [(1.0, None, {}) for _ in candidates])
 
     monkeypatch.setattr(worker, "episode", episode)
     monkeypatch.setattr(
         worker,
         "trial",
-        lambda setting, ways, seed: episode(replace(setting, task=with_strategies(setting.task, ways)), {}, seed),
+        lambda config, ways, seed: episode(replace(config, scene=replace(config.scene, task=with_strategies(config.task, ways))), {}, seed),
     )
     monkeypatch.setattr("gensim2.design.briefing.has_instances", lambda library, name, words: name in CLASSES)
 
-    def here(circumstances: Circumstances, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
-        return PoolEvaluator(circumstances, 0, progress, **given)
+    def here(scene: SceneOptions, workers: int, progress: Any, **given: Any) -> PoolEvaluator:
+        return PoolEvaluator(scene, 0, progress, **given)
 
     monkeypatch.setattr("gensim2.design.run.PoolEvaluator", here)
 
@@ -84,7 +85,7 @@ def run(
     settings = {
         name: given.pop(name) for name in ("record", "replay", "budget", "price_in", "price_out") if name in given
     }
-    asked = model_designer("test-model", asking or Asking(trials=2), Circumstances("builtin"), **options, **settings)
+    asked = model_designer("test-model", asking or Asking(trials=2), SceneOptions("builtin"), **options, **settings)
     fields = {"num_tasks": 2, "from_empty": True, "verify": 2, "episodes": 0, "video": False, "assets": "builtin"}
     return run_pipeline(designer=asked, out=out, resume=resume, budget=SMALL, **{**fields, **given})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import random
@@ -15,11 +16,11 @@ import fake_world
 import pytest
 
 from gensim2.data import runfolder
-from gensim2.data.attempt_log import AttemptLog
+from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.records import RunRecord, Verification
 from gensim2.data.runfolder import RunFolder, TaskFolder
-from gensim2.data.trajectory import TrajectoryStore
+from gensim2.data.store import TaskStore
 from gensim2.design.designs import Design, read_design, write_design
 from gensim2.errors import InputError
 from gensim2.record_files import read_record
@@ -28,7 +29,7 @@ from gensim2.tasks.library import load_strategies, load_task
 from gensim2.yaml_files import dump_yaml
 
 Record = Callable[..., Any]
-ATTEMPTS = Path("tasks/OpenDrawer/attempts.jsonl")
+SEEDS = (7, 8, 9)
 
 
 def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path, record: Record) -> None:
@@ -128,13 +129,13 @@ def test_a_changed_object_is_refused(tmp_path: Path, record: Record) -> None:
         record(resume=True)
 
 
-def test_attempts_with_another_object_are_refused(tmp_path: Path, record: Record) -> None:
+def test_an_episode_with_another_object_is_refused(tmp_path: Path, record: Record) -> None:
     record()
-    path = tmp_path / "run" / ATTEMPTS
-    lines = path.read_text().splitlines()
-    value = json.loads(lines[0])
-    value["objects"]["drawer"]["content_hash"] = "0" * 64
-    path.write_text("\n".join([json.dumps(value), *lines[1:]]) + "\n")
+    store = TaskStore(tmp_path / "run/tasks/OpenDrawer")
+    row = next(row for row in store.rows() if row.held)
+    stored = store.read(row)
+    other = {name: dataclasses.replace(each, content_hash="0" * 64) for name, each in row.objects.items()}
+    store.add(row.index, dataclasses.replace(row.episode, objects=other), stored.recording)
     with pytest.raises(InputError, match="was run with another drawer/"):
         record(resume=True)
 
@@ -163,13 +164,16 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-@pytest.mark.parametrize("name", ["run.json", str(ATTEMPTS)])
+@pytest.mark.parametrize("name", ["run.json", "attempts.jsonl"])
 def test_damage_is_one_clear_error(tmp_path: Path, record: Record, name: str, damage: str) -> None:
-    record()
     path = tmp_path / "run" / name
+    if name == "run.json":
+        record()
+    else:
+        _log(path)
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
     with pytest.raises(InputError) as raised:
-        record(resume=True)
+        record(resume=True) if name == "run.json" else AttemptLog(path, SEEDS)
     assert str(raised.value.file).endswith(name)
     assert raised.value.remedy
     assert "\n" not in str(raised.value)
@@ -208,19 +212,24 @@ def test_wrong_fields_of_run_json_are_named(tmp_path: Path, record: Record, fiel
         ({"objects": {"drawer": 1}}, "line 1: objects.drawer"),
     ],
 )
-def test_wrong_fields_of_an_attempt_are_named(
-    tmp_path: Path, record: Record, fields: dict[str, Any], field: str
-) -> None:
-    record()
-    path = tmp_path / "run" / ATTEMPTS
+def test_wrong_fields_of_an_attempt_are_named(tmp_path: Path, fields: dict[str, Any], field: str) -> None:
+    path = tmp_path / "attempts.jsonl"
+    _log(path)
     path.write_bytes(_set(**fields)(path.read_bytes()))
     with pytest.raises(InputError) as raised:
-        record(resume=True)
+        AttemptLog(path, SEEDS)
     assert raised.value.field == field
 
 
 def _episode(seed: int, held: bool) -> Episode:
     return fake_world.episode_of(load_task("OpenDrawer"), seed, held=held, end=0.9 if held else None)
+
+
+def _log(path: Path) -> None:
+    """The log of a benchmark."""
+    log = AttemptLog(path, SEEDS)
+    for index, seed in enumerate(SEEDS):
+        log.add(LoggedEpisode.of(_episode(seed, seed != 8), index))
 
 
 def test_design_and_verification_come_back_or_are_refused(tmp_path: Path) -> None:
@@ -274,16 +283,16 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path, record: Record) -> No
     task = TaskFolder(run / "tasks/OpenDrawer")
     task.write_verification(Verification((_episode(1, True), _episode(2, False)), 0.5, "new"))
     write_design(task.path, Design((), {"designed": {"constraint_list": []}}, ("found",)))
-    seeds = [json.loads(line)["seed"] for line in (run / ATTEMPTS).read_text().splitlines()]
-    store = TrajectoryStore(task.path)
-    episode = store.indices()[0]
-    digest = store.digest(episode)
+    attempts = run / "attempts.jsonl"
+    _log(attempts)
+    store = TaskStore(task.path)
+    row = next(row for row in store.rows() if row.held)
     readers: dict[Path, Callable[[], object]] = {
         run / "run.json": lambda: read_record(run / "run.json", RunRecord, "choose another --out"),
-        run / ATTEMPTS: lambda: AttemptLog(run / ATTEMPTS, seeds),
+        attempts: lambda: AttemptLog(attempts, SEEDS),
         task.verification_path: task.verification,
         task.path / "design.json": lambda: read_design(task.path),
-        task.path / f"episodes/{episode:06d}.h5": lambda: store.entry(episode, digest),
+        store.path(row.index): lambda: store.read(row),
     }
     refused: dict[Path, list[InputError]] = {path: [] for path in readers}
     for path, read in readers.items():

@@ -9,11 +9,12 @@ from pathlib import Path
 import fake_world
 
 from gensim2 import seeding
-from gensim2.design import Affordance, Brief, Candidate, CandidateResult, Settings, StageResult
+from gensim2.design import Affordance, Brief, Candidate, CandidateResult, RobotSummary, StageResult
 from gensim2.design.search import Budget, Search
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.worker import Screened
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.scenes.config import SceneOptions
 from gensim2.seeding import scene_seeds
 from gensim2.tasks.criteria import ArticulatedOpen
 from gensim2.tasks.spec import ObjectSpec, Step, TaskSpec
@@ -25,11 +26,11 @@ TASK = TaskSpec(
     objects={"thing": ObjectSpec(asset_class="thing")},
     steps=(Step(name="open", object="thing", strategies=("designed",), done=(ArticulatedOpen(object="thing"),)),),
 )
-SETTING = Setting(TASK, "train", Circumstances("builtin"))
+CONFIG = EpisodeConfig(SceneOptions("builtin").with_task(TASK, "train"))
 THING = Affordance(
     "thing", "articulated", "thing", "", (0.3, 0.3, 0.3), 1.0, {"head": "edge"}, {"head": 0.2}, "revolute"
 )
-BRIEF = Brief(Settings("panda", (-0.615, 0.0), 0.75, 0.08, {}, "paper", "ours"), {"thing": THING})
+BRIEF = Brief(RobotSummary("panda", (-0.615, 0.0), 0.75, 0.08, {}), {"thing": THING})
 
 
 def candidate(label: str, n: float) -> Candidate:
@@ -75,14 +76,14 @@ class FakeWorld:
         self.seeds: set[int] = set()
 
     def screen(
-        self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+        self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
     ) -> list[list[Screened]]:
-        assert setting == SETTING
+        assert config == CONFIG
         blocked = (0.0, "unreachable", {"step": "open", "plan": {"unreached": "pre_0"}})
         return [[(1.0, None, {}) if number(c) % 2 > 0 else blocked] * len(seeds) for c in candidates]
 
-    def episodes(self, setting: Setting, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
-        assert setting == SETTING
+    def episodes(self, config: EpisodeConfig, jobs: Sequence[tuple[StepStrategies, int]]) -> list[Episode]:
+        assert config == CONFIG
         self.seeds.update(seed for _, seed in jobs)
         return [self._one(number(strategies), seed) for strategies, seed in jobs]
 
@@ -92,7 +93,7 @@ class FakeWorld:
 
 
 def test_it_finds_the_best_and_refines_it() -> None:
-    design = Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) % 1 == 0.5
     assert number(design.chosen) > 10
@@ -115,7 +116,7 @@ def test_a_few_lucky_episodes_do_not_end_the_search() -> None:
             held = n % 1 > 0 or self.runs[n] <= 8
             return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
-    design = Search(SETTING, BRIEF, FakeDesigner(), Lucky(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Lucky(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) % 1 == 0.5
     assert sum(stage.trials for stage in design.results[0].stages if stage.name == "physics") >= 14
@@ -129,7 +130,7 @@ def test_of_what_holds_equally_often_the_strict_one_wins() -> None:
             episode = fake_world.episode_of(TASK, seed, held=n != 3)
             return replace(episode, strict=episode.held and n == 7)
 
-    design = Search(SETTING, BRIEF, FakeDesigner(), Rough(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Rough(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) == 7
     stages = [stage for stage in design.to_dict()["candidates"][0]["stages"] if stage["name"] == "physics"]
@@ -147,13 +148,13 @@ def test_what_holds_far_more_often_comes_before_what_is_strict() -> None:
 
 
 def test_it_is_repeatable() -> None:
-    first, second = (Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
+    first, second = (Search(CONFIG, BRIEF, FakeDesigner(), FakeWorld(), seed=4).run() for _ in range(2))
     assert first == second
 
 
 def test_design_and_verification_share_no_seed() -> None:
     world = FakeWorld()
-    Search(SETTING, BRIEF, FakeDesigner(), world, seed=0).run()
+    Search(CONFIG, BRIEF, FakeDesigner(), world, seed=0).run()
     assert len(world.seeds) > 10
     assert not world.seeds & set(scene_seeds(0, TASK.name, "verify", 200))
     assert not world.seeds & set(scene_seeds(0, TASK.name, "demos", 200))
@@ -162,11 +163,11 @@ def test_design_and_verification_share_no_seed() -> None:
 def test_nothing_planned_is_said() -> None:
     class Blocked(FakeWorld):
         def screen(
-            self, setting: Setting, candidates: Sequence[StepStrategies], seeds: Sequence[int]
+            self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
         ) -> list[list[Screened]]:
             return [[(0.0, "collision", {})] * len(seeds) for _ in candidates]
 
-    design = Search(SETTING, BRIEF, FakeDesigner(), Blocked(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Blocked(), seed=0).run()
     assert design.chosen is None
     assert "no candidate could be planned" in design.notes
 
@@ -176,14 +177,14 @@ def test_nothing_held_is_said() -> None:
         def _one(self, n: float, seed: int) -> Episode:
             return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
 
-    design = Search(SETTING, BRIEF, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Stuck(), seed=0, budget=Budget(rounds=((8, 1),))).run()
     assert design.chosen is None
     assert "no candidate held in physics" in design.notes
     assert design.to_dict()["candidates"][0]["cause"] == "object did not move"
 
 
 def test_what_stood_in_the_way_is_told_in_words() -> None:
-    design = Search(SETTING, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), FakeWorld(), seed=0).run()
     blocked = next(result for result in design.results if result.plan_score == 0)
     (told,) = blocked.diagnoses
     assert (told.step, told.cause, told.count) == ("open", "unreachable", blocked.stages[0].trials)
@@ -197,7 +198,7 @@ def test_a_designer_may_learn_from_plans_alone() -> None:
         def candidates(self, task: TaskSpec, brief: Brief, seed: int) -> list[Candidate]:
             return [candidate("number 2", 2)]
 
-    design = Search(SETTING, BRIEF, Hopeless(), FakeWorld(), seed=0).run()
+    design = Search(CONFIG, BRIEF, Hopeless(), FakeWorld(), seed=0).run()
     assert design.chosen is not None
     assert number(design.chosen) == 2.5
 
@@ -211,7 +212,7 @@ def test_leaders_within_the_noise_get_more_episodes_until_they_are_called_equal(
             return fake_world.episode_of(TASK, seed, held=held, cause=Cause.STOPPED_SHORT)
 
     budget = Budget()
-    design = Search(SETTING, BRIEF, FakeDesigner(), Even(), seed=0, budget=budget).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Even(), seed=0, budget=budget).run()
     first, second = design.results[:2]
     assert {number(first.candidate.steps), number(second.candidate.steps)} == {7, 9}
     assert min(first.episodes, second.episodes) >= budget.most_episodes
@@ -225,7 +226,7 @@ def test_what_holds_every_time_is_found_out_in_a_few_episodes() -> None:
         def _one(self, n: float, seed: int) -> Episode:
             return replace(fake_world.episode_of(TASK, seed, held=True), strict=True)
 
-    design = Search(SETTING, BRIEF, FakeDesigner(), Easy(), seed=0).run()
+    design = Search(CONFIG, BRIEF, FakeDesigner(), Easy(), seed=0).run()
     assert design.chosen is not None
     assert design.results[0].episodes == Budget().enough_episodes
     assert sum(result.episodes for result in design.results) <= 40
@@ -250,5 +251,5 @@ def test_a_hopeless_task_is_given_up() -> None:
             return fake_world.episode_of(TASK, seed, held=False, cause=Cause.NO_CONTACT)
 
     designer = Eager()
-    assert Search(SETTING, BRIEF, designer, Hard(), seed=0).run().chosen is None
+    assert Search(CONFIG, BRIEF, designer, Hard(), seed=0).run().chosen is None
     assert designer.rounds == 1

@@ -16,11 +16,11 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.scenes.config import Circumstances
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_task
 
 TASK = load_task("OpenDrawer")
-CIRCUMSTANCES = Circumstances("builtin")
+CIRCUMSTANCES = SceneOptions("builtin")
 
 
 @pytest.fixture(autouse=True)

@@ -16,13 +16,14 @@ from gensim2.errors import InputError, NotRunError
 from gensim2.processes import Job
 from gensim2.rollout import worker
 from gensim2.rollout.evaluator import PoolEvaluator
-from gensim2.scenes.config import Circumstances, Setting
+from gensim2.rollout.config import EpisodeConfig, RolloutOptions
+from gensim2.scenes.config import SceneOptions
 from gensim2.tasks.library import load_strategies, load_task
 from gensim2.tasks.strategies import Strategies
 
 SIMULATOR = True
 TASK = load_task("PushDrawerClose")
-SETTING = Setting(TASK, "all", Circumstances("builtin"))
+CONFIG = EpisodeConfig(SceneOptions("builtin").with_task(TASK, "all"))
 STRATEGIES = load_strategies("PushDrawerClose")
 WAYS = {step.name: {name: STRATEGIES[name] for name in step.strategies} for step in TASK.steps}
 
@@ -35,9 +36,9 @@ def changed(old: str, new: str) -> Strategies:
 
 
 def test_an_episode_is_a_pure_function_recorded_or_not() -> None:
-    first = worker.episode(SETTING, STRATEGIES, 5)
-    other, _ = worker.demonstrate(SETTING, STRATEGIES, 6)
-    again, recording = worker.demonstrate(SETTING, STRATEGIES, 5)
+    first = worker.episode(CONFIG, STRATEGIES, 5)
+    other, _ = worker.demonstrate(CONFIG, STRATEGIES, 6)
+    again, recording = worker.demonstrate(CONFIG, STRATEGIES, 5)
     assert first == again
     assert first != other
     assert first.held
@@ -47,15 +48,15 @@ def test_an_episode_is_a_pure_function_recorded_or_not() -> None:
 
 
 def test_an_open_loop_episode_makes_one_plan_a_step() -> None:
-    episode = worker.episode(replace(SETTING, circumstances=Circumstances("builtin", open_loop=True)), STRATEGIES, 5)
+    episode = worker.episode(replace(CONFIG, rollout=RolloutOptions(open_loop=True)), STRATEGIES, 5)
     assert [len(step.plans) for step in episode.steps] == [1]
 
 
-def test_settings_of_equal_specs_share_a_simulator() -> None:
-    again = Setting(TASK.model_validate_json(TASK.model_dump_json()), "all", Circumstances("builtin"))
-    assert again == SETTING
-    assert worker.simulator(again) is worker.simulator(SETTING)
-    assert worker.simulator(replace(SETTING, instances="train")) is not worker.simulator(SETTING)
+def test_configs_of_equal_specs_share_a_simulator() -> None:
+    again = EpisodeConfig(SceneOptions("builtin").with_task(TASK.model_validate_json(TASK.model_dump_json())))
+    assert again == CONFIG
+    assert worker.simulator(again.scene) is worker.simulator(CONFIG.scene)
+    assert worker.simulator(replace(CONFIG.scene, instances="train")) is not worker.simulator(CONFIG.scene)
 
 
 def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None:
@@ -64,7 +65,7 @@ def test_screening_counts_a_candidate_that_cannot_be_planned_as_a_drop() -> None
     lost = changed("articulated_object_head", "no_such_keypoint")
     (step,) = TASK.steps
     ways = [{step.name: given} for given in (STRATEGIES, lost, unknown, {name: {}})]
-    good, misfit, *bad = worker.screen_scene(SETTING, 5, [*ways, {}])
+    good, misfit, *bad = worker.screen_scene(CONFIG, 5, [*ways, {}])
     assert good == (1.0, None, {})
     assert misfit[:2] == (0.0, "invalid")
     assert misfit[2]["step"] == step.name
@@ -117,7 +118,7 @@ def test_a_candidate_of_two_steps_is_scored_by_the_steps_that_can_be_planned(
 
 
 def test_strategies_that_do_not_fit_an_object_are_an_episode_with_that_cause() -> None:
-    episode = worker.episode(SETTING, changed("articulated_object_head", "no_such_keypoint"), 5)
+    episode = worker.episode(CONFIG, changed("articulated_object_head", "no_such_keypoint"), 5)
     assert not episode.held
     assert episode.cause == "invalid problem"
     assert "no_such_keypoint" in json.dumps(episode.to_dict())
@@ -125,31 +126,31 @@ def test_strategies_that_do_not_fit_an_object_are_an_episode_with_that_cause() -
 
 def test_strategies_that_nobody_takes_are_bad_input() -> None:
     with pytest.raises(InputError, match=r"strategies/\w+\.yaml: .*nonsense"):
-        worker.episode(SETTING, changed('"gripper"', '"nonsense"'), 5)
+        worker.episode(CONFIG, changed('"gripper"', '"nonsense"'), 5)
 
 
 class _Made(PoolEvaluator):
     """Jobs in this process."""
 
     def __init__(self) -> None:
-        super().__init__(Circumstances("builtin"), 0)
+        super().__init__(SceneOptions("builtin"), 0)
 
 
 def test_an_evaluator_gives_episodes_and_scores_in_the_order_of_its_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        worker, "screen_scene", lambda setting, seed, candidates: [(c["n"]["n"] * seed, None, {}) for c in candidates]
+        worker, "screen_scene", lambda config, seed, candidates: [(c["n"]["n"] * seed, None, {}) for c in candidates]
     )
     monkeypatch.setattr(
-        worker, "trial", lambda setting, ways, seed: fake_world.episode_of(setting.task, seed, held=True)
+        worker, "trial", lambda config, ways, seed: fake_world.episode_of(config.task, seed, held=True)
     )
     with _Made() as evaluator:
-        setting = evaluator.setting(TASK, "all")
-        assert setting == SETTING
-        assert evaluator.screen(setting, [{"n": {"n": 1}}, {"n": {"n": 2}}], [3, 4, 5]) == [
+        config = evaluator.config(TASK, "all")
+        assert config == CONFIG
+        assert evaluator.screen(config, [{"n": {"n": 1}}, {"n": {"n": 2}}], [3, 4, 5]) == [
             [(3, None, {}), (4, None, {}), (5, None, {})],
             [(6, None, {}), (8, None, {}), (10, None, {})],
         ]
-        assert [e.seed for e in evaluator.episodes(setting, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
+        assert [e.seed for e in evaluator.episodes(config, [({}, 9), ({}, 2), ({}, 5)])] == [9, 2, 5]
 
 
 def test_an_evaluator_names_what_could_not_be_run() -> None:
@@ -169,11 +170,11 @@ def test_an_evaluator_names_what_could_not_be_run() -> None:
         evaluator._executor = Lossy()
         what = r"PushDrawerClose: planning of candidates: could not be run: 1 \(.*SIGKILL"
         with pytest.raises(NotRunError, match=what):
-            evaluator.screen(SETTING, [{}], [3, 4, 5])
+            evaluator.screen(CONFIG, [{}], [3, 4, 5])
 
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_cpu_is_that_of_all_processes(workers: int) -> None:
-    with PoolEvaluator(Circumstances("builtin"), workers) as evaluator:
+    with PoolEvaluator(SceneOptions("builtin"), workers) as evaluator:
         list(evaluator.run(process_jobs.spin, [Job(index, (0.25,)) for index in range(4)], "work"))
         assert 1.0 <= evaluator.cpu_s < 2.0

@@ -92,8 +92,8 @@ def test_reference_code_of_every_stored_task_makes_the_same_task() -> None:
         (("(self.safe, 0.6 + 0.1)", "(self.safe, level=1)"), "failed", "takes object, threshold; not 'level'"),
         (("0.6 + 0.1", "1.5"), "invalid", "steps.0.done.0.threshold: input should be less than 1"),
         (('object="safe"', 'object="sofa"'), "invalid", "names an object 'sofa' that is not there"),
-        (("-pi / 2", "1 / 0"), "failed", "line 12: ZeroDivisionError"),
-        (('"golf_ball"', "1e999"), "invalid", "objects.ball.class"),
+        (("-pi / 2", "1 / 0"), "refused", "line 12: a division by zero"),
+        (('"golf_ball"', "1e99"), "invalid", "objects.ball.class"),
         (
             ("articulated_open(self.safe", "articulated_open(Object('x')"),
             "failed",
@@ -159,3 +159,71 @@ def test_a_kernel_that_has_no_filter_is_told(monkeypatch: pytest.MonkeyPatch) ->
             sandbox()
     finally:
         box.sandbox.cache_clear()
+
+
+HEAD = """from task_code import Object, Task, articulated_open
+class Odd(Task):
+    description = "open it"
+    def __init__(self):
+        self.thing = Object("drawer")
+"""
+STEP = """        self.step("open", self.thing, done=[articulated_open(self.thing, 0.5)])
+"""
+NINES = "9" * 4000
+
+ODD = {
+    "an attribute beyond ASCII": (
+        HEAD + "        self.t\u00fcr = 1\n",
+        6,
+        "'t\u00fcr' is not allowed: names have small ASCII",
+    ),
+    "a name beyond ASCII": (HEAD + "        \u00e9 = 1\n", 6, "the name '\u00e9' cannot be assigned"),
+    "a class beyond ASCII": (HEAD.replace("Odd", "\u00d6dd"), 2, "in ASCII, not '\u00d6dd'"),
+    "an import beyond ASCII": (HEAD.replace("Object,", "\u00d3bject,"), 1, "has no '\u00d3bject'"),
+    "an argument beyond ASCII": (HEAD + "        self.step('a', \u00f6bject=1)\n", 6, "'\u00f6bject'"),
+    "letters that look alike": (HEAD + "        \uff45val('1')\n", 6, "a call of 'eval' is not allowed"),
+    "a whole number in decimal": (HEAD + STEP.replace("0.5", NINES), 6, "a whole number of more than 64 bits"),
+    "one that Python does not read": (HEAD + f"        x = {NINES * 2}\n", 6, "a whole number of more than 64 bits"),
+    "one in other digits": (HEAD + STEP.replace("0.5", "0x" + "f" * 9000), 6, "a whole number of more than 64 bits"),
+    "one that is used nowhere": (HEAD + "        x = -0b" + "1" * 70 + "\n", 6, "a whole number of more than 64 bits"),
+    "a product": (HEAD + STEP.replace("0.5", "99999999999 * 99999999999"), 6, "a whole number of more than 64 bits"),
+    "its own limit": (HEAD.replace("    def", f"    max_episode_steps = {NINES}\n    def"), 4, "of more than 64 bits"),
+    "infinity": (HEAD + STEP.replace("0.5", "1e999"), 6, "a number that is not finite"),
+    "no number": (HEAD + STEP.replace("0.5", "1e308 * 10 - 1e308 * 10"), 6, "a number that is not finite"),
+    "a division by zero": (HEAD + STEP.replace("0.5", "1 / (1 - 1)"), 6, "a division by zero"),
+    "a deep expression": (HEAD + STEP.replace("0.5", "-" * 5000 + "1"), 6, "it is nested too deeply"),
+    "a deep sum": (HEAD + STEP.replace("0.5", "(" + "1 + " * 950 + "1) * 0"), 6, ""),
+    "deep attributes": (HEAD + "        x = self" + ".a" * 5000 + "\n", 6, "it is nested too deeply"),
+    "a null byte": (HEAD + "        x = 'a\0b'\n", 6, r"a character that no text has ('\x00')"),
+    "a null byte in disguise": (HEAD + r"        x = 'a\0b'" + "\n", 6, r"a character that no text has ('\x00')"),
+    "half a character": (HEAD + "        x = '\ud800'\n", 6, r"a character that no text has ('\ud800')"),
+    "half a character in disguise": (
+        HEAD + r"        x = '\udc00'" + "\n",
+        6,
+        r"a character that no text has ('\udc00')",
+    ),
+    "a byte order mark": ("\ufeff" + HEAD, 1, "invalid non-printable character"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_programs_are_answered_by_name_and_line(name: str) -> None:
+    source, line, words = ODD[name]
+    with pytest.raises(TaskCodeError) as caught:
+        run_task_code(source)
+    assert "no answer" not in str(caught.value)
+    if words:
+        assert any(told.startswith(f"line {line}: ") and words in told for told in caught.value.problems), caught.value
+
+
+def test_a_character_may_be_named() -> None:
+    assert run_task_code(HEAD.replace("open it", r"open \N{LATIN SMALL LETTER I}t") + STEP).description == "open it"
+
+
+def test_what_cannot_be_written_down_is_an_answer_too() -> None:
+    """The allow-list is off: a number of 100,000 digits goes through, and the answer says why there is no task."""
+    source = HEAD + STEP.replace("0.5", "10 ** 100_000")
+    ended = sandbox().run(source, criterion_arguments(), checked=False)
+    answer = json.loads(ended.answer)
+    assert answer["kind"] == "failed"
+    assert "ValueError" in answer["problems"][0]

@@ -71,7 +71,7 @@ def export(
         else:
             frames = _frames(dataset, chosen, observations, progress)
             if to == "lerobot":
-                export_lerobot(frames, folder, robot(dataset.record.circumstances.robot))
+                export_lerobot(frames, folder, robot(dataset.record.scene.robot))
             else:
                 _export_zarr(frames, folder)
             _copy_native(dataset, chosen, folder / NATIVE)
@@ -87,10 +87,10 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
         provenance = Provenance(
             task=spec,
             strategies=load_strategies_beside(store.folder, spec),
-            assets=record.circumstances.assets,
+            assets=record.scene.assets,
             licenses=licenses,
             seed=record.seed,
-            environment=record.circumstances.environment,
+            environment=record.scene.environment,
             details={"versions": record.versions, "dataset": record.model_dump(), "indices": [r.index for r in rows]},
         )
         write_trajectory(out / store.name, provenance, [(store.path(row.index), row.episode_digest) for row in rows])
@@ -104,7 +104,7 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
     Raises:
         InputError: some episodes have observations and others none.
     """
-    profile = robot(dataset.record.circumstances.robot)
+    profile = robot(dataset.record.scene.robot)
     seen: set[bool] = set()
     for store, rows in chosen:
         sentence = store.spec().description

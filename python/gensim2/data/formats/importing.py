@@ -97,7 +97,7 @@ def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Prog
 
 
 def _own(dataset: DataSet) -> Iterator[Frames]:
-    profile = robot(dataset.record.circumstances.robot)
+    profile = robot(dataset.record.scene.robot)
     for name in dataset.tasks:
         store = dataset.task(name)
         sentence = store.spec().description

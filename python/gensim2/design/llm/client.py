@@ -1,7 +1,7 @@
 """The one client for all endpoints that speak the OpenAI protocol: hosted models, vLLM, Ollama, LM Studio and others.
 
-Back-off, Retry-After and time-outs are the ``openai`` library's. Added here: a limit on the size and on the whole time
-of an answer, doing without what an endpoint does not know, and errors that a user can act on and that hold no key.
+Back-off and Retry-After are the ``openai`` library's. What comes in passes the ``boundary``. Added here: doing without
+what an endpoint does not know, and errors that a user can act on.
 """
 
 from __future__ import annotations
@@ -9,23 +9,24 @@ from __future__ import annotations
 import base64
 import importlib
 import logging
-import os
-import time
-from collections.abc import Iterator
 from typing import Any
 
+from gensim2.design.llm.boundary import Boundary, guarded_client
 from gensim2.design.llm.options import ModelOptions
 from gensim2.design.llm.questions import Answer, Message, Question
-from gensim2.errors import InputError, MissingExtraError, ModelError
-
-#: Bytes of the longest reply of an endpoint that is read; what is beyond is left in the line.
-MOST_BYTES = 4_000_000
+from gensim2.errors import InputError, MissingExtraError, ModelError, one_line
 
 #: Characters that make a token where an endpoint does not count them.
 CHARACTERS_A_TOKEN = 4
 
 #: Tokens that a picture is taken for where nobody counts.
 PICTURE_TOKENS = 1500
+
+#: Tokens beyond which a count of an endpoint is none.
+MOST_TOKENS = 10**9
+
+#: Characters of a refusal, and of the name of a model, that are told.
+LONGEST_REFUSAL = 300
 
 #: Fields of a request that some endpoints refuse; they are left out from then on.
 OPTIONAL = ("response_format", "temperature", "max_tokens")
@@ -44,28 +45,32 @@ class Client:
 
     def __init__(self, options: ModelOptions) -> None:
         self.options = options
-        self._openai = _load("openai")
-        self._httpx = _load("httpx2")
-        for name in ("openai", "httpx", "httpx2"):  # with OPENAI_LOG=debug they would show whole requests
+        self._openai, httpx = _load("openai"), _load("httpx2")
+        # Where debugging is on they would show requests, keys included, and replies that have not passed the boundary.
+        for name in ("openai", "httpx", "httpx2", "httpcore", "httpcore2"):
             logging.getLogger(name).setLevel(logging.WARNING)
         self._key = options.key
-        if self._key is not None and not (self._key.isascii() and self._key.isprintable() and " " not in self._key):
+        if self._key is not None and not self._key.can_be_sent:
             raise InputError("holds no key: spaces, line breaks or odd characters", field=f"${options.key_variable}")
-        if self._key is None and options.base_url is None and not os.environ.get("OPENAI_BASE_URL"):
+        self._url = options.address
+        if self._key is None and self._url is None:
             remedy = f"set it, or name the endpoint of {options.model!r} with --base-url or $OPENAI_BASE_URL"
             raise InputError("is not set", field=f"${options.key_variable}", remedy=remedy)
         self._without: set[str] = {"response_format"} if options.structured == "off" else set()
-        self._api = self._openai.OpenAI(
-            api_key=self._key or "none",
-            base_url=options.base_url,
-            timeout=options.timeout,
-            max_retries=options.retries,
-            http_client=self._openai.DefaultHttpxClient(
+        self._boundary = Boundary(self._key)
+        try:
+            line = guarded_client(httpx, self._boundary, options.timeout)
+            self._api = self._openai.OpenAI(
+                api_key=self._key.reveal() if self._key is not None else "none",
+                base_url=self._url,
                 timeout=options.timeout,
-                headers={"Accept-Encoding": "identity"},  # what is small on the line stays small
-                event_hooks={"response": [self._bounded]},
-            ),
-        )
+                max_retries=options.retries,
+                http_client=line,
+            )
+        except (ValueError, TypeError, ImportError, self._openai.OpenAIError) as error:  # proxies of the environment
+            raise InputError(
+                f"no connection can be made: {self._boundary.text(str(error))}", field="designer"
+            ) from None
 
     @property
     def endpoint(self) -> str:
@@ -84,7 +89,8 @@ class Client:
             InputError: the endpoint refuses the key.
         """
         try:
-            return [model.id for model in self._api.with_options(max_retries=0).models.list()]
+            listed = self._api.with_options(max_retries=0).models.list()
+            return [one_line(str(model.id))[:LONGEST_REFUSAL] for model in listed.data]
         except self._openai.OpenAIError as error:
             raise self._in_words(error) from error
         except (ValueError, TypeError, AttributeError) as error:
@@ -142,24 +148,25 @@ class Client:
         if not isinstance(text, str):
             text, problem = "", "it was no text"
         elif not text.strip():
-            problem = f"it was empty{f' ({refusal})' if refusal else ''}"
+            said = f" ({one_line(str(refusal))[:LONGEST_REFUSAL]})" if refusal else ""
+            problem = f"it was empty{said}"
         else:
             problem = "it was cut off because it was too long" if finish == "length" else None
         return self._told(question, text, problem, usage, raw.retries_taken)
 
     def _told(self, question: Question, text: str, problem: str | None, usage: Any, retries: int) -> Answer:
         counts = (getattr(usage, "prompt_tokens", None), getattr(usage, "completion_tokens", None))
-        counted = all(isinstance(count, int) and count >= 0 for count in counts)
+        counted = all(type(count) is int and 0 <= count <= MOST_TOKENS for count in counts)
         tokens_in, tokens_out = counts if counted else (estimated_tokens(question), len(text) // CHARACTERS_A_TOKEN)
         assert isinstance(tokens_in, int)
         assert isinstance(tokens_out, int)
         cost = self.options.priced(tokens_in, tokens_out)
-        return Answer(self._without_key(text), problem, tokens_in, tokens_out, counted, retries, cost)
+        return Answer(text, problem, tokens_in, tokens_out, counted, retries, cost)
 
     def _in_words(self, error: Exception) -> InputError | ModelError:
-        """The library's error as one of ours, without the key, which endpoints like to repeat."""
+        """The library's error as one of ours."""
         library, given = self._openai, self.options
-        said = self._without_key(str(error))
+        said = one_line(str(error))
         if isinstance(error, library.AuthenticationError | library.PermissionDeniedError):
             missing = "is not set" if self._key is None else "holds a key that is refused"
             return InputError(missing, field=f"${given.key_variable}", remedy=f"set it to a key of {self.endpoint}")
@@ -168,10 +175,13 @@ class Client:
         if isinstance(error, library.APITimeoutError):
             return ModelError(f"{self.endpoint}: no answer within {given.timeout:g} s, {self._tries()}")
         if isinstance(error, library.APIConnectionError):
-            cause = self._without_key(str(error.__cause__ or error))
+            cause = one_line(str(error.__cause__ or error))
             return ModelError(f"{self.endpoint}: cannot be reached, {self._tries()}: {cause}")
         if isinstance(error, library.RateLimitError):
             return ModelError(f"{self.endpoint}: asks to be left alone, {self._tries()}: {said}")
+        if isinstance(error, library.APIStatusError) and 300 <= error.status_code < 400:
+            remedy = "give the address itself with --base-url"
+            return InputError(f"{self.endpoint} sends on to another address", field="designer", remedy=remedy)
         if isinstance(error, library.APIStatusError) and error.status_code < 500:
             return InputError(f"{self.endpoint} refuses the question: {said}", field="designer")
         return ModelError(f"{self.endpoint}: {said}, {self._tries()}")
@@ -179,29 +189,6 @@ class Client:
     def _tries(self) -> str:
         tries = self.options.retries + 1
         return f"tried {tries} times" if tries > 1 else "tried once"
-
-    def _without_key(self, text: str) -> str:
-        return text.replace(self._key, "***") if self._key else text
-
-    def _bounded(self, response: Any) -> None:
-        """Let no reply be longer than ``MOST_BYTES`` or take longer than ``timeout`` as a whole."""
-        inner, until, timed_out = response.stream, time.monotonic() + self.options.timeout, self._httpx.ReadTimeout
-
-        class Bounded(self._httpx.SyncByteStream):  # type: ignore[misc, name-defined]
-            def __iter__(self) -> Iterator[bytes]:
-                read = 0
-                for chunk in inner:
-                    if time.monotonic() > until:
-                        raise timed_out("the answer took too long")
-                    yield chunk[: MOST_BYTES - read]
-                    read += len(chunk)
-                    if read >= MOST_BYTES:
-                        return
-
-            def close(self) -> None:
-                inner.close()
-
-        response.stream = Bounded()
 
 
 def estimated_tokens(question: Question) -> int:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from gensim2.design.llm.boundary import whole_characters
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.yaml_files import check_finite, parse_yaml
 
@@ -142,6 +143,7 @@ def _read(piece: str) -> Data:
         raise InputError("the answer is no valid JSON")
     _check_depth(value)
     check_finite(value, None)
+    _check_characters(value)
     return value
 
 
@@ -159,3 +161,15 @@ def _check_depth(value: Any, depth: int = 0) -> None:
         raise InputError("the answer has too many values inside each other")
     for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
         _check_depth(inner, depth + 1)
+
+
+def _check_characters(value: Any) -> None:
+    """Refuse half characters, which escapes in JSON can make; :func:`parse_yaml` does the same."""
+    if isinstance(value, str) and whole_characters(value) != value:
+        raise InputError("the answer holds half a character (a lone surrogate)")
+    if isinstance(value, dict):
+        for inner in (*value, *value.values()):
+            _check_characters(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            _check_characters(inner)

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from gensim2.errors import InputError
 from gensim2.files import write_json
+from gensim2.special_files import is_special
 
 MODEL_FOLDER = "model"
 """Of the run folder: all that the designer leaves there."""
@@ -108,10 +109,12 @@ def read_log(folder: Path) -> LogRecord:
         InputError: the file is damaged.
     """
     path = folder / CONVERSATIONS
-    if not path.exists():
-        return LogRecord()
     try:
+        if is_special(path):
+            raise InputError("is not a regular file", file=path)
         return LogRecord.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return LogRecord()
     except (OSError, ValidationError) as error:
         raise InputError("is damaged", file=path, remedy="delete the file and resume") from error
 

@@ -47,7 +47,8 @@ class Model:
         self._cache = AnswerStore(cache) if cache is not None and replay is None else None
         self._run: AnswerStore | None = None
         self._client = Client(options) if replay is None else None
-        self._model_record = ModelRecord.of(options, prompts, asking or {})
+        endpoint = self._client.endpoint if self._client is not None else None
+        self._model_record = ModelRecord.of(options, prompts, asking or {}, endpoint)
         if self._record is not None:
             self._record.write_model(self._model_record)
 
@@ -98,8 +99,13 @@ class Model:
         self.ledger.add(answer, asked=True)
         self._keep(digest, question, answer)
         if self._cache is not None and answer.problem is None:
-            self._cache.put(digest, question, answer)
+            self._cache.put(self._shared(question), question, answer)
         return answer
+
+    def _shared(self, question: Question) -> str:
+        """Digest of a question in the cache that all runs share."""
+        assert self._client is not None
+        return question.shared_digest(self._client.endpoint, self.options.structured, self.digest(question))
 
     def _known(self, digest: str, question: Question) -> Answer | None:
         if self._replay is not None:
@@ -109,16 +115,23 @@ class Model:
                 remedy = "replay with the arguments, objects and prompts of the run that was recorded"
                 raise InputError(what, file=self._replay.path, remedy=remedy)
             return found
-        for store in (self._run, self._cache):
-            if store is None:
-                continue
+        if self._run is not None:
             try:
-                found = store.get(digest)
+                found = self._run.get(digest)
             except BudgetSpent:
-                continue  # of an earlier call, which may have had less to spend
+                found = None  # of an earlier call, which may have had less to spend
             if found is not None:
                 return found
-        return None
+        return self._cached(question)
+
+    def _cached(self, question: Question) -> Answer | None:
+        """What the cache has; an entry that cannot be read is none, and will be replaced."""
+        if self._cache is None:
+            return None
+        try:
+            return self._cache.get(self._shared(question))
+        except (InputError, BudgetSpent):
+            return None
 
     def _keep(self, digest: str, question: Question, answer: Answer) -> None:
         for store in self._stores():

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from gensim2.design.llm.secret import Secret
 from gensim2.errors import InputError
 from gensim2.yaml_files import read_yaml
 
@@ -53,23 +54,49 @@ class ModelOptions(BaseModel):
         if self.budget is not None and (self.price_in is None or self.price_out is None):
             raise ValueError("budget: means nothing without price_in and price_out (USD for a million tokens)")
         if self.base_url is not None:
-            parts = urlsplit(self.base_url)
-            if parts.scheme not in ("http", "https") or not parts.hostname:
-                raise ValueError(f"base_url: {self.base_url!r} is no http or https address")
-            if parts.password or parts.username or parts.query:
-                raise ValueError("base_url: holds more than an address; the key comes from the environment")
+            problem = problem_of_address(self.base_url)
+            if problem is not None:
+                raise ValueError(f"base_url: {problem}")
         return self
 
     @property
-    def key(self) -> str | None:
-        """What the environment says; for the client's eyes only."""
-        return os.environ.get(self.key_variable) or None
+    def key(self) -> Secret | None:
+        """Return what the environment says."""
+        found = os.environ.get(self.key_variable)
+        return Secret(found) if found else None
+
+    @property
+    def address(self) -> str | None:
+        """Return the endpoint's address, ``OPENAI_BASE_URL`` where none is given; None: OpenAI's own.
+
+        Raises:
+            InputError: the variable holds no address, or more than one.
+        """
+        found = self.base_url or os.environ.get("OPENAI_BASE_URL") or None
+        problem = problem_of_address(found) if found is not None else None
+        if problem is not None:
+            raise InputError(problem, field="$OPENAI_BASE_URL")
+        return found
 
     def priced(self, tokens_in: int, tokens_out: int) -> float | None:
         """USD for so many tokens; None where no prices are known."""
         if self.price_in is None or self.price_out is None:
             return None
         return (tokens_in * self.price_in + tokens_out * self.price_out) / 1e6
+
+
+def problem_of_address(address: str) -> str | None:
+    """Return what is wrong with the address of an endpoint; what it holds beside an address is not repeated."""
+    try:
+        parts = urlsplit(address)
+        _ = parts.port  # raises where it is none
+    except ValueError:
+        return "is no http or https address"
+    if parts.password or parts.username or parts.query or parts.fragment:
+        return "holds more than an address; the key comes from the environment"
+    if parts.scheme not in ("http", "https") or not parts.hostname or not (address.isascii() and address.isprintable()):
+        return f"{address!r} is no http or https address"
+    return None
 
 
 def model_options(config: Path | None = None, **given: Any) -> ModelOptions:

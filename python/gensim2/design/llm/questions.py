@@ -39,10 +39,15 @@ class Question:
     sample: tuple[int, ...] = ()
 
     def digest(self, model: str, temperature: float | None, max_tokens: int) -> str:
-        """Hex digest of all that the answer follows from: equal questions, equal digests."""
+        """Hex digest of what is asked: equal questions to one model at one endpoint, equal digests."""
         said = [[m.role, m.text, [picture.of for picture in m.pictures]] for m in self.messages]
         content = [model, temperature, max_tokens, self.stage, list(self.sample), said]
         return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")).hexdigest()
+
+    def shared_digest(self, endpoint: str, structured: str, digest: str) -> str:
+        """Hex digest of all that the answer follows from, wherever it is asked; ``digest`` is that of the question."""
+        content = [endpoint, structured, self.schema, digest]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def followed_by(self, answer: str, reply: str, round: int) -> Question:
         """The question after an answer that was replied to; ``round`` tells it from one in which the same was said."""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, Protocol
+
+from pydantic import TypeAdapter, ValidationError
 
 from gensim2.design.base import Brief, CandidateResult
 from gensim2.design.llm.conversations import Conversations
 from gensim2.design.llm.stages import solving
 from gensim2.design.llm.stages.solving import Config, Job, Sight
 from gensim2.design.pictures import Picture
+from gensim2.errors import InputError
 from gensim2.tasks.spec import Step, TaskSpec
 from gensim2.tasks.strategies import Strategies
 
@@ -56,6 +61,23 @@ class Asking:
     max_rounds: int = 3
     visual: bool = False
     code: bool = False
+
+    @staticmethod
+    def read(fields: Mapping[str, Any], file: Path) -> Asking:
+        """Return what a record says was asked for.
+
+        Raises:
+            InputError: a field is unknown or cannot be used.
+        """
+        unknown = sorted(fields.keys() - Asking.__dataclass_fields__.keys())
+        if unknown:
+            raise InputError("unknown field", file=file, field=f"asking.{unknown[0]}")
+        try:
+            return TypeAdapter(Asking).validate_json(json.dumps(fields), strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(("asking", *map(str, first["loc"])))
+            raise InputError(f"is damaged: {first['msg']}", file=file, field=field) from error
 
 
 class Solutions:

@@ -6,6 +6,7 @@ DIR/answers/<digest>.json      a question, its answer, and what they cost
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -13,10 +14,11 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gensim2.design.llm.ledger import BudgetSpent
-from gensim2.design.llm.options import ModelOptions
+from gensim2.design.llm.options import ModelOptions, model_options
 from gensim2.design.llm.questions import Answer, Question
 from gensim2.errors import InputError
 from gensim2.files import write_json
+from gensim2.special_files import is_special
 
 MODEL_JSON = "model.json"
 
@@ -38,6 +40,7 @@ class ModelRecord(_Record):
         model, temperature, max_tokens, price_in, price_out, budget: as of :class:`ModelOptions`.
         prompts: digest of the prompts.
         asking: what was asked for, as plain data.
+        endpoint: address that was asked; None: a replay, or a record of an earlier version.
     """
 
     schema_version: Literal[1] = 1
@@ -49,18 +52,24 @@ class ModelRecord(_Record):
     budget: float | None
     prompts: str
     asking: dict[str, Any]
+    endpoint: str | None = None
 
     @property
     def options(self) -> ModelOptions:
-        """Options of a replay."""
+        """Options of a replay.
+
+        Raises:
+            InputError: they are none; names the field.
+        """
         shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
-        return ModelOptions(**{name: getattr(self, name) for name in shared})
+        return model_options(**{name: getattr(self, name) for name in shared})
 
     @staticmethod
-    def of(options: ModelOptions, prompts: str, asking: Mapping[str, Any]) -> ModelRecord:
-        """Of the options, of the digest of the prompts, and of what is asked for."""
+    def of(options: ModelOptions, prompts: str, asking: Mapping[str, Any], endpoint: str | None) -> ModelRecord:
+        """Of the options, of the digest of the prompts, of what is asked for, and of who is asked."""
         shared = ModelRecord.model_fields.keys() & ModelOptions.model_fields.keys()
-        return ModelRecord(prompts=prompts, asking=dict(asking), **{name: getattr(options, name) for name in shared})
+        fields = {name: getattr(options, name) for name in shared}
+        return ModelRecord(prompts=prompts, asking=dict(asking), endpoint=endpoint, **fields)
 
 
 class AnswerRecord(_Record):
@@ -112,6 +121,10 @@ class AnswerStore:
                 if was != now:
                     remedy = "ask as before, or choose another folder"
                     raise InputError(f"was begun with {was!r}, not {now!r}", file=path, field=name, remedy=remedy)
+            was, now = before.endpoint, record.endpoint
+            if was is not None and now is not None and was != now:
+                remedy = "ask there, or choose another folder"
+                raise InputError(f"holds answers of {was}, not {now}", file=path, field="endpoint", remedy=remedy)
         write_json(self.path / MODEL_JSON, record.model_dump())
 
     def get(self, digest: str) -> Answer | None:
@@ -136,7 +149,7 @@ class AnswerStore:
             InputError: the file is damaged.
         """
         path = self._file(digest)
-        return _read(path, AnswerRecord) if path.is_file() else None
+        return _read(path, AnswerRecord) if os.path.lexists(path) else None
 
     def put(self, digest: str, question: Question, answer: Answer) -> None:
         """Keep an answer."""
@@ -163,13 +176,18 @@ class AnswerStore:
 
 def _read(path: Path, kind: type[_R]) -> _R:
     try:
-        if path.stat().st_size > MOST_BYTES:
+        if is_special(path):
+            raise InputError("is not a regular file", file=path)
+        with path.open("rb") as stream:
+            data = stream.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
             raise InputError("is too large to be what was recorded", file=path)
-        return kind.model_validate_json(path.read_bytes())
+        return kind.model_validate_json(data)
     except OSError as error:
         remedy = "give the folder that --record made"
         raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or None
-        raise InputError(f"is damaged: {first['msg']}", file=path, field=field, remedy="restore the file") from error
+        remedy = "restore the file; a run asks again where it is deleted"
+        raise InputError(f"is damaged: {first['msg']}", file=path, field=field, remedy=remedy) from error

@@ -16,6 +16,7 @@ import yaml
 
 from gensim2.design.llm import wording
 from gensim2.errors import InputError
+from gensim2.special_files import is_special
 from gensim2.yaml_files import parse_yaml
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 SUFFIX = ".md.j2"
 BANK = "tasks.yaml"
+
+#: What expressions of a template raise beside jinja2's own errors.
+_OF_ITS_OWN = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
 
 #: Characters of the longest text out of an object's files that goes into a prompt.
 LONGEST_QUOTE = 300
@@ -79,9 +83,9 @@ class Prompts:
         try:
             template: Template = self._environment.get_template(prompt + SUFFIX)
             return template.render(**values).strip() + "\n"
-        except jinja2.TemplateError as error:
+        except (jinja2.TemplateError, *_OF_ITS_OWN) as error:
             file = (self._folder or Path("prompts")) / (prompt + SUFFIX)
-            raise InputError(f"cannot be filled in: {error}", file=file) from error
+            raise InputError(f"cannot be filled in: {str(error) or type(error).__name__}", file=file) from error
 
 
 def quoted(text: str) -> str:
@@ -114,6 +118,8 @@ def _own(folder: Path, known: set[str]) -> dict[str, str]:
         if path.name not in known:
             raise InputError("is no prompt", file=path, remedy=f"one of {', '.join(sorted(known))}")
         try:
+            if is_special(path):
+                raise InputError("is not a regular file", file=path)
             found[path.name] = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read: {error}", file=path) from error

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gensim2.design.affordance import Affordance
-from gensim2.design.base import Brief, Settings
+from gensim2.design.base import Brief, RobotSummary
 from gensim2.design.llm.wording import known_task
 from gensim2.errors import InputError
 from gensim2.tasks.spec import HAND, TABLE, TaskSpec
@@ -21,7 +21,7 @@ LONGEST_SENTENCE = 160
 
 @dataclass(frozen=True)
 class World:
-    """Settings, objects and tasks.
+    """Robot, objects and tasks.
 
     Attributes:
         settings: of the robot.
@@ -29,7 +29,7 @@ class World:
         known: tasks that are there.
     """
 
-    settings: Settings
+    settings: RobotSummary
     articulated: dict[str, Affordance]
     rigid: dict[str, Affordance]
     known: tuple[TaskSpec, ...]

@@ -14,6 +14,7 @@ from gensim2.errors import InputError
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.articulated import FolderShelf, GeneratedShelf
 from gensim2.objects.library.folder import existing_folder
+from gensim2.objects.library.release_splits import release_split
 from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
 from gensim2.objects.library.shelf import Shelf, near
 from gensim2.objects.rigid import ONLY_ID, RigidObject
@@ -180,7 +181,8 @@ class Library:
         Args:
             asset_class: of a rigid object every word but an id of another stands for the only one.
             which: ``train``, ``test``, ``all``, ``new`` (generated ones beyond those that ``instances`` lists),
-                ``random`` (one, by the seed) or an id.
+                ``random`` (one, by the seed), a split of the release (:mod:`~gensim2.objects.library.release_splits`)
+                or an id.
             seed: of ``random``.
 
         Raises:
@@ -195,6 +197,9 @@ class Library:
         if which == "random":
             ids = self.instances(asset_class)
             return (ids[int(rng(seed, f"choose/{asset_class}").integers(len(ids)))],)
+        split = release_split(asset_class, which, self.instances(asset_class))
+        if split is not None:
+            return split
         self._check(asset_class, which)
         return (which,)
 

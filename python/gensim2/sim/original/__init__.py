@@ -1,11 +1,10 @@
-"""Physics of the original GenSim2 as data: constants by class, and where each of its objects stands by default.
+"""Physics of the original GenSim2 as data: constants by class.
 
-``constants.yaml`` and ``default_poses.csv`` beside this file, read through the package so that a wheel carries them.
+``constants.yaml`` beside this file is read through the package so that a wheel carries it.
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -13,27 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from gensim2.yaml_files import parse_yaml
-
-Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class DefaultPose:
-    """Where the original puts an object before it randomizes.
-
-    Attributes:
-        position: (3,) of the root in the world, m.
-        quaternion: (4,) (w, x, y, z), root to world.
-        openness: mean of the randomized openness.
-    """
-
-    position: Array
-    quaternion: Array
-    openness: float
 
 
 @dataclass(frozen=True)
@@ -80,23 +59,6 @@ def constants() -> Constants:
         _densities=density["articulated"],
         _joint_frictions=data["joint_friction"],
     )
-
-
-def default_pose(asset_class: str, instance_id: str) -> DefaultPose | None:
-    """Where the original puts one of its objects; None where it says nothing of it."""
-    return _default_poses().get((asset_class, instance_id))
-
-
-@cache
-def _default_poses() -> dict[tuple[str, str], DefaultPose]:
-    text = (files(__name__) / "default_poses.csv").read_text(encoding="utf-8")
-    return {(row["class"], row["id"]): _pose(row) for row in csv.DictReader(text.splitlines())}
-
-
-def _pose(row: Mapping[str, str]) -> DefaultPose:
-    position = np.array([float(row[name]) for name in ("x", "y", "z")])
-    quaternion = np.array([float(row[name]) for name in ("qw", "qx", "qy", "qz")])
-    return DefaultPose(position, quaternion / np.linalg.norm(quaternion), float(row["openness"]))
 
 
 def _first_match(by_pattern: Mapping[str, float], asset_class: str) -> float:

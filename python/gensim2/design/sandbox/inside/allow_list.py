@@ -4,10 +4,13 @@ Everything that is not listed is refused and named with its line: there is no li
 """
 
 import ast
+import math
 import re
 from collections.abc import Collection, Iterable
 
 MODULE = "task_code"
+TOO_MANY_BITS = "a whole number of more than 64 bits"
+NOT_FINITE = "a number that is not finite"
 BASE = "Task"
 
 LONGEST_SOURCE = 100_000
@@ -45,6 +48,11 @@ SPOKEN = {
     ast.Subscript: "an index",
     ast.IfExp: "a conditional expression",
 }
+#: A whole number from here on is none that a task has a use for.
+LARGEST = 2**63
+#: Characters of a line that may be what is nested too deeply.
+LONG_LINE = 200
+NOT_IN_TEXT = re.compile("[\0\ud800-\udfff]")
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
@@ -73,13 +81,30 @@ def problems(source: str, offered: Iterable[str], methods: Iterable[str]) -> lis
     """
     if len(source) > LONGEST_SOURCE:
         raise SyntaxError(f"has {len(source)} characters, more than {LONGEST_SOURCE}")
+    if (odd := NOT_IN_TEXT.search(source)) is not None:
+        raise at_line(f"a character that no text has ({odd[0]!r})", source.count("\n", 0, odd.start()) + 1)
     try:
         tree = ast.parse(source)
-    except (ValueError, RecursionError, MemoryError) as error:
-        raise SyntaxError(
-            f"cannot be parsed: {error}" if str(error) else f"cannot be parsed: {type(error).__name__}"
-        ) from error
+    except SyntaxError as error:
+        if "integer string conversion" in str(error.msg):
+            raise at_line(TOO_MANY_BITS, error.lineno) from error
+        raise
+    except (RecursionError, MemoryError) as error:
+        raise at_line("cannot be parsed: it is nested too deeply", longest_line(source)) from error
+    except ValueError as error:
+        raise SyntaxError(f"cannot be parsed: {error}") from error
     return Reader(frozenset(offered), frozenset(methods)).read(tree)
+
+
+def at_line(words: str, line: int | None) -> SyntaxError:
+    """A syntax error of our own at a line."""
+    return SyntaxError(words, (None, line, None, None))
+
+
+def longest_line(source: str) -> int | None:
+    """Number of the longest line, where one is long enough to be to blame for depth."""
+    lengths = [len(line) for line in source.split("\n")]
+    return lengths.index(max(lengths)) + 1 if max(lengths) > LONG_LINE else None
 
 
 class Reader:
@@ -89,6 +114,7 @@ class Reader:
         self.offered, self.methods = offered, methods
         self.found: list[tuple[int, str]] = []
         self.known = {"self"}
+        self.numbers: dict[ast.AST, int | float] = {}
 
     def read(self, tree: ast.Module) -> list[tuple[int, str]]:
         nodes, parents = self.listed(tree)
@@ -218,6 +244,11 @@ class Reader:
     def look_at_Constant(self, node: ast.Constant, parent: ast.AST | None) -> None:
         if type(node.value) not in CONSTANTS:
             raise Refused(node, f"a constant of type {type(node.value).__name__} is not allowed")
+        if isinstance(node.value, str):
+            if (odd := NOT_IN_TEXT.search(node.value)) is not None:
+                raise Refused(node, f"a character that no text has ({odd[0]!r})")
+        elif isinstance(node.value, (int, float)):
+            check_number(node, node.value)
 
     def look_at_Dict(self, node: ast.Dict, parent: ast.AST | None) -> None:
         if not all(isinstance(key, ast.Constant) and isinstance(key.value, str) for key in node.keys):
@@ -230,14 +261,58 @@ class Reader:
         self.look_at_number(node)
 
     def look_at_number(self, node: ast.UnaryOp | ast.BinOp) -> None:
-        """Arithmetic is for numbers: text and lists grow when they are multiplied."""
+        """Arithmetic is for numbers: text and lists grow when they are multiplied, and so do numbers."""
         for part in (node.operand,) if isinstance(node, ast.UnaryOp) else (node.left, node.right):
             number = isinstance(part, ast.Constant) and type(part.value) in (int, float)
             if not (number or isinstance(part, (ast.UnaryOp, ast.BinOp)) or _is_name(part, "pi")):
                 raise Refused(node, "arithmetic with anything but numbers is not allowed")
+        try:
+            self.number(node)
+        except RecursionError as error:
+            raise Refused(node, "an expression is nested too deeply") from error
+
+    def number(self, node: ast.AST) -> int | float:
+        """What arithmetic comes to, within the bounds of numbers."""
+        if node in self.numbers:
+            return self.numbers[node]
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
+            found = self.number(node.operand)
+            found = -found if isinstance(node.op, ast.USub) else found
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, OPERATORS):
+            found = computed(node, self.number(node.left), self.number(node.right))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+            found = node.value
+        else:  # pi, or what is refused where it stands
+            found = math.pi
+        check_number(node, found)
+        self.numbers[node] = found
+        return found
 
     def offer(self) -> str:
         return ", ".join(f"self.{name}" for name in sorted(self.methods))
+
+
+def computed(node: ast.BinOp, left: int | float, right: int | float) -> int | float:
+    """One step of arithmetic."""
+    try:
+        if isinstance(node.op, ast.Div):
+            return left / right
+        if isinstance(node.op, ast.Mult):
+            return left * right
+        return left + right if isinstance(node.op, ast.Add) else left - right
+    except ZeroDivisionError as error:
+        raise Refused(node, "a division by zero") from error
+    except OverflowError as error:
+        raise Refused(node, NOT_FINITE) from error
+
+
+def check_number(node: ast.AST, number: int | float) -> None:
+    """Refuse what JSON cannot hold or nobody can use."""
+    if isinstance(number, float):
+        if not math.isfinite(number):
+            raise Refused(node, NOT_FINITE)
+    elif not -LARGEST <= number < LARGEST:
+        raise Refused(node, TOO_MANY_BITS)
 
 
 def _is_super_init(node: ast.Attribute, parent: ast.AST | None) -> bool:

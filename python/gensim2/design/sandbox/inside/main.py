@@ -12,6 +12,7 @@ import os
 import resource
 import sys
 import types
+import unicodedata  # noqa: F401 - Python spells identifiers beyond ASCII with it, and names characters
 from typing import Any
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120 - pathlib takes 10 ms
@@ -103,12 +104,19 @@ def told(error: BaseException, lines: list[str]) -> str:
     return f"{where}{type(error).__name__}: {str(error)[:LONGEST_MESSAGE]}"
 
 
+def written(source: str, checked: bool) -> bytes:
+    """The answer as JSON; whatever goes wrong on the way, there is one."""
+    try:
+        return json.dumps(answer(source, checked)).encode()
+    except BaseException as error:  # noqa: BLE001 - a number that cannot be written, a tree too deep, no memory
+        return json.dumps({"kind": "failed", "problems": [told(error, source.splitlines())]}).encode()
+
+
 def main() -> None:
     given = json.load(sys.stdin)
     task_code.add_criteria(vars(task_code), given["criteria"])
     lock(given["limits"], base64.b64decode(given["filter"]))
-    text = json.dumps(answer(given["source"], given["checked"]))
-    data = text.encode()
+    data = written(given["source"], given["checked"])
     while data:
         data = data[os.write(1, data) :]
     os._exit(0)  # what the program left to be done at the end is not done

@@ -1,4 +1,4 @@
-"""What a reset stands on the table: drawn from the seed, or given by reset options; the same for every simulator."""
+"""Initial state of a scene: drawn from the seed, or given by reset options; the same for every simulator."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
-from gensim2.seeding import rng
-from gensim2.sim.arguments import ObjectSource
-from gensim2.sim.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
-from gensim2.sim.options import ObjectOptions
-from gensim2.sim.physics import OURS, Physics, PhysicsName
-from gensim2.sim.randomize import (
+from gensim2.scenes.arguments import ObjectSource
+from gensim2.scenes.default_pose import default_pose
+from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
+from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName
+from gensim2.scenes.randomize import (
     AS_IT_IS,
     Draw,
     Factors,
@@ -30,13 +29,15 @@ from gensim2.sim.randomize import (
     placed,
     redraw_placement,
 )
-from gensim2.sim.support import set_down
+from gensim2.scenes.reset_options import ObjectOptions
+from gensim2.scenes.support import set_down
+from gensim2.seeding import rng
 from gensim2.tasks.presets import DEFAULT_PRESET, Preset, PresetName, preset
 from gensim2.tasks.spec import TABLE, ObjectSpec, TaskSpec
 
 Array = npt.NDArray[np.float64]
 
-MOST_DRAWS = 100
+MAX_DRAWS = 100
 """Of the placements of one scene."""
 GAP = 0.02
 """Metres that footprints keep apart."""
@@ -49,8 +50,8 @@ class PlacementError(InputError):
 
 
 @dataclass(frozen=True)
-class Placed:
-    """One object and where it stands.
+class PlacedObject:
+    """One object and its pose in the initial state.
 
     Attributes:
         model: the object.
@@ -58,7 +59,7 @@ class Placed:
         quaternion: (4,) of its root in the world, (w, x, y, z).
         yaw: what the randomization turned it by about the vertical, rad.
         openness: of its joint, 0..1; None of a rigid object.
-        default_pose: whose default pose it was put from, the original's or ours; None: its pose was given.
+        default_pose: physics preset of the default pose that was randomized; None: its pose was given.
         factors: by what its physics is multiplied.
     """
 
@@ -92,8 +93,8 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Setup:
-    """A scene before its first moment.
+class InitialState:
+    """Sampled initial state of a scene.
 
     Attributes:
         objects: by name, in the task's order.
@@ -102,7 +103,7 @@ class Setup:
         randomization: name of the preset that all of it was drawn with.
     """
 
-    objects: Mapping[str, Placed]
+    objects: Mapping[str, PlacedObject]
     draws: int
     start: tuple[float, ...]
     randomization: PresetName
@@ -113,19 +114,19 @@ class Setup:
         return any(isinstance(thing.model, RigidObject) for thing in self.objects.values())
 
 
-def set_up(
+def sample_initial_state(
     task: TaskSpec,
     library: ObjectSource,
     instances: Mapping[str, Sequence[str]],
     seed: int,
     options: Mapping[str, ObjectOptions],
     robot: RobotProfile,
-    physics: Physics = OURS,
+    physics: PhysicsName = DEFAULT_PHYSICS,
     randomization: Preset = PAPER,
-) -> Setup:
+) -> InitialState:
     """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
 
-    A single object on the table stands where it was drawn. Several are drawn again, at most ``MOST_DRAWS`` times,
+    A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times,
     until they keep ``GAP`` apart (an articulated one with all that its joint sweeps), within the robot's reach, and
     rigid ones clear of the robot at its start. What options place is taken as it is.
 
@@ -139,7 +140,7 @@ def set_up(
         seed: of the reset.
         options: by object, checked.
         robot: that is to reach them.
-        physics: says where objects stand before their randomization.
+        physics: preset whose default poses are randomized.
         randomization: what becomes of the task's ranges, and what is drawn besides.
 
     Raises:
@@ -157,15 +158,15 @@ def set_up(
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
     factors, start = _vary(task, models, seed, robot, randomization)
     room = _Room(task, models, options, robot, start) if len(models) > 1 else None
-    for count in range(1, MOST_DRAWS + 1):
+    for count in range(1, MAX_DRAWS + 1):
         objects = _stand_all(task, models, draws, options, physics, factors)
         if objects is not None and (room is None or room.holds(objects)):
-            return Setup(objects, count, start, randomization.name)
+            return InitialState(objects, count, start, randomization.name)
         for name, spec in task.objects.items():
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"{MOST_DRAWS} draws of seed {seed} found no room for {names}",
+        f"{MAX_DRAWS} draws of seed {seed} found no room for {names}",
         field="objects",
         remedy="give place.at farther apart, or other instances",
     )
@@ -196,11 +197,11 @@ def _stand_all(
     models: Mapping[str, Instance | RigidObject],
     draws: Mapping[str, Draw],
     options: Mapping[str, ObjectOptions],
-    physics: Physics,
+    physics: PhysicsName,
     factors: Mapping[str, Factors],
-) -> dict[str, Placed] | None:
+) -> dict[str, PlacedObject] | None:
     """Every object where it was drawn; None where one has no room on what it stands on."""
-    objects: dict[str, Placed] = {}
+    objects: dict[str, PlacedObject] = {}
     for name, spec in task.objects.items():
         thing = _stand(spec, models[name], draws[name], options[name], objects, physics)
         if thing is None:
@@ -214,12 +215,12 @@ def _stand(
     model: Instance | RigidObject,
     draw: Draw,
     options: ObjectOptions,
-    before: Mapping[str, Placed],
-    physics: Physics,
-) -> Placed | None:
+    before: Mapping[str, PlacedObject],
+    physics: PhysicsName,
+) -> PlacedObject | None:
     """The object where it was drawn; None where what it stands on has no room for it there."""
     openness = None
-    default = physics.default_place(model)
+    default = default_pose(model, physics)
     if isinstance(model, Instance):
         given = options.get("openness")
         mean = openness_at_reset(spec.randomization, draw, default.openness)
@@ -228,7 +229,7 @@ def _stand(
         raise InputError(f"{model.asset_class} has no joint", field="openness")
     if "pose" in options:
         pose = np.asarray(options["pose"], dtype=np.float64)
-        return Placed(model, pose[:3], pose[3:], 0.0, openness)
+        return PlacedObject(model, pose[:3], pose[3:], 0.0, openness)
     x, y, yaw = map(float, options.get("offset", (draw.x, draw.y, draw.yaw)))
     position = np.array(default.position, dtype=np.float64)
     support = None if spec.place.on == TABLE else before[spec.place.on]
@@ -239,7 +240,7 @@ def _stand(
     quaternion = default.quaternion
     if spec.place.yaw:
         _, quaternion = placed(position, quaternion, 0.0, 0.0, spec.place.yaw)
-    thing = Placed(model, *placed(position, quaternion, x, y, yaw), yaw, openness, default.origin)
+    thing = PlacedObject(model, *placed(position, quaternion, x, y, yaw), yaw, openness, default.origin)
     return thing if support is None else set_down(thing, support)
 
 
@@ -263,7 +264,7 @@ class _Room:
         self._base_half = space.base_half
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
-    def holds(self, objects: Mapping[str, Placed]) -> bool:
+    def holds(self, objects: Mapping[str, PlacedObject]) -> bool:
         """Whether all that was drawn keeps apart, clear of the robot at its start and within its reach."""
         outlines = {
             name: outline(self._points[name], thing.position, thing.quaternion) for name, thing in objects.items()
@@ -286,14 +287,14 @@ class _Room:
                 return True
         return False
 
-    def _is_near(self, thing: Placed) -> bool:
+    def _is_near(self, thing: PlacedObject) -> bool:
         if isinstance(thing.model, Instance):
             head = keypoint_in_root(thing.model, work_keypoint(thing.model), thing.joint_value)
         else:
             head = np.concatenate(thing.model.hulls[BODY]).mean(axis=0)
         return bool(np.linalg.norm((thing.in_world(head) - self._base)[:2]) <= self._reach)
 
-    def _is_clear(self, name: str, objects: Mapping[str, Placed], outlines: Mapping[str, Array]) -> bool:
+    def _is_clear(self, name: str, objects: Mapping[str, PlacedObject], outlines: Mapping[str, Array]) -> bool:
         thing = objects[name]
         if isinstance(thing.model, Instance):  # its own placement sees to that
             return True

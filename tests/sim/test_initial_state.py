@@ -15,11 +15,11 @@ from scipy.spatial.distance import cdist
 from gensim2.errors import InputError
 from gensim2.objects.types import Instance
 from gensim2.robots import robot
-from gensim2.sim.arguments import as_library, chosen_instances
-from gensim2.sim.footprint import hulls_in_root, keep_apart, outline, swept_points
-from gensim2.sim.lane import Lane
-from gensim2.sim.options import read_options
-from gensim2.sim.setup import GAP, PlacementError, Setup, set_up
+from gensim2.scenes.arguments import as_library, chosen_instances
+from gensim2.scenes.footprint import hulls_in_root, keep_apart, outline, swept_points
+from gensim2.scenes.initial_state import GAP, InitialState, PlacementError, sample_initial_state
+from gensim2.scenes.reset_options import read_options
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
 
@@ -37,10 +37,10 @@ def _task(objects: Mapping[str, Any]) -> TaskSpec:
     return parse_task({"name": "Place", "description": "place it", "objects": objects, "steps": [step]})
 
 
-def _set_up(task: TaskSpec, seed: int, options: Mapping[str, Any] | None = None, library: Any = None) -> Setup:
+def _set_up(task: TaskSpec, seed: int, options: Mapping[str, Any] | None = None, library: Any = None) -> InitialState:
     library = library or as_library("builtin")
     instances = chosen_instances(library, task, "all")
-    return set_up(task, library, instances, seed, read_options(options, tuple(task.objects)), PANDA)
+    return sample_initial_state(task, library, instances, seed, read_options(options, tuple(task.objects)), PANDA)
 
 
 def _distance(first: np.ndarray, second: np.ndarray) -> float:
@@ -207,7 +207,7 @@ def test_an_object_in_another_lies_on_its_floor_and_stays(crates: Callable[..., 
             "lemon": {"class": "lemon", "place": {"on": "box"}, **inside},
         }
     )
-    lane = Lane(task, assets=crates(friction=2.0))
+    lane = HeadlessEnv(task, assets=crates(friction=2.0))
     for seed in range(3):
         lane.reset(seed)
         placed = lane.setup.objects["ball"]

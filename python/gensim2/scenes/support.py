@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
-from gensim2.sim.footprint import hulls_in_root
+from gensim2.scenes.footprint import hulls_in_root
 
 if TYPE_CHECKING:
-    from gensim2.sim.setup import Placed
+    from gensim2.scenes.initial_state import PlacedObject
 
 Array = npt.NDArray[np.float64]
 
@@ -24,7 +24,7 @@ ABOVE = 0.02
 """Metres above the measured point from which an object is lowered."""
 
 
-def set_down(thing: Placed, support: Placed) -> Placed | None:
+def set_down(thing: PlacedObject, support: PlacedObject) -> PlacedObject | None:
     """``thing`` lowered over the measured point of ``support`` until it touches that.
 
     Args:

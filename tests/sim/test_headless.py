@@ -11,7 +11,7 @@ import pytest
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.robots import robot
 from gensim2.sim.env import GenSim2Env
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import task_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -49,7 +49,7 @@ def _reaching(target: np.ndarray, q: np.ndarray) -> np.ndarray:
     return q[:7]
 
 
-def _actions(lane: Lane, rng: np.random.Generator) -> np.ndarray:
+def _actions(lane: HeadlessEnv, rng: np.random.Generator) -> np.ndarray:
     """A hand that goes from keypoint to keypoint, opens and closes, shaken in half of the episodes: it pushes, slips,
     grasps and hits."""
     scene = lane.scene_state()
@@ -67,7 +67,7 @@ def _actions(lane: Lane, rng: np.random.Generator) -> np.ndarray:
 
 def _check_equal_episodes(task: str | TaskSpec, seeds: range) -> int:
     """Episodes in both; returns in how many an object was moved."""
-    env, lane = GenSim2Env(task, assets="builtin"), Lane(task, assets="builtin")
+    env, lane = GenSim2Env(task, assets="builtin"), HeadlessEnv(task, assets="builtin")
     rng = np.random.default_rng(len(lane.task.name))
     moved = 0
     for seed in seeds:
@@ -110,7 +110,7 @@ def test_several_objects_are_where_the_environment_has_them(task: TaskSpec) -> N
 
 def test_reset_options_are_those_of_the_environment(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
     library = crates(2, damping=0.05)
-    env, lane = GenSim2Env(crate_task, assets=library), Lane(crate_task, assets=library)
+    env, lane = GenSim2Env(crate_task, assets=library), HeadlessEnv(crate_task, assets=library)
     for options in (
         {"openness": 0.3, "offset": [0.02, -0.03, 0.2]},
         {"instance": library.instances("crate")[1]},
@@ -128,7 +128,7 @@ def test_without_the_arm_an_object_does_what_it_does_beside_a_still_one(
     crates: Callable[..., Any], crate_task: TaskSpec
 ) -> None:
     for friction in (1e-4, 0.35):
-        lane = Lane(crate_task, assets=crates(friction=friction))
+        lane = HeadlessEnv(crate_task, assets=crates(friction=friction))
         for seed in range(3):
             lane.reset(seed)
             for _ in range(100):
@@ -145,7 +145,7 @@ def test_without_the_arm_an_object_does_what_it_does_beside_a_still_one(
 
 
 def test_what_cannot_be_used_is_refused(crates: Callable[..., Any], crate_task: TaskSpec) -> None:
-    lane = Lane(crate_task, assets=crates())
+    lane = HeadlessEnv(crate_task, assets=crates())
     with pytest.raises(GenSim2Error, match="not been reset"):
         lane.step(HOLD)
     with pytest.raises(InputError, match="seed"):
@@ -162,7 +162,7 @@ def test_what_cannot_be_used_is_refused(crates: Callable[..., Any], crate_task: 
 
 
 def test_a_nudge_moves_one_object_and_nothing_else() -> None:
-    lane = Lane(SEVERAL[0], assets="builtin")
+    lane = HeadlessEnv(SEVERAL[0], assets="builtin")
     lane.reset(3)
     for _ in range(20):
         lane.step(HOLD)

@@ -1,20 +1,20 @@
-"""What an environment and a lane know of what stands in their scene."""
+"""Access to the robot and the objects of a built scene, shared by the registered and the headless environment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from gensim2.errors import GenSim2Error
+from gensim2.scenes.initial_state import InitialState
 from gensim2.sim.parts import Part
 from gensim2.sim.scene_state import RobotReader, measure
-from gensim2.sim.setup import Setup
 from gensim2.tasks.measurement import Measurement
 
 
-class Standing:
-    """Robot and objects of a scene that was built at a reset, whoever built it."""
+class SceneAccessMixin:
+    """Access to the robot and the objects of the scene of the last reset."""
 
-    _setup: Setup | None = None
+    _setup: InitialState | None = None
     _parts: Mapping[str, Part]
     _robot: RobotReader
 
@@ -22,7 +22,7 @@ class Standing:
         """Refuse to go on with what was closed."""
 
     @property
-    def setup(self) -> Setup:
+    def setup(self) -> InitialState:
         """What stands on the table: what was drawn at the last reset."""
         self._require_open()
         if self._setup is None:

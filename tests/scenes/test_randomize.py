@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.robots import robot
-from gensim2.seeding import rng
-from gensim2.sim.randomize import (
+from gensim2.scenes.randomize import (
     START_SPREAD,
     Draw,
     Factors,
@@ -22,6 +21,7 @@ from gensim2.sim.randomize import (
     placed,
     redraw_placement,
 )
+from gensim2.seeding import rng
 from gensim2.tasks.library import load_task
 from gensim2.tasks.presets import PRESET_NAMES, preset
 from gensim2.tasks.spec import Randomization

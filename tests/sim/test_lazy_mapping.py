@@ -6,11 +6,11 @@ import pickle
 
 import numpy as np
 
-from gensim2.sim.lane import Lane
+from gensim2.sim.headless import HeadlessEnv
 
 
 def test_what_is_looked_at_later_is_what_was_there() -> None:
-    lane = Lane("PlaceGolfBallIntoDrawer", assets="builtin", instances=["5"])
+    lane = HeadlessEnv("PlaceGolfBallIntoDrawer", assets="builtin", instances=["5"])
     lane.reset(0)
     # The arm sinks forward, the drawer is put elsewhere, the ball is shoved.
     action = np.array([*lane.profile.reset_qpos[:7], 1.0], dtype=np.float32) + 0.3

@@ -1,8 +1,8 @@
-"""Episodes that nobody watches: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
+"""Physics-only environment: the scene of :class:`~gensim2.sim.env.GenSim2Env`, without ManiSkill around each step.
 
 Same bodies in the same order, same drives, same numbers: for the same actions the states are those of the registered
 environment, bit for bit. What is left out is what a search or a collection never looks at: tensors of one row, rewards,
-observations that nobody asked for, and reading the same URDF at every reset: a file that changes under a process is
+observations that were not asked for, and reading the same URDF at every reset: a file that changes under a process is
 not read again.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -22,37 +22,31 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
 from gensim2.planning.scene import Scene
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.robots import robot as robot_profile
+from gensim2.scenes.config import SceneArguments
+from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
+from gensim2.scenes.sampler import SceneSampler
 from gensim2.seeding import check_seed
-from gensim2.sim.arguments import ObjectSource, Words, as_library, as_task, check_names, chosen_instances
 from gensim2.sim.arm import Arm, built, parsed
 from gensim2.sim.contacts import touched
 from gensim2.sim.objects import check_object
-from gensim2.sim.options import RESET_OPTIONS, read_options
 from gensim2.sim.parts import ArticulatedPart, Part, RigidPart, Row
 from gensim2.sim.physics import Physics, named_physics, vary
 from gensim2.sim.rigid import build_rigid
+from gensim2.sim.scene_access import SceneAccessMixin
 from gensim2.sim.scene_state import RobotReader, read_scene
-from gensim2.sim.setup import Placed, Setup, set_up
-from gensim2.sim.standing import Standing
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
-from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
 
 
-class Lane(Standing):
+class HeadlessEnv(SceneAccessMixin):
     """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.
-        assets: as in :func:`gensim2.objects.open_library`, or an opened library.
-        instances: ``"all"``, ``"train"``, ``"test"``, ``"new"``, one id, or several; a reset draws one. An id is said
-            of the first object of whose class there are several; or of any, as a mapping from an object's name.
-        robot: name of its profile.
-        physics: ``"ours"``, or ``"original"``: as the original GenSim2 has it (docs/simulation.md).
-        randomization: ``"paper"`` for the task's own ranges, ``"paper-half"``, or ``"wide"`` (docs/simulation.md).
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`. A reset draws one of ``instances``; an id is said of
+            the first object of whose class there are several, or of any, as a mapping from an object's name.
 
     Raises:
         InputError: an argument is wrong.
@@ -60,24 +54,11 @@ class Lane(Standing):
 
     control_mode = "pd_joint_pos"
 
-    def __init__(
-        self,
-        task: str | TaskSpec | Mapping[str, Any],
-        *,
-        assets: str | Path | ObjectSource | None = None,
-        instances: Words | Mapping[str, Words] = "all",
-        robot: str = DEFAULT_ROBOT,
-        physics: str = "ours",
-        randomization: str = DEFAULT_PRESET,
-    ) -> None:
-        self.physics = named_physics(physics)
-        self.randomization = preset(randomization)
-        self.task = as_task(task)
-        self.profile = robot_profile(robot)
-        check_names(self.task, self.profile)
-        self._library = as_library(assets)
-        self.instance_ids = chosen_instances(self._library, self.task, instances)
-        self._drawn: tuple[int, Setup] | None = None  # what the last seed drew by itself
+    def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
+        self._sampler = sampler = SceneSampler(task, **scene)
+        self.task, self.profile, self.randomization = sampler.task, sampler.profile, sampler.randomization
+        self.physics, self.instance_ids = named_physics(sampler.physics), sampler.instances
+        self._drawn: tuple[int, InitialState] | None = None  # what the last seed drew by itself
         self._arm: Arm | None = None
         self._parts: dict[str, Part] = {}
         self.seed = 0
@@ -102,21 +83,12 @@ class Lane(Standing):
         Raises:
             InputError: a seed or an option cannot be used, or an object's files.
         """
-        given = read_options(options, tuple(self.task.objects))
+        read_options(options, tuple(self.task.objects))
         self.seed = check_seed(seed)
         self.reset_options = {name: value for name, value in (options or {}).items() if name in RESET_OPTIONS}
         # What a seed drew is drawn once, for the episode and for the same scene with a still arm.
         if options or self._drawn is None or self._drawn[0] != self.seed:
-            setup = set_up(
-                self.task,
-                self._library,
-                self.instance_ids,
-                self.seed,
-                given,
-                self.profile,
-                self.physics,
-                self.randomization,
-            )
+            setup = self._sampler.sample(self.seed, options)
             self._drawn = None if options else (self.seed, setup)
         else:
             setup = self._drawn[1]
@@ -232,7 +204,7 @@ class Lane(Standing):
         return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
 
 
-def _build(scene: sapien.Scene, name: str, thing: Placed, physics: Physics) -> Part:
+def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics) -> Part:
     pose = sapien.Pose(thing.position, thing.quaternion)
     if isinstance(thing.model, RigidObject):
         part = RigidPart(name, thing, build_rigid(scene, thing.model, pose, name, physics))

@@ -1,4 +1,4 @@
-"""Values that are worked out when somebody asks for them, from what was read at their instant."""
+"""Mapping evaluated on first access, from what was read at its instant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-class Later(Mapping[str, Array]):
+class LazyMapping(Mapping[str, Array]):
     """Arrays by name: most measurements are looked at in one or two numbers, and there is one every control step.
 
     Args:

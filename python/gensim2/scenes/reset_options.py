@@ -30,7 +30,7 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
         names: of the objects.
 
     Raises:
-        InputError: nobody knows the option or the object, or a value has the wrong form; names it.
+        InputError: an option or an object is unknown, or a value has the wrong form; names it.
     """
     if options is not None and not isinstance(options, Mapping):
         raise InputError(f"must be a mapping, is {options!r}", field="options")

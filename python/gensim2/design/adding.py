@@ -1,0 +1,93 @@
+"""A task made by hand, verified and added to the user's library: ``gensim2 tasks add FOLDER``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Unpack
+
+from gensim2.data.records import Verification
+from gensim2.design.remembering import Remembered, verified
+from gensim2.design.unseen import kept_apart
+from gensim2.errors import InputError
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Job
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.rollout import worker
+from gensim2.rollout.config import RolloutArguments
+from gensim2.rollout.evaluator import PoolEvaluator
+from gensim2.rollout.inputs import check_counts, read_task_input
+from gensim2.rollout.record import Episode
+from gensim2.seeding import scene_seeds
+from gensim2.tasks.library import origin_of
+from gensim2.tasks.memory import LEAST_EPISODES, LEAST_SHARE, Memory, UnverifiedTaskError
+from gensim2.tasks.spec import Provenance
+
+BY_HAND = "hand"
+"""Origin of a task that names none."""
+
+
+def add_task(
+    folder: Path,
+    *,
+    episodes: int = LEAST_EPISODES,
+    seed: int = 0,
+    workers: int = 2,
+    memory: Memory | None = None,
+    progress: Progress = NULL_PROGRESS,
+    **given: Unpack[RolloutArguments],
+) -> Remembered:
+    """Run fresh episodes of a task with its strategies and add it to a library where enough of them hold.
+
+    Args:
+        folder: holds task.yaml and strategies/.
+        episodes: of the verification, at least ``LEAST_EPISODES``.
+        seed: of the scenes.
+        workers: simulator processes.
+        memory: default: the user's library.
+        progress: listener.
+        given: see :class:`~gensim2.rollout.config.RolloutArguments`.
+
+    Raises:
+        InputError: the folder or an argument cannot be used, or there is no library.
+        KnownTaskError: the library has the task already, which is said before anything is run.
+        UnverifiedTaskError: too few episodes held; says how many, and why the others did not.
+        NotRunError: episodes could not be run.
+    """
+    check_counts(episodes=episodes, workers=workers)
+    if episodes < LEAST_EPISODES:
+        raise InputError(f"must be at least {LEAST_EPISODES}, not {episodes}", field="episodes")
+    memory = memory or Memory()
+    library_folder = str(memory.folder)
+    read = read_task_input(str(folder), seed=seed, **given)
+    task = read.spec
+    if origin_of(task) is None:
+        task = task.model_copy(update={"provenance": Provenance(origin=BY_HAND)})
+    memory.check_new(task, read.strategies)
+    seeds = scene_seeds(seed, task.name, "verify", episodes)
+    # What its author tried it on is unknown, so that generated objects are new ones and others any of the folder's.
+    apart = kept_apart(read.library, task)
+    drawn = apart.verification(episodes, seed) if read.instances == "all" else [read.instances] * episodes
+    kind = apart.kind if read.instances == "all" else "all"
+    found: dict[int, Episode] = {}
+    progress.start(f"{task.name}: verify", episodes)
+    with PoolEvaluator(
+        read.scene.options,
+        workers,
+        progress,
+        rollout=read.rollout,
+        time_limit=TIME_LIMIT,
+        jobs_per_worker=JOBS_PER_WORKER,
+    ) as evaluator:
+        jobs = [Job(i, (evaluator.config(task, drawn[i]), read.strategies, seeds[i])) for i in range(episodes)]
+        for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: verification"):
+            found[index] = episode
+            progress.advance()
+    verification = Verification(tuple(found[i] for i in range(episodes)), LEAST_SHARE, kind)
+    if not verification.kept:
+        causes = ", ".join(f"{count} {cause}" for cause, count in verification.tally.causes.items())
+        raise UnverifiedTaskError(
+            f"{task.name}: {verification.tally.held} of {episodes} fresh episodes held ({causes})",
+            file=folder,
+            remedy=f"{LEAST_SHARE:g} of them must hold",
+        )
+    memory.add(task, read.strategies, verified(verification, seed))
+    return Remembered(library_folder, (task.name,), {})

@@ -1,0 +1,79 @@
+"""Configuration of episodes: their scenes, and what is done in them beside the controller's strategies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal, get_args
+
+from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
+from gensim2.scenes.physics import with_current_physics
+from gensim2.tasks.spec import TaskSpec
+
+Disturbance = Literal["push", "drop"]
+"""Kind of disturbance of an episode, once, at a seeded moment."""
+
+DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
+
+
+class RolloutArguments(SceneArguments, total=False):
+    """Keywords of scenes, and of the chain of planned steps that works in them.
+
+    Keys:
+        open_loop: everything is planned at the start of an episode, with the first strategy of each step.
+    """
+
+    open_loop: bool
+
+
+@dataclass(frozen=True)
+class RolloutOptions:
+    """What all episodes of a run have in common beside their scenes.
+
+    Attributes:
+        open_loop: everything is planned at the start, with the first strategy of each step.
+        disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
+        attempts: resets to the same start that an episode has at most, until one holds.
+    """
+
+    open_loop: bool = False
+    disturbance: Disturbance | None = None
+    attempts: int = 1
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:
+        """Options from the fields of a file, other fields beside them left alone."""
+        return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
+
+    def to_record(self) -> dict[str, Any]:
+        """Fields of a file."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class EpisodeConfig:
+    """What the episodes of one task follow from beside strategies and seed: plain values that pickle.
+
+    Attributes:
+        scene: of the task.
+        rollout: what else its episodes have in common.
+    """
+
+    scene: SceneConfig
+    rollout: RolloutOptions = field(default_factory=RolloutOptions)
+
+    @property
+    def task(self) -> TaskSpec:
+        """What is to be done."""
+        return self.scene.task
+
+
+def nested_options(record: Any) -> Any:
+    """Return the fields of a file with those of scenes under ``scene`` and those of rollouts under ``rollout``."""
+    if not isinstance(record, dict):
+        return record
+    current = with_current_physics(record)
+    names = {kind: {each.name for each in fields(kind)} for kind in (SceneOptions, RolloutOptions)}
+    scene, rollout = ({name: current[name] for name in own if name in current} for own in names.values())
+    rest = {name: value for name, value in current.items() if name not in scene and name not in rollout}
+    return {**rest, "scene": scene, "rollout": rollout}

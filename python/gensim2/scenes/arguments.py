@@ -1,0 +1,104 @@
+"""Tasks, libraries and instances as users name them, resolved to values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from gensim2.errors import InputError
+from gensim2.objects import Instance, RigidObject, open_library
+from gensim2.objects.library.selection import taken_instances, words_of_objects
+from gensim2.robots import RobotProfile
+from gensim2.tasks.library import load_task
+from gensim2.tasks.parse import parse_task
+from gensim2.tasks.spec import TaskSpec
+
+
+class ObjectSource(Protocol):
+    """What the environment needs of an object library."""
+
+    def source(self, asset_class: str, /) -> str: ...
+    def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
+    def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject: ...
+    def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]: ...
+
+
+def as_task(task: str | TaskSpec | Mapping[str, Any]) -> TaskSpec:
+    """A task by name, as it is, or from its fields."""
+    if isinstance(task, TaskSpec):
+        return task
+    if isinstance(task, str):
+        return load_task(task)
+    if isinstance(task, Mapping):
+        return parse_task(dict(task))
+    raise InputError(f"must be a name, a TaskSpec or its fields, is {task!r}", field="task")
+
+
+def check_names(task: TaskSpec, robot: RobotProfile) -> None:
+    """Refuse a task whose object is called as the robot is: states of a scene are kept by name."""
+    if robot.agent in task.objects:
+        raise InputError(f"no object may be called {robot.agent!r}, as the robot is", field="objects")
+
+
+def as_library(assets: str | Path | ObjectSource | None) -> ObjectSource:
+    """An opened library, or one as :func:`gensim2.objects.open_library` takes it."""
+    if assets is None or isinstance(assets, str | Path):
+        return open_library(assets)
+    if not all(callable(getattr(assets, name, None)) for name in ("instances", "load", "choose")):
+        raise InputError(f"must be None, 'builtin', a folder or an opened library, is {assets!r}", field="assets")
+    return assets
+
+
+Words = str | Sequence[str]
+"""Which instances of a class: ``"all"``, ``"train"``, ``"test"``, ``"new"``, an id, or several of these."""
+
+
+def chosen_instances(
+    library: ObjectSource, task: TaskSpec, instances: Words | Mapping[str, Words]
+) -> dict[str, tuple[str, ...]]:
+    """Ids that resets draw from, by object.
+
+    Args:
+        library: of the objects.
+        task: an object of it may say which instances it takes.
+        instances: of objects by name, in place of what the task says; words alone choose among what it takes
+            (:func:`~gensim2.objects.library.selection.words_of_objects`).
+    """
+    given = dict(instances) if isinstance(instances, Mapping) else {}
+    for name in given:
+        if name not in task.objects:
+            known = ", ".join(task.objects)
+            raise InputError(f"there is no object {name!r}", field="instances", remedy=f"there are {known}")
+    chosen: dict[str, tuple[str, ...]] = {}
+    classes = {name: spec.asset_class for name, spec in task.objects.items()}
+    asked = words_of_objects(
+        library.instances, classes, ("all",) if isinstance(instances, Mapping) else _words(instances)
+    )
+    for name, spec in task.objects.items():
+        own = None if name in given or spec.instances is None else spec.words(library.source(spec.asset_class))
+        ids = taken_instances(library.choose, spec.asset_class, _words(given.get(name, asked[name])), own)
+        if not ids:
+            raise InputError(f"no instance of {spec.asset_class} to choose from", field="instances")
+        chosen[name] = ids
+    return chosen
+
+
+def _words(words: object) -> Sequence[str]:
+    words = (words,) if isinstance(words, str) else words
+    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
+        raise InputError(f"must be text or a list of it, is {words!r}", field="instances")
+    if "random" in words:
+        raise InputError(
+            "'random' is one object, drawn by a run's seed, and an environment has none before its first reset",
+            field="instances",
+            remedy="use 'all': each reset draws one",
+        )
+    return words
+
+
+def check_words(**values: Any) -> None:
+    """Refuse arguments that are neither None nor text."""
+    for field, value in values.items():
+        if value is not None and not isinstance(value, str):
+            raise InputError(f"must be text, is {value!r}", field=field)

@@ -1,0 +1,78 @@
+"""Poses of objects before their randomization: the project's own, and those of the original as data.
+
+``default_poses.csv`` beside this file holds the original's; it is read through the package so that a wheel carries it.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
+from gensim2.scenes.footprint import lowest_of_moving_link
+from gensim2.scenes.physics import PhysicsName
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DefaultPose:
+    """Pose and openness of an object before its randomization.
+
+    Attributes:
+        position: (3,) of the root in the world, m.
+        quaternion: (4,) (w, x, y, z), root to world.
+        openness: mean of the randomized openness, 0..1; 0 of a rigid object.
+        origin: physics preset that the pose belongs to.
+    """
+
+    position: Array
+    quaternion: Array
+    openness: float
+    origin: PhysicsName
+
+
+def default_pose(model: Instance | RigidObject, physics: PhysicsName) -> DefaultPose:
+    """Return the pose of an object before its randomization.
+
+    Args:
+        model: the object.
+        physics: ``"original"`` takes the original's pose of a released articulated model that has one. Rigid objects
+            rest on the table in either: the original's height puts some of them into it.
+    """
+    if physics == "original" and isinstance(model, Instance):
+        pose = released_pose(model)
+        if pose is not None:
+            # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that
+            # contact holds the joint against 400 N.
+            sunk = max(0.0, -lowest_of_moving_link(model, pose.position, pose.quaternion))
+            return DefaultPose(pose.position + np.array([0.0, 0.0, sunk]), pose.quaternion, pose.openness, "original")
+    openness = 0.0 if isinstance(model, RigidObject) else model.default_openness
+    return DefaultPose(model.placement.position, model.placement.quaternion, openness, "default")
+
+
+def released_pose(model: Instance) -> DefaultPose | None:
+    """Return the original's pose of one of its models as its release has it; None where it says nothing of it.
+
+    An id says something of the released models only: generated ones have numbers of their own.
+    """
+    return _released_poses().get((model.asset_class, model.id)) if model.source == "real" else None
+
+
+@cache
+def _released_poses() -> dict[tuple[str, str], DefaultPose]:
+    text = (files("gensim2.scenes") / "default_poses.csv").read_text(encoding="utf-8")
+    return {(row["class"], row["id"]): _pose(row) for row in csv.DictReader(text.splitlines())}
+
+
+def _pose(row: Mapping[str, str]) -> DefaultPose:
+    position = np.array([float(row[name]) for name in ("x", "y", "z")])
+    quaternion = np.array([float(row[name]) for name in ("qw", "qx", "qy", "qz")])
+    return DefaultPose(position, quaternion / np.linalg.norm(quaternion), float(row["openness"]), "original")

@@ -1,0 +1,124 @@
+"""What scenes follow from is spelled once: signatures, options and files take it from one definition."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import pickle
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import click
+import pytest
+
+import gensim2
+from gensim2.data.record import DatasetRecord
+from gensim2.data.runfolder import FIXED_ARGUMENTS
+from gensim2.errors import InputError
+from gensim2.rollout.config import EpisodeConfig, RolloutArguments, RolloutOptions
+from gensim2.scenes.config import SCENE_FIELDS, SceneArguments, SceneConfig, SceneOptions
+from gensim2.scenes.physics import physics_name
+from gensim2.tasks.figures import Condition
+from gensim2.tasks.library import load_task
+
+PYTHON = Path(__file__).parents[2] / "python" / "gensim2"
+
+#: Together these words spell a configuration; each alone is a name like any other.
+SPELLING = {"physics", "randomization", "open_loop", "instances", "robot", "assets"}
+#: Where it is defined, where what it resolves to is drawn from, and the rows of figures, whose fields are compared below.
+DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py"}
+#: Few words are enough to be another spelling.
+MOST = 2
+
+
+def words_of(node: ast.AST) -> set[str]:
+    """Parameters of a function, or fields of a class, as the source has them."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        return {each.arg for each in (*node.args.args, *node.args.kwonlyargs)}
+    if isinstance(node, ast.ClassDef):
+        return {
+            each.target.id
+            for each in node.body
+            if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+        }
+    return set()
+
+
+def test_no_signature_and_no_class_spells_it_again() -> None:
+    found = {
+        f"{path.relative_to(PYTHON)}: {node.name}": sorted(words_of(node) & SPELLING)  # type: ignore[attr-defined]
+        for path in PYTHON.rglob("*.py")
+        if str(path.relative_to(PYTHON)) not in DEFINED
+        for node in ast.walk(ast.parse(path.read_text()))
+        if len(words_of(node) & SPELLING) > MOST
+    }
+    assert found == {}
+
+
+def test_no_other_function_takes_physics_or_randomization_by_name_from_a_user() -> None:
+    from gensim2.data import collect
+    from gensim2.design import tasks_gallery
+    from gensim2.evaluation import benchmark
+
+    for function in (gensim2.demo, gensim2.solve, gensim2.run_pipeline, collect, benchmark, tasks_gallery):
+        parameters = inspect.signature(function).parameters
+        assert not SPELLING & parameters.keys(), function.__name__
+        kinds = [each for each in parameters.values() if each.kind is each.VAR_KEYWORD]
+        assert len(kinds) == 1
+        assert "Arguments" in str(kinds[0].annotation)
+
+
+def test_keywords_options_and_fields_are_the_same_words() -> None:
+    from gensim2.cli import options
+
+    assert {each.name for each in fields(SceneOptions)} | {"instances"} == set(SCENE_FIELDS)
+    assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"}
+    assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
+    command = options.scenes(click.Command("x"))
+    assert {each.name for each in command.params} == {*get_type_hints(RolloutArguments), "seed"}
+    run = {each.name for each in fields(RolloutOptions)}
+    assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
+    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets"} | run
+
+
+def test_it_pickles_and_finds_its_like() -> None:
+    config = SceneOptions("builtin", "original").with_task(load_task("OpenBox"), frozenset({("box", "3")}))
+    again = pickle.loads(pickle.dumps(EpisodeConfig(config, RolloutOptions(open_loop=True))))
+    assert again.scene == config
+    assert hash(again.scene) == hash(config)
+    assert again.task.name == "OpenBox"
+    assert config.arguments == {
+        "assets": "builtin",
+        "physics": "original",
+        "robot": "panda",
+        "randomization": "paper",
+        "instances": {"box": "3"},
+    }
+    assert config.options == SceneOptions("builtin", "original")
+
+
+@pytest.mark.parametrize(("word", "field"), [("theirs", "physics"), ("narrow", "randomization"), ("nobody", "robot")])
+def test_what_there_is_not_is_refused(word: str, field: str) -> None:
+    given: dict[str, Any] = {"assets": "builtin", field: word}
+    with pytest.raises(InputError, match=field):
+        SceneOptions.of(**given)
+
+
+def test_the_word_of_earlier_releases_is_understood() -> None:
+    given: SceneArguments = {"assets": "builtin", "physics": "ours"}
+    assert SceneOptions.of(**given).physics == physics_name("ours") == "default"
+    record = DatasetRecord.model_validate(
+        {
+            "arguments": {"assets": "builtin", "physics": "ours", "robot": "panda", "open_loop": True, "attempts": 3},
+            "seed": 0,
+            "episodes": 1,
+            "keep_failures": False,
+            "tasks": {},
+            "listings": {},
+            "versions": {},
+        }
+    )
+    assert record.arguments["physics"] == "default"
+    assert record.scene == SceneOptions("builtin")
+    assert record.rollout == RolloutOptions(open_loop=True, attempts=3)
