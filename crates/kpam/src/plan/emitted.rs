@@ -132,3 +132,41 @@ impl Planner<'_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::timing::{Limits, RetimeOptions, retime};
+
+    #[test]
+    fn between_samples_no_joint_is_further_off_than_they_say() {
+        let limits = Limits::new(&[1.0, 1.5], &[5.0, 8.0], &[500.0, 900.0]).unwrap();
+        let waypoints = [vec![0.0, 0.0], vec![0.5, 0.2], vec![0.3, 0.9], vec![-0.4, 0.8]];
+        let motion = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory;
+        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()]);
+        assert_eq!(samples.off.len() + 1, samples.waypoints.len());
+        assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
+        let beside = |x: &Row, k: usize| {
+            let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
+            let way: Vec<f64> = (0..2).map(|v| b[v] - a[v]).collect();
+            let whole: f64 = way.iter().map(|w| w * w).sum();
+            let along: f64 = (0..2).map(|v| way[v] * (x[v] - a[v])).sum();
+            let share = if whole > 0.0 { (along / whole).clamp(0.0, 1.0) } else { 0.0 };
+            (0..2).all(|v| (x[v] - a[v] - share * way[v]).abs() <= 2.0 * samples.off[k][v] + 1e-9)
+        };
+        let count = 20_000;
+        for k in 0..=count {
+            let time = motion.start() + (motion.end() - motion.start()) * f64::from(k) / f64::from(count);
+            let x = motion.moving_with_rates(time)[0];
+            assert!((0..samples.off.len()).any(|segment| beside(&x, segment)), "at {time}");
+        }
+    }
+
+    #[test]
+    fn long_motions_have_few_samples() {
+        let limits = Limits::new(&[1e-3], &[1e-3], &[1e-2]).unwrap();
+        let motion = retime(&[vec![0.0], vec![40.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
+        assert!(motion.end() > 3e4);
+        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()]).waypoints.len() < 3_000);
+    }
+}
