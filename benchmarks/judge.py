@@ -17,7 +17,7 @@ STEP = 1e-3
 CUTOFF = 0.03
 #: An overlap up to this is let pass, metres.
 PENETRATION_TOLERANCE = 1e-3
-#: A margin may be missed by this, metres: 0.1 mm of the planner's, the resolution of a look, and what moves between two.
+#: A margin may be missed by this, metres: 0.1 mm of the planner's, the resolution of looks, what moves between two.
 MARGIN_TOLERANCE = 4e-4
 
 

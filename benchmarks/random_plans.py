@@ -2,10 +2,11 @@
 
     python benchmarks/random_plans.py [--problems 20000] [--first 0] [--json OUT]
 
-A Panda, an arm in the manner of Universal Robots', an xArm 7, a SCARA, a gantry and a mobile arm take turns, from rest and
-under way, with and without something in the hand, among boxes and clouds. Every plan that is solved, whole or in part, has a
-trajectory that Pinocchio's kinematics and coal's distances find within limits, clear by the margin, beginning at the state
-given and ending at the goal (benchmarks/recheck.py); every other has none. Ends with 1 where one is false.
+A Panda, an arm in the manner of Universal Robots', an xArm 7, a SCARA, a gantry and a mobile arm take turns, from rest
+and under way, with and without something in the hand, among boxes and clouds. Every plan that is solved, whole or in
+part, has a trajectory that Pinocchio's kinematics and coal's distances find within limits, clear by the margin,
+beginning at the state given and ending at the goal (benchmarks/recheck.py); every other has none. Ends with 1 where one
+is false.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parents[1]))
 
 from recheck import answer_of, recheck
-
-import gensim2_kpam as kpam
 from tests.kpam.random_problems import arm_problem
 from tests.kpam.six_arms import ARMS
+
+import gensim2_kpam as kpam
 
 
 def wheel_robots() -> Path:
@@ -65,9 +66,8 @@ def main() -> int:
     for name, counts in statuses.items():
         print(f"{name:10} " + ", ".join(f"{status} {count}" for status, count in counts.most_common()))
     solved = sum(counts["solved"] for counts in statuses.values())
-    print(
-        f"{arguments.problems} problems, {solved} solved, {len(false)} false; {time.process_time() - begin:.0f} s of CPU"
-    )
+    spent = time.process_time() - begin
+    print(f"{arguments.problems} problems, {solved} solved, {len(false)} false; {spent:.0f} s of CPU")
     if arguments.json is not None:
         found = {"problems": arguments.problems, "first": arguments.first, "statuses": statuses, "false": false}
         arguments.json.write_text(json.dumps(found, indent=2) + "\n")

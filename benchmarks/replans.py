@@ -3,8 +3,8 @@
     python benchmarks/replans.py --problems plans.jsonl [--assets DIR] [--every N] [--json OUT]
 
 Each whole plan is left at 30 % and 60 % of its motion, in the state that it has there, and the rest is planned anew
-with the plan as the earlier one. Prints how many are solved, with a trajectory that begins in that state, and CPU times;
-ends with 1 where one is not.
+with the plan as the earlier one. Prints how many are solved, with a trajectory that begins in that state, and CPU
+times; ends with 1 where one is not.
 """
 
 from __future__ import annotations

@@ -323,8 +323,8 @@ class Plan:
         """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
     @property
     def tight(self) -> list[dict[str, Any]]:
-        """What is nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two names),
-        ``at`` ("start" or a keyframe), ``distance`` (m). The legs that begin or end there keep that in place of it."""
+        """What is nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two
+        names), ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
     @property
     def touches(self) -> list[dict[str, Any]]:
         """What overlaps at keyframes, and may: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""

@@ -53,8 +53,8 @@ class Options(TypedDict, total=False):
     joint_weights: npt.ArrayLike | None
     """(n,) weights of the joints' squared ways to the actuation pose in its cost, 0.001 to 1e6; default 1 each."""
     margin: float
-    """Clearance that the whole motion keeps from what it may not touch, 0 to 0.2 m (0.005). Two bodies that are nearer to
-    each other where a leg begins or ends keep what they have there: ``Plan.tight``."""
+    """Clearance that the whole motion keeps from what it may not touch, 0 to 0.2 m (0.005). Two bodies that are nearer
+    to each other where a leg begins or ends keep what they have there: ``Plan.tight``."""
     least_margin: float | None
     """Clearance that will do where no motion keeps ``margin``, 0 to that, m; default: none will."""
     contact_depth: float | None
@@ -63,8 +63,8 @@ class Options(TypedDict, total=False):
     """How deep arm and held bodies may be inside of what the object's joint moves where it is a guess how far that is,
     0 to 0.1 m (0.05)."""
     start_depth: float
-    """How deep the robot may be inside of something at the start, 0 to 1 m (0.01): it comes out first. Deeper, the status
-    is "start_in_collision"."""
+    """How deep the robot may be inside of something at the start, 0 to 1 m (0.01): it comes out first. Deeper, the
+    status is "start_in_collision"."""
     reach_clearance: float | None
     """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the
     actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with

@@ -153,7 +153,7 @@ def test_what_is_nearer_than_the_margin_at_the_goal_is_told(panda: kpam.Robot) -
 
 
 def test_a_contact_has_a_depth(panda: kpam.Robot) -> None:
-    """The fingertips reach a centimetre into the lid: more than three millimetres, and it is told where it is allowed."""
+    """The fingertips reach a centimetre into the lid: more than three millimetres, and told where allowed."""
     pose = np.eye(4)
     pose[:3, 3] = [0.5, 0.1, 0.195]
     lid = kpam.Body("lid", "moving_link", [kpam.Shape.box([0.05, 0.05, 0.012])], pose)

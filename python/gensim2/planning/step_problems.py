@@ -23,7 +23,8 @@ Array = npt.NDArray[np.float64]
 AT_REST = 0.01
 
 #: What is executed in physics: the margin is kept where some motion keeps it, else none; a hand presses by being driven
-#: into what it touches, so its depth has no limit (the plan tells it); and a robot that has touched something begins in it.
+#: into what it touches, so its depth has no limit (the plan tells it); and a robot that has touched something begins in
+#: it.
 EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
 
 #: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
