@@ -45,9 +45,9 @@ class Question:
     """A planning problem as plain values; joint vectors (n,) in the order of the URDF's joints.
 
     ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. The motion keeps
-    ``margin`` from what it may not touch, and what may touch overlaps by ``contact_depth`` at most, where that is not
-    None. ``hinge`` is the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after``
-    the config's post-actuation motions, ``gripper`` its word for the fingers; at the end the hand lets go and moves back
+    ``margin`` from what it may not touch; what may touch overlaps by ``contact_depth`` at most, where that is not None.
+    ``hinge`` is the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the
+    config's post-actuation motions, ``gripper`` its word for the fingers; at the end the hand lets go and moves back
     ``let_go`` metres, where that is not zero.
     """
 
