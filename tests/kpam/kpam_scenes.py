@@ -73,7 +73,7 @@ def problem(panda: kpam.Robot, **changes: Any) -> kpam.KeypointProblem:
         "options": {},
     }
     arguments.update(changes)
-    if panda.joint_names[0] == "panda_joint1":
+    if "panda_joint1" in panda.joint_names:
         arguments["options"] = {**PANDA, **arguments["options"]}
     settings = kpam.SolverConfig(arguments.pop("config"))
     return kpam.KeypointProblem(panda, settings, arguments.pop("q_start"), **arguments)
