@@ -29,11 +29,13 @@ from scipy.stats import binomtest
 
 import gensim2_kpam as kpam
 from gensim2.objects import RigidObject, open_library
+from gensim2.objects.region import STANDARD_REGION
 from gensim2.processes import WorkerPool, enumerated
 from gensim2.processes import results as run
 from gensim2.robots import DEFAULT_ROBOT, RobotProfile, robot, robot_names
 from gensim2.seeding import rng
 from gensim2.sim import agents
+from gensim2.sim.arm import base_pose
 from gensim2.sim.physics import RIGID_CONTACT_OFFSET
 from gensim2.sim.rigid import load_rigid, resting_pose
 from gensim2.sim.table import HALF_SIZE, build_table, corners
@@ -83,7 +85,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         )
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(self.robot.base_position)))
+        super()._load_agent(options, base_pose(self.robot))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         build_table(self.scene, visible=False)
@@ -94,7 +96,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
 
     def _initialize_episode(self, env_idx: Any, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(self.robot.reset_qpos, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(self.robot.base_position)))
+        self.agent.robot.set_pose(base_pose(self.robot))
 
     def evaluate(self) -> dict[str, Any]:
         return {}
@@ -108,7 +110,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
         """Whether each finger touches the object."""
         forces = [
             self.scene.get_pairwise_contact_forces(self.agent.robot.links_map[name], self.object).norm()
-            for name in self.robot.gripper.links
+            for name in self.robot.gripper.pads
         ]
         return bool(forces[0] > 0), bool(forces[1] > 0)
 
@@ -132,7 +134,7 @@ class Lift:
 def draw_pose(profile: RobotProfile, name: str, seed: int, episode: int) -> tuple[float, float, float]:
     """x, y in the world and yaw of an object."""
     random = rng(seed, f"grasps/{name}", episode)
-    distance = profile.workspace.comfortable + random.uniform(*DISTANCE)
+    distance = STANDARD_REGION.comfortable + random.uniform(*DISTANCE)
     angle = random.uniform(*ANGLE)
     yaw = random.uniform(-np.pi, np.pi)
     return profile.base_position[0] + distance * np.cos(angle), distance * np.sin(angle), yaw
@@ -189,7 +191,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
     assert trajectory is not None
     profile, pressed = env.robot, press(env.robot)
     arm = trajectory.sample_every(1.0 / profile.control_hz)[:, : profile.arm_size]
-    arrive = profile.lag_steps + ARRIVE_STEPS
+    arrive = max(profile.lag_steps) + ARRIVE_STEPS
     time_of = {frame["label"]: frame["time"] for frame in plan.keyframes}
     grip = min(round(time_of["actuation"] * profile.control_hz), len(arm) - 1)
     center = env.rigid.center_of_mass
@@ -200,7 +202,7 @@ def execute(env: LiftEnv, plan: kpam.Plan, opening: float, watch: Any = None) ->
 
     def go(targets: Array, fingers: float) -> None:
         for target in targets:
-            env.step(np.array([*target, profile.gripper.command(fingers)], dtype=np.float32))
+            env.step(np.array([*target, profile.gripper.command(2.0 * fingers)], dtype=np.float32))
             if watch is not None:
                 watch()
 

@@ -1,4 +1,4 @@
-"""Does LeRobot's own loader, and the reader of its visualizer, take an export? Run by a Python that has LeRobot.
+"""Do LeRobot's own loader, editing tools and visualizer take an export? Run by a Python that has LeRobot.
 
     uv venv lerobot --python 3.11
     uv pip install --python lerobot/bin/python torch==2.13.0 torchvision torchcodec accelerate safetensors einops \\
@@ -8,8 +8,9 @@
     gensim2 data export runs/night --to lerobot --out runs/lerobot
     lerobot/bin/python benchmarks/lerobot_reads.py runs/lerobot
 
-Reads every frame (pictures need the FFmpeg libraries), a shuffled batch, and one episode through the visualizer. Prints
-what it found; ends with 1 where something is amiss.
+Reads every frame (pictures need the FFmpeg libraries), a shuffled batch, and one episode through the visualizer; makes
+a data set of the same features, and one without the first episode. Prints what it found; ends with 1 where something is
+amiss.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import os
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 
 def main() -> int:
@@ -49,6 +51,32 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as out:
         shown = visualize_dataset(dataset, 0, num_workers=0, batch_size=8, save=True, output_dir=Path(out))
         print(f"visualizer: {shown.stat().st_size} bytes")
+    return edited(dataset)
+
+
+def edited(dataset: Any) -> int:
+    """Use the editing tools, which refuse names with a slash; 1 where they do not give what they should."""
+    from lerobot.datasets.dataset_tools import delete_episodes
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    with tempfile.TemporaryDirectory() as name:
+        made = LeRobotDataset.create(
+            "local/made", fps=dataset.fps, features=dataset.meta.features, root=Path(name) / "made"
+        )
+        print(f"create: {len(made.meta.features)} features")
+        left = delete_episodes(dataset, [0], output_dir=Path(name) / "left", repo_id="local/left")
+        print(f"delete_episodes: {left.num_episodes} episodes, {len(left)} frames")
+        expected = len(dataset) - dataset.meta.episodes[0]["length"]
+        if left.num_episodes != dataset.num_episodes - 1 or len(left) != expected:
+            return 1
+        first, same = left[0], dataset[dataset.meta.episodes[0]["length"]]
+        for key, value in same.items():
+            if key.startswith(("observation.", "action")) and first[key].shape != value.shape:
+                print(f"{key} has another shape")
+                return 1
+        if not (first["action"] == same["action"]).all():
+            print("another action")
+            return 1
     return 0
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from gensim2.data.store import DataSet
 from gensim2.objects import open_library
-from gensim2.observations import CloudSettings, DepthNoise
+from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec, View, point_cloud
 from gensim2.raycast.observer import Observer
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
@@ -90,7 +90,11 @@ def observer(shown: SceneConfig, recording: Recording, settings: CloudSettings) 
     objects = {
         name: library.load(spec.asset_class, recording.instances[name]) for name, spec in shown.task.objects.items()
     }
-    return Observer(robot_profile(shown.robot), objects, settings, recording.seed)
+    return Observer(robot_profile(shown.robot), objects, ObservationSpec(cloud=settings), recording.seed)
+
+
+def fused(seeing: Observer, views: tuple[View, ...]) -> None:
+    point_cloud(views, seeing.spec.cloud, seeing.scene.robot)
 
 
 def spread(count: int, wanted: int) -> list[int]:
@@ -106,13 +110,13 @@ def time_frames(shown: SceneConfig, recording: Recording, wanted: int, times: Ti
     ):
         begin = clock()
         seeing = observer(shown, recording, settings)
-        poses = seeing.poses(recording.env_states)
-        seeing.cloud(seeing.views(poses[0], 0))
+        poses = seeing.scene.poses(recording.env_states)
+        fused(seeing, seeing.views(poses[0], 0))
         times.add(f"{part}: start of an episode", clock() - begin)
         rows = range(1, min(wanted, len(poses)))
         begin = clock()
         for step in rows:
-            seeing.cloud(seeing.views(poses[step], step))
+            fused(seeing, seeing.views(poses[step], step))
         times.add(part, clock() - begin, len(rows))
         if settings == CloudSettings():
             begin = clock()
@@ -125,7 +129,7 @@ def compare(
     shown: SceneConfig, recording: Recording, wanted: int, agreement: Agreement, pictures: StatePictures
 ) -> None:
     seeing = observer(shown, recording, CloudSettings())
-    poses = seeing.poses(recording.env_states)
+    poses = seeing.scene.poses(recording.env_states)
     for step in spread(len(poses), wanted):
         images = pictures.at(recording.env_states, step)
         for view in seeing.views(poses[step], step):

@@ -30,9 +30,9 @@ def again(question: kpam.KeypointProblem, plan: kpam.Plan, share: float, *, movi
     assert plan.trajectory is not None
     times = plan.trajectory.times
     now = float(times[0] + share * plan.trajectory.duration)
-    q, velocity, _ = plan.trajectory.sample(now)
+    q, velocity, acceleration = plan.trajectory.sample(now)
     label = next(frame["label"] for frame in plan.keyframes if frame["time"] is not None and frame["time"] > now)
-    start = question.with_start(q, velocity if moving else None, now)
+    start = question.with_start(q, velocity if moving else None, now, acceleration=acceleration if moving else None)
     return kpam.plan(start, former=plan, resume=label)
 
 

@@ -3,8 +3,8 @@
     python benchmarks/same_episodes.py BEFORE_PYTHON [AFTER_PYTHON] [--assets DIR] [--episodes 3] [--json FILE]
 
 Each tree runs in a process of its own interpreter; this file is all that both share. An episode is run in both before
-the next one, the order changing each time. States are compared by the digest of every recorded array, verdicts by the whole
-record of the episode. ``NAMED`` is what may differ.
+the next one, the order changing each time. States are compared by the digest of every recorded array, verdicts by
+the whole record of the episode. ``NAMED`` is what may differ.
 """
 
 from __future__ import annotations

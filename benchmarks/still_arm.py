@@ -14,7 +14,7 @@ import sys
 import time
 
 from gensim2.objects import open_library
-from gensim2.rollout.controller import Observation
+from gensim2.rollout.controller import spec_of
 from gensim2.rollout.motion import is_at_rest
 from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
 from gensim2.rollout.still import StillController, still_arm
@@ -29,10 +29,10 @@ def beside_an_arm(lane: HeadlessEnv, seed: int) -> bool:
     steps = lane.task.max_episode_steps - MAX_SETTLE_STEPS
     controller = StillController(lane.profile, steps)
     lane.reset(seed)
-    controller.reset(lane.scene_state())
+    controller.reset(lane.observe(spec_of(controller)))
     before = now = lane.measure()
     for index in range(steps + MAX_SETTLE_STEPS):
-        action = controller.act(Observation(index, lane.q, lane.qvel, now, lane.scene_state))
+        action = controller.act(lane.observe(spec_of(controller)))
         if action is None:
             if index >= steps + SETTLE_STEPS and is_at_rest(before, now):
                 break

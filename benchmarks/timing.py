@@ -6,6 +6,9 @@ The yardstick is toppra, on the same geometric path with the same stops and the 
 it knows no limit on jerk. Two kinds of paths: splines through random waypoints with random limits, and the motions of
 recorded problems as planned, read off the trajectory between the places where it rests. Each with the jerk limits
 lifted tenfold, and with the limits as they are (Franka's published ones). Times are CPU time, taken in turn.
+
+Then, for acceleration and jerk limits from Franka's down to 2 rad/s² and 10 rad/s³: straight motions from rest to rest
+beside Ruckig at the same limits, and the random paths beside toppra without a limit on jerk.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ruckig
 import toppra
 import toppra.algorithm
 import toppra.constraint
@@ -36,6 +40,11 @@ Array = np.ndarray
 VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
 ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 JERK = np.array([7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0])
+
+#: Acceleration and jerk limits (rad/s², rad/s³) of the table beside Ruckig and toppra; Franka's first.
+GENTLE: list[tuple[Array, Array]] = [(ACCELERATION, JERK)] + [
+    (np.full(7, a), np.full(7, j)) for a, j in ((10.0, 300.0), (5.0, 50.0), (2.0, 10.0))
+]
 
 #: Chord (rad) between the points at which a planned path is read off.
 CHORD = 0.01
@@ -136,6 +145,55 @@ def on_problems(problems: Path, assets: Path | None, every: int, jerk_factor: fl
     print(f"    duration {np.median(seconds):.2f} s (median), in {np.mean(stops):.2f} pieces from rest to rest")
 
 
+def ruckig_seconds(begin: Array, end: Array, acceleration: Array, jerk: Array) -> float:
+    """Duration of Ruckig's motion between two rests, all joints in phase where their limits allow it."""
+    question = ruckig.InputParameter(len(begin))
+    question.current_position, question.target_position = begin.tolist(), end.tolist()
+    question.max_velocity = VELOCITY.tolist()
+    question.max_acceleration, question.max_jerk = acceleration.tolist(), jerk.tolist()
+    question.synchronization = ruckig.Synchronization.Phase
+    found = ruckig.Trajectory(len(begin))
+    if ruckig.Ruckig(len(begin)).calculate(question, found) not in (ruckig.Result.Working, ruckig.Result.Finished):
+        return float("nan")
+    return float(found.duration)
+
+
+def worst_share(motion: kpam.Trajectory, acceleration: Array, jerk: Array) -> float:
+    """Greatest share of a limit that a motion takes, by differences of its samples."""
+    times = np.linspace(0.0, motion.duration, 4001)
+    _, v, a = motion.sample(times)
+    rates = np.abs(np.diff(a, axis=0)) / times[1]
+    return float(max((np.abs(v) / VELOCITY).max(), (np.abs(a) / acceleration).max(), (rates / jerk).max()))
+
+
+def at_gentle_limits(count: int, seed: int) -> None:
+    """Print durations over Ruckig's on straight motions and over toppra's on curved ones, limit by limit."""
+    print(
+        "duration by acceleration and jerk limits: straight over Ruckig's, curved over toppra's (which knows no jerk):"
+    )
+    paths = random_paths(count, seed)
+    for acceleration, jerk in GENTLE:
+        label = "Franka's" if acceleration is ACCELERATION else f"({acceleration[0]:g}, {jerk[0]:g})"
+        straight, curved, cpu, share = [], [], [], 0.0
+        for index, (waypoints, stop, _) in enumerate(paths):
+            draw = rng(seed, "straight", index)
+            ends = np.stack([np.zeros(7), draw.normal(0.0, 1.0, 7) * 10.0 ** draw.uniform(-1.5, 0.3)])
+            motion, _ = kpam.retime(ends, VELOCITY, acceleration, jerk)
+            straight.append(motion.duration / ruckig_seconds(*ends, acceleration, jerk))
+            share = max(share, worst_share(motion, acceleration, jerk))
+            milliseconds, (motion, _) = spent(
+                lambda w=waypoints, s=stop, a=acceleration, j=jerk: kpam.retime(w, VELOCITY, a, j, stops=[s])
+            )
+            pieces = [part for part in (waypoints[: stop + 1], waypoints[stop:]) if len(part) > 1]
+            best = sum(toppra_seconds(piece, VELOCITY, acceleration) for piece in pieces)
+            curved.append(motion.duration / best)
+            cpu.append(milliseconds)
+            share = max(share, worst_share(motion, acceleration, jerk))
+        show(f"{label} straight", straight)
+        show(f"{label} curved", curved)
+        print(f"    CPU ms a curved path, median: {np.median(cpu):.2f}; greatest share of a limit: {share:.7f}")
+
+
 def show(label: str, ratios: list[float]) -> None:
     """Print a row of the table."""
     middle, high = np.percentile(ratios, [50, 95])
@@ -158,6 +216,7 @@ def main(arguments: list[str] | None = None) -> int:
         on_random_paths(paths, jerk_factor)
         if options.problems is not None:
             on_problems(options.problems, options.assets, options.every, jerk_factor)
+    at_gentle_limits(options.paths, options.seed)
     return 0
 
 

@@ -5,7 +5,8 @@
 A folder is a random subset of classes, of real objects (``--assets``) or of generated ones that were exported: with few
 objects or one, under other ids, rigid ones alone, class folders that are links, or classes of the user's own names. On
 each the proposals of the offline designer are made and objects of all classes are looked at. On the first ``--whole``
-of those that have a class with a joint, and on one without, ``run-pipeline``, ``demo``, ``collect`` and ``benchmark`` are run as commands.
+of those that have a class with a joint, and on one without, ``run-pipeline``, ``demo``, ``collect`` and
+``benchmark`` are run as commands.
 """
 
 from __future__ import annotations

@@ -14,7 +14,20 @@ import pytest
 
 import gensim2
 
-ROOMS = ("data", "design", "evaluation", "inspection", "objects", "planning", "robots", "rollout", "sim", "tasks")
+ROOMS = (
+    "data",
+    "design",
+    "envs",
+    "evaluation",
+    "inspection",
+    "objects",
+    "observations",
+    "planning",
+    "robots",
+    "rollout",
+    "sim",
+    "tasks",
+)
 HEAVY = ("h5py", "mani_skill", "numpy", "pydantic", "sapien", "scipy", "torch", "trimesh", "yaml")
 
 
@@ -80,3 +93,13 @@ def test_make_env_takes_a_name_a_spec_or_its_fields() -> None:
         env = gensim2.make_env(asked, assets="builtin", obs_mode="state")
         assert env.unwrapped.task.name == name
         env.close()
+
+
+def test_importing_the_environments_registers_their_ids_and_no_simulator() -> None:
+    code = (
+        "import gensim2.envs, gymnasium, sys; assert 'GenSim2-OpenDrawer-v1' in gymnasium.registry\n"
+        "print(sorted({'mani_skill', 'sapien', 'torch'} & set(sys.modules)))"
+    )
+    pytest.importorskip("gymnasium")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

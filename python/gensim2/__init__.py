@@ -8,6 +8,11 @@ What most programs need is here, and imported when asked for: ``import gensim2``
     result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
+    gensim2.collect(["OpenDrawer"], episodes=100, out="night")     # data sets: gensim2.data
+    gensim2.render("night")                                        # what cameras would have seen
+    frames = gensim2.DataSet.open("night").frames()                # by number; frames.torch() for PyTorch
+    result = gensim2.evaluate("mine.py:Policy", ["OpenDrawer"])    # a controller of one's own: docs/controllers.md
+    result = gensim2.benchmark(["OpenDrawer"])                     # the planner, on the same scenes
     panda = gensim2.robot("panda")                # robots: gensim2.robots
 """
 
@@ -18,9 +23,12 @@ from typing import TYPE_CHECKING, Any
 from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from gensim2.data import DataSet, collect, render
     from gensim2.design import demo, run_pipeline
+    from gensim2.evaluation import benchmark, evaluate
     from gensim2.objects import Library, open_library
-    from gensim2.robots import robot, robot_names
+    from gensim2.observations import Observation, ObservationSpec
+    from gensim2.robots import register_robot, robot, robot_names
     from gensim2.rollout import solve
     from gensim2.sim import HeadlessEnv, make_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
@@ -28,15 +36,23 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "DataSet",
     "HeadlessEnv",
     "Library",
+    "Observation",
+    "ObservationSpec",
     "TaskSpec",
     "__version__",
+    "benchmark",
+    "collect",
     "demo",
+    "evaluate",
     "load_strategies",
     "load_task",
     "make_env",
     "open_library",
+    "register_robot",
+    "render",
     "robot",
     "robot_names",
     "run_pipeline",
@@ -47,15 +63,23 @@ __all__ = [
 _of_rooms = lazy_names(
     __name__,
     {
+        "DataSet": "gensim2.data",
         "HeadlessEnv": "gensim2.sim",
         "Library": "gensim2.objects",
+        "Observation": "gensim2.observations",
+        "ObservationSpec": "gensim2.observations",
         "TaskSpec": "gensim2.tasks",
+        "benchmark": "gensim2.evaluation",
+        "collect": "gensim2.data",
         "demo": "gensim2.design",
+        "evaluate": "gensim2.evaluation",
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",
         "open_library": "gensim2.objects",
+        "render": "gensim2.data",
         "robot": "gensim2.robots",
+        "register_robot": "gensim2.robots",
         "robot_names": "gensim2.robots",
         "run_pipeline": "gensim2.design",
         "solve": "gensim2.rollout",

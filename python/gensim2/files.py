@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 import re
@@ -62,7 +63,8 @@ def replacing(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """Give a folder beside ``path`` to fill; when the block ends it takes the name, where nothing or an empty folder
-    stands. Where the block fails nothing is left. For what can be made again: after a power cut files may be missing.
+    stands. Where the block fails nothing is left; what a killed process left of the same name is removed by the next.
+    For what can be made again: after a power cut files may be missing.
 
     Raises:
         InputError: there is something in ``path`` already.
@@ -72,16 +74,59 @@ def new_folder(path: Path) -> Iterator[Path]:
     if path.is_file() or (path.exists() and any(path.iterdir())):
         raise InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
     filled = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp")
+    handle = -1
     try:
         try:
-            filled.mkdir(parents=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with _locked(path.parent) as alone:  # a folder that is not locked yet looks like one that was left
+                if alone:
+                    _remove_left(path)
+                filled.mkdir()
+                handle = _folder_handle(filled)
+                _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
             filled.replace(path)
         finally:
             shutil.rmtree(filled, ignore_errors=True)
+            if handle >= 0:
+                os.close(handle)
     except (OSError, WriteError) as error:
         remedy = "make room, or choose another folder with --out"
         raise WriteError(f"cannot write: {_reason(error)}", file=path, remedy=remedy) from error
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, how: int = fcntl.LOCK_EX) -> Iterator[bool]:
+    """Hold the lock of a folder, which leaves no file; gives whether it could be had."""
+    handle = _folder_handle(folder)
+    try:
+        yield _lock(handle, how)
+    finally:
+        os.close(handle)
+
+
+def _folder_handle(folder: Path) -> int:
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+
+def _lock(handle: int, how: int) -> bool:
+    """Whether the lock could be had: another process may hold it, and network file systems may have none of folders."""
+    try:
+        fcntl.flock(handle, how)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_left(path: Path) -> None:
+    """Remove folders that killed processes were filling for ``path``; one that is being filled is locked."""
+    pattern = re.compile(rf"^\.{re.escape(path.name[:50])}\.[0-9a-f]{{16}}\.tmp$")
+    for left in path.parent.iterdir():
+        if not pattern.match(left.name) or left.is_symlink() or not left.is_dir():
+            continue
+        with _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB) as free:
+            if free:
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _reason(error: OSError | WriteError) -> str:
@@ -136,6 +181,19 @@ def write_output(path: Path, data: str | bytes) -> None:
     write_atomic(path, data)
 
 
+def append(path: Path, text: str) -> None:
+    """Add text to a log.
+
+    Raises:
+        WriteError: it cannot be written to, or no room is left.
+    """
+    try:
+        with path.open("a", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        raise WriteError(f"cannot write: {error.strerror}", file=path, remedy="make room, and go on") from error
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write ``value`` as indented JSON, atomically. NaN is refused: JSON has none."""
     write_atomic(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
@@ -150,7 +208,7 @@ def remove_temporaries(folder: Path) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Wait until the names in a folder have reached the disk."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    handle = _folder_handle(folder)
     try:
         os.fsync(handle)
     finally:

@@ -15,8 +15,12 @@ from pathlib import Path
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
+from gensim2.foreign.tree import read_regular, why
 
 HEADER_SIZE = 512
+
+MOST_BYTES = 2**30
+"""Of one file: an episode has 20 kB, one with clouds and pictures of three cameras some 20 MB."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +58,9 @@ class Seal:
             InputError: it cannot be read, or another version of gensim2 wrote it; ``damaged``: it is not whole.
         """
         try:
-            content = path.read_bytes()
+            content = read_regular(path, MOST_BYTES)
         except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=self.remedy) from error
+            raise InputError(why(error), file=path, remedy=self.remedy) from error
         words = content[:HEADER_SIZE].split(b"\n")[0].split(b" ")
         if len(words) != 3 or words[0] != self.magic.encode() or not words[1].isdigit() or len(words[1]) > 9:
             raise self.broken(path)

@@ -239,6 +239,48 @@ class Scene:
                 0.1.
             options: of every plan.
         """
+    def plan_to(
+        self,
+        q_start: Numbers,
+        goal: Numbers,
+        *,
+        link: str | None = None,
+        margin: float = 0.005,
+        samples: int = 100_000,
+        seed: int = 0,
+        velocity_scale: float = 1.0,
+        acceleration_scale: float = 1.0,
+        limits: Literal["panda", "plain"] | None = None,
+        velocity_limits: Sequence[float] | None = None,
+        acceleration_limits: Sequence[float] | None = None,
+        jerk_limits: Sequence[float] | None = None,
+        max_checks: int | None = None,
+        deadline_ms: float | None = None,
+        cancel: Cancel | None = None,
+    ) -> Motion:
+        """Plan a timed motion from rest at ``q_start`` (n,) to rest at a goal, clear by ``margin`` all along.
+
+        Args:
+            q_start: (n,) full joint vector; joints that do not move the hand stay there.
+            goal: (n,) joints, or (K, n) of which any will do, or a pose (4, 4) of ``link`` in the base frame.
+            link: link that the pose is of (default: the hand).
+            margin: distance in m, 0 to 0.1. A pair that is nearer at the start or at the goal keeps what it has there.
+            samples: most samples of the search.
+            seed: number of the sequence of samples.
+            velocity_scale: share of the velocity limits, above 0 to 1.
+            acceleration_scale: share of the acceleration and jerk limits, above 0 to 1.
+            limits: acceleration and jerk limits of an arm that is known.
+            velocity_limits: (n,) rad/s or m/s instead of the URDF's.
+            acceleration_limits: (n,) rad/s^2 or m/s^2 instead of those of ``limits``.
+            jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
+            max_checks: most configurations to be looked at.
+            deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
+            cancel: ends the search from another thread.
+        """
+    def ik(self, pose: Numbers, q_start: Numbers, *, link: str | None = None, most: int = 16, seed: int = 0) -> Array:
+        """Distinct joint vectors (K, n) that bring ``link`` (default: the hand) to a pose (4, 4) in the base frame,
+        nearest to ``q_start`` first, at most ``most`` (1 to 256); samples where the arm is redundant. Obstacles are
+        left out."""
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
         """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
         no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
@@ -248,6 +290,35 @@ class Scene:
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
         """Pairs that come within ``reach`` (m), nearest first, as dicts ``bodies`` (two names), ``distance`` (m,
         negative where they overlap), ``point`` (3,): for (n,) a list of them, for (N, n) a list of such lists."""
+
+class Motion:
+    """Motion to a goal, or why there is none."""
+
+    @property
+    def status(self) -> str:
+        """ "solved", or "start_blocked", "goals_blocked", "unreachable", "not_found", "late" (the deadline passed),
+        "cancelled"."""
+    @property
+    def reason(self) -> str:
+        """One sentence for a person; empty where solved."""
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """Timed motion where solved."""
+    @property
+    def goal(self) -> int | None:
+        """Number of the goal at which it ends."""
+    @property
+    def corners(self) -> Array | None:
+        """(K, n) corners of the way that it follows."""
+    @property
+    def nearer(self) -> list[tuple[str, str, float]]:
+        """Pairs nearer than the margin at the start or at the goal, with their distance (m)."""
+    @property
+    def checks(self) -> int | None:
+        """Configurations that were looked at."""
+    @property
+    def cpu_ms(self) -> float:
+        """CPU time of planning (ms)."""
 
 class Cancel:
     """Ends planning from another thread: pass it to ``plan`` and call ``cancel``. Once set it stays set."""
@@ -280,9 +351,13 @@ class KeypointProblem:
 
         ``options``: :class:`Options`; unknown keys raise ProblemError.
         """
-    def with_start(self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0) -> KeypointProblem:
-        """The same problem from another state: joints (n,), their velocity (n,), at rest where none is given, and the
-        time (s) on the motion's clock. Shares everything else."""
+    def with_start(
+        self, q: Numbers, velocity: Numbers | None = None, time: float = 0.0, *, acceleration: Numbers | None = None
+    ) -> KeypointProblem:
+        """Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero
+        where it is not given, and the time (s) on the motion's clock.
+        A motion that goes on from a sample of another one is
+        continuous in position, velocity and acceleration where all three are given. Shares everything else."""
     @property
     def scene(self) -> Scene:
         """The scene that it is asked of; its joint is named "joint" there."""
@@ -300,6 +375,21 @@ class Trajectory:
     def duration(self) -> float: ...
     def sample(self, t: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Position, velocity, acceleration at time t (s), each (n,); (N, n) for (N,) times. At rest after the end."""
+    def sample_into(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Write position, velocity and acceleration at time t (s) into contiguous float64 arrays (n,), for control
+        loops: nothing is allocated. Raises ProblemError where an array does not fit."""
+    def brake(self, t: float) -> Trajectory:
+        """Return the fastest stop found from the state at time t (s) on, along the motion's path and within its limits.
+
+        The stop begins at t; its clock is slowed to a halt by a trapezoid of deceleration. It is the rest of the motion
+        where that ends sooner.
+        """
+    def splice(self, next: Trajectory, t: float) -> Trajectory:
+        """Return this motion until time t (s) and ``next`` from there on.
+
+        Raises ProblemError where ``next`` does not go on from the state at t: position, velocity and acceleration to
+        1e-6.
+        """
     def sample_every(self, dt: float) -> Array:
         """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
@@ -386,6 +476,7 @@ def plan(
     former: Plan | None = None,
     resume: str | None = None,
     max_checks: int | None = None,
+    deadline_ms: float | None = None,
     cancel: Cancel | None = None,
     explain: bool = False,
 ) -> Plan:
@@ -398,6 +489,8 @@ def plan(
             ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
             it needs ``former``.
         max_checks: most states that are checked for collisions; the same on every machine.
+        deadline_ms: wall time after which planning ends with the best so far, or why there is none; without one, the
+            same question has the same answer.
         cancel: ends planning when set.
         explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
     """
@@ -505,10 +598,12 @@ def retime(
     slowest: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
     start_acceleration: npt.ArrayLike | None = None,
+    start_time: float = 0.0,
     position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
-    """The fastest motion along the cubic spline through waypoints that keeps velocity, acceleration and jerk limits.
+    """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk limits.
+    Ctrl-C ends it.
 
     Args:
         waypoints: (N, n) joint positions, rad or m; the spline is natural, over the chord length between them.
@@ -517,11 +612,12 @@ def retime(
         slowest: (N - 1,) least time of each interval between waypoints, s.
         start_velocity, start_acceleration: (n,) at the first waypoint; at rest by default. A start that does not move
             towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
+        start_time: time of the first waypoint, s.
         position_limits: (n,) lower and upper limits that a start under way has to stop within.
         method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
 
     Returns:
-        The motion from time 0, and the (N,) times at which it passes the waypoints.
+        The motion from the start time on, and the (N,) times at which it passes the waypoints.
 
     Raises:
         ProblemError: what does not fit, by argument; ``start_velocity`` where no motion from there keeps the limits.

@@ -57,11 +57,13 @@ def gantry(tmp_path: Path) -> RobotProfile:
     return replace(
         panda,
         name="gantry",
-        agent="gantry",
+        simulation=replace(panda.simulation, agent="gantry"),
         files=lambda: RobotFiles(tmp_path / "gantry.urdf", tmp_path / "gantry.srdf"),
         hand_link="palm",
         arm_joints=("x", "y", "z"),
-        gripper=replace(panda.gripper, joints=("l", "r"), links=("left", "right")),
+        gripper=replace(
+            panda.gripper, joints=("l", "r"), fingers=("l", "r"), driven=("l", "r"), pads=("left", "right")
+        ),
         base_position=(-0.1, 0.0, 0.0),
     )
 

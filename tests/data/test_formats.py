@@ -17,16 +17,19 @@ from kill_runs import contents
 
 from gensim2.data import episode_file
 from gensim2.data.collection import CollectionResult
-from gensim2.data.formats.export import FORMATS, NATIVE, Format, export
+from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
+from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
-from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
+from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import to_steps
+from gensim2.observations.proprioception import proprioception
+from gensim2.robots import robot
 from gensim2.sealed_file import HEADER_SIZE
 
 Gather = Callable[..., CollectionResult]
@@ -94,7 +97,7 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
             "pointcloud/xyz": to_steps(clouds[row.index]),
             "pointcloud/rgb": np.full((steps + 1, 16, 3), 51, np.uint8),
         }
-        write_observation(observation_path(store, row.index), {"episode_digest": row.episode_digest}, arrays)
+        write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
     only = Selection(tasks=("CloseBox",))
     export(dataset.path, tmp_path / "z", "zarr", only)
     export(dataset.path, tmp_path / "l", "lerobot", only)
@@ -106,6 +109,48 @@ def test_observations_go_along_and_must_be_there_for_all(dataset: DataSet, tmp_p
     assert np.allclose(stored[..., :3], clouds[rows[0].index][:-1], atol=1e-3)  # kept in steps
     with pytest.raises(InputError, match="some episodes have observations"):
         export(dataset.path, tmp_path / "both", "zarr")
+
+
+def test_exports_hold_what_the_robot_knows_of_itself_and_what_cameras_and_ids_are(
+    dataset: DataSet, tmp_path: Path
+) -> None:
+    store, camera = dataset.task("CloseBox"), np.diag([70.0, 70.0, 1.0])
+    for row in store.rows():
+        if not row.held:
+            continue
+        shape = (row.control_steps + 1, 4, 5)
+        arrays = {
+            "cameras/left/segmentation": np.full(shape, row.index % 3, np.int16),
+            "cameras/left/depth": np.full(shape, 700, np.uint16),
+            "cameras/left/intrinsic": camera,
+            "cameras/left/T_base_camera": np.eye(4),
+        }
+        ids = {"1": ["panda", "panda_link0"], "2": ["box", f"lid_{row.index % 2}"]}
+        spec = ObservationSpec(("depth", "segmentation"), ("left",)).to_dict()
+        description = {"episode_digest": row.episode_digest, "segmentation_ids": ids, **spec}
+        write_observation(store.observation_path(row.index), description, arrays)
+    only = Selection(tasks=("CloseBox",))
+    export(dataset.path, tmp_path / "z", "zarr", only)
+    export(dataset.path, tmp_path / "l", "lerobot", only)
+    row = next(row for row in store.rows() if row.held)
+    recording, profile = store.read(row).recording, robot("panda")
+    assert recording is not None
+    group, (_, columns) = zarr.open_group(tmp_path / "z", mode="r"), next(read_lerobot(tmp_path / "l"))
+    for step in (0, recording.steps - 1):
+        joints = recording.env_states["articulations"]["panda"][step, 13:31]
+        command = recording.actions[step - 1, -1] if step else 1.0
+        for name, array in proprioception(profile, joints[:9], joints[9:], float(command)).items():
+            assert np.array_equal(group[f"data/{name}"][step], array)
+            assert np.array_equal(columns[f"observation.{name}"][step], array)
+    assert group["data/segmentation_left"][0, 0, 0] == row.index % 3
+    assert not [name for name in columns if "segmentation" in name or "depth" in name], "LeRobot has no place for them"
+    for folder in ("z", "l"):
+        seen = json.loads((tmp_path / folder / NATIVE / "observations.json").read_text())
+        assert seen["spec"]["modalities"] == ["depth", "segmentation"]
+        assert seen["cameras"] == {"left": {"intrinsic": camera.tolist(), "T_base_camera": np.eye(4).tolist()}}
+        for entry in seen["episodes"]:
+            assert seen["tables"][entry["table"]]["2"] == ["box", f"lid_{entry['index'] % 2}"]
+    assert import_(tmp_path / "z", tmp_path / "back", "zarr") == len(seen["episodes"])
 
 
 def test_a_selection_takes_what_it_says(dataset: DataSet, tmp_path: Path) -> None:
@@ -123,7 +168,10 @@ def test_frames_that_were_changed_are_found_out(dataset: DataSet, tmp_path: Path
     export(dataset.path, tmp_path / "z", "zarr")
     actions = zarr.open_group(tmp_path / "z", mode="r+")["data/action"]
     actions[0, 0] += 1
-    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/"):
+    with pytest.raises(InputError, match=r"data/action/0\.0: was changed since it was exported"):
+        import_(tmp_path / "z", tmp_path / "back", "zarr")
+    (tmp_path / "z" / MANIFEST).unlink()
+    with pytest.raises(InputError, match=r"episode 0 is not that of gensim2/: action"):
         import_(tmp_path / "z", tmp_path / "back", "zarr")
     assert not (tmp_path / "back").exists()
 

@@ -17,14 +17,13 @@ from gensim2.data.episode_file import write_episode
 from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
 from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
-from gensim2.data.rendering import observation_path
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
 from gensim2.data.store import DataSet
+from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.sim import rendering
-from gensim2.sim.cameras import observation_cameras
 
 Gather = Callable[..., CollectionResult]
 
@@ -96,7 +95,7 @@ def test_demonstrations_are_shown_as_they_were_observed_where_nothing_can_be_dra
     }
     for row in held[:-1]:
         write_observation(
-            observation_path(store, row.index), {"steps": frames - 1, "episode_digest": row.episode_digest}, arrays
+            store.observation_path(row.index), {"steps": frames - 1, "episode_digest": row.episode_digest}, arrays
         )
     monkeypatch.setattr(rendering, "can_render", lambda: False)
     report(dataset.path)

@@ -14,15 +14,16 @@ import pytest
 
 from gensim2.data import TaskStore, observation_file
 from gensim2.data.observation_file import DamagedObservationError, read_observation
-from gensim2.data.observing import Plan
-from gensim2.data.rendering import observation_path, render
+from gensim2.data.rendering import render
 from gensim2.errors import InputError, WriteError
-from gensim2.observations import CloudSettings
+from gensim2.observations import CloudSettings, ObservationSpec
 from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.headless import HeadlessEnv
 
-SMALL = Plan(("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256))
+SMALL = ObservationSpec(
+    ("pointcloud", "depth", "segmentation"), ("left", "front"), CloudSettings(points=64, candidates=256)
+)
 
 
 @pytest.fixture
@@ -37,29 +38,33 @@ def store(gather: Callable[..., Any], tmp_path: Path) -> TaskStore:
         for _ in range(2):
             lane.step(lane.profile.rest_action)
             recorder.add(lane.profile.rest_action, lane.measure())
-        episode = store.read(row).row.episode
+        episode, recording = store.read(row).row.episode, recorder.finish()
+        seen = {name: replace(thing, id=recording.instances[name]) for name, thing in episode.objects.items()}
         store.path(row.index, row.held).unlink()
-        store.add(index, episode, recorder.finish())
+        store.add(index, replace(episode, seed=index, objects=seen, control_steps=2), recording)
     list(store.write_rows(2))
     assert any(row.held for row in store.rows())
     return store
 
 
-def rendered(store: TaskStore, plan: Plan = SMALL, **options: Any) -> dict[str, bytes]:
-    render(store.folder.parent, plan=plan, **{"workers": 0, **options})
+def rendered(store: TaskStore, spec: ObservationSpec = SMALL, **options: Any) -> dict[str, bytes]:
+    render(store.folder.parent, spec=spec, **{"workers": 0, **options})
     return {path.name: path.read_bytes() for path in sorted((store.folder / "observations").iterdir())}
 
 
 def test_every_episode_that_held_is_observed(store: TaskStore) -> None:
     rendered(store)
     for row in store.rows():
-        path = observation_path(store, row.index)
+        path = store.observation_path(row.index)
         assert path.exists() == row.held
         if not row.held:
             continue
         found = read_observation(path, row.episode_digest)
         assert found.description["language"] == store.spec().description
         assert found.description["steps"] == 2
+        ids = found.description["segmentation_ids"]
+        assert {owner for owner, _ in ids.values()} == {"panda", "table", "drawer"}
+        assert {str(id) for id in np.unique(found.arrays["pointcloud/segmentation"])} <= set(ids)
         arrays = found.arrays
         assert arrays["pointcloud/xyz"].shape == (3, 64, 3)
         assert arrays["pointcloud/xyz"].dtype == np.float32
@@ -94,7 +99,9 @@ def test_other_observations_are_neither_mixed_nor_lost(store: TaskStore) -> None
     with pytest.raises(InputError, match="--resume"):
         rendered(store)
     with pytest.raises(InputError, match="modalities"):
-        rendered(store, Plan(), resume=True)
+        rendered(store, ObservationSpec(), resume=True)
+    with pytest.raises(InputError, match="must name something that cameras give"):
+        rendered(store, ObservationSpec(modalities=()), resume=True)
     assert rendered(store, resume=True) == first
     path = store.folder / "observations" / next(iter(first))
     with pytest.raises(InputError, match="another episode"):
@@ -123,8 +130,8 @@ def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(
 
 @pytest.mark.parametrize(
     ("modalities", "cameras", "words"),
-    [(("smell",), ("left",), "modalities"), (("depth",), ("left", "left"), "cameras"), ((), ("left",), "modalities")],
+    [(("smell",), ("left",), "modalities"), (("depth",), ("left", "left"), "cameras"), (("depth",), (), "cameras")],
 )
-def test_plans_that_cannot_be_are_refused(modalities: Any, cameras: Any, words: str) -> None:
+def test_specs_that_cannot_be_are_refused(modalities: Any, cameras: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        Plan(modalities, cameras)
+        ObservationSpec(modalities, cameras)

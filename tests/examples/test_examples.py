@@ -93,6 +93,22 @@ def _grasped(said: str, _: Path) -> None:
     assert re.search(r"grasp \d+ picks in \d+\.\d s and brings in \d+\.\d s", said)
 
 
+def _evaluated(said: str, folder: Path) -> None:
+    """A policy was taught and judged on ten scenes, and one of them filmed where pictures can be made."""
+    line = re.search(r"CloseBox: (\S+) held, taught by (\d+) frames", said)
+    assert line is not None
+    assert int(line[2]) > 2000
+    log = (folder / "evaluation" / "tasks" / "CloseBox" / "attempts.jsonl").read_text().splitlines()
+    assert len(log) == 10
+    assert float(line[1]) == pytest.approx(sum(json.loads(each)["held"] for each in log) / 10)
+
+
+def _own_robots(said: str, _: Path) -> None:
+    """Two robots of two sizes, each in an environment of its own."""
+    assert re.findall(r"(\w+): (\d) arm joints, opens 0.080 m, 20 Hz", said) == [("ur5", "6"), ("xarm7", "7")]
+    assert re.findall(r"after a second: openness \S+, (\d) numbers", said) == ["7", "8"]
+
+
 OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "01_solve_a_config.py": (_solved, False),
     "02_make_an_env.py": (_stepped, False),
@@ -101,6 +117,8 @@ OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "05_look_at_an_object.py": (_looked, False),
     "06_pick_and_place.py": (_placed, False),
     "07_grasp_an_object.py": (_grasped, False),
+    "08_evaluate_a_controller.py": (_evaluated, True),
+    "09_a_robot_of_your_own.py": (_own_robots, False),
 }
 """By name; and whether it takes an output folder."""
 

@@ -21,7 +21,6 @@ from gensim2.data import DataSet, collect, video
 from gensim2.data import report as quality_report
 from gensim2.data.attempt_log import AttemptLog, LoggedEpisode
 from gensim2.data.observation_file import write_observation
-from gensim2.data.rendering import observation_path
 from gensim2.data.runfolder import TaskFolder
 from gensim2.data.video import Film
 from gensim2.design import shelf, tasks_gallery
@@ -29,11 +28,11 @@ from gensim2.design.report import write_report
 from gensim2.inspection import gallery, pictures
 from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Library
+from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot
 from gensim2.rollout import worker
 from gensim2.sim import rendering
-from gensim2.sim.cameras import observation_cameras
 from gensim2.tasks.library import load_strategies, load_task
 
 LONG = "PlaceGolfBallIntoDrawer"
@@ -167,7 +166,7 @@ def quality_page(collected: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         arrays = arrays | {f"cameras/left/{what}": each for what, each in numbers.items()}
         for row in (row for row in store.rows() if row.held):
             about = {"steps": 5, "episode_digest": row.episode_digest}
-            write_observation(observation_path(store, row.index), about, arrays)
+            write_observation(store.observation_path(row.index), about, arrays)
     monkeypatch.setattr(quality_report, "film", filmed)
     monkeypatch.setattr(rendering, "can_render", lambda: True)
     quality_report.report(collected)

@@ -123,7 +123,7 @@ def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
     gripper, width = panda.gripper, 0.033
     command = grip_on(width, 2.0, panda)
     finger = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
-    assert (width / 2 - finger) * gripper.stiffness == pytest.approx(2.0)
+    assert (width / 2 - finger) * panda.finger_drive.stiffness == pytest.approx(2.0)
     rows = schedule(plan(), Acts("grasp", OPEN, grip=command, gently=True), panda)
     assert rows.actions[:, 7].min() == pytest.approx(command)
     assert rows.actions[-1, 7] == pytest.approx(command)

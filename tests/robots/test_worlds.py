@@ -13,7 +13,7 @@ from sapien import physx
 
 import gensim2.sim
 from gensim2.errors import InputError
-from gensim2.robots import robot, robot_names
+from gensim2.robots import robot
 from gensim2.sim.arm import Arm
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
@@ -21,11 +21,10 @@ from gensim2.sim.physics import DEFAULT
 from gensim2.sim.table import HALF_SIZE
 
 
-@pytest.mark.parametrize("name", robot_names())
-def test_the_lane_is_the_environment(name: str) -> None:
-    profile, draw = robot(name), np.random.default_rng(5)
-    env = GenSim2Env("OpenDrawer", assets="builtin", robot=name)
-    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=name)
+def test_the_headless_environment_is_the_environment(any_robot: str) -> None:
+    profile, draw = robot(any_robot), np.random.default_rng(5)
+    env = GenSim2Env("OpenDrawer", assets="builtin", robot=any_robot)
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=any_robot)
     for seed in range(3):
         obs, _ = env.reset(seed=seed)
         lane.reset(seed)
@@ -69,10 +68,21 @@ def test_robots_that_contradict_each_other_are_refused() -> None:
             make("OpenDrawer", robot="r2d2")
 
 
-@pytest.mark.parametrize("name", robot_names())
-def test_it_stands_clear_of_the_table(name: str) -> None:
+def corners_of(shape: physx.PhysxCollisionShape) -> np.ndarray:
+    """(N, 3) in the shape's frame: of a hull, of a box, or of the box around a cylinder, which lies along x."""
+    if isinstance(shape, physx.PhysxCollisionShapeConvexMesh):
+        return shape.vertices * shape.scale
+    half = (
+        shape.half_size
+        if isinstance(shape, physx.PhysxCollisionShapeBox)
+        else np.array([shape.half_length, shape.radius, shape.radius])
+    )
+    return half * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
+
+
+def test_it_stands_clear_of_the_table(any_robot: str) -> None:
     """Every hull lies above the table's top, below its board or behind its edge: planners look at what moves."""
-    profile = robot(name)
+    profile = robot(any_robot)
     scene = sapien.Scene([DEFAULT.new_system(profile)])
     arm = Arm(scene, profile, DEFAULT)
     arm.put(profile.reset_qpos)
@@ -80,21 +90,18 @@ def test_it_stands_clear_of_the_table(name: str) -> None:
     for link in arm.articulation.links:
         pose = link.entity.pose.to_transformation_matrix()
         for shape in link.collision_shapes:
-            if not isinstance(shape, physx.PhysxCollisionShapeConvexMesh):
-                continue
             local = pose @ shape.local_pose.to_transformation_matrix()
-            points = (shape.vertices * shape.scale) @ local[:3, :3].T + local[:3, 3]
+            points = corners_of(shape) @ local[:3, :3].T + local[:3, 3]
             low, high = points.min(axis=0), points.max(axis=0)
             assert low[2] > -0.002 or high[2] < -2 * HALF_SIZE[2] or high[0] < -HALF_SIZE[0], link.name
             count += 1
     assert count > 8
 
 
-@pytest.mark.parametrize("name", robot_names())
-def test_at_rest_it_stays_where_it_is(name: str) -> None:
+def test_at_rest_it_stays_where_it_is(any_robot: str) -> None:
     """It touches neither itself nor the table."""
-    profile = robot(name)
-    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=name)
+    profile = robot(any_robot)
+    lane = HeadlessEnv("OpenDrawer", assets="builtin", robot=any_robot)
     lane.reset(0, {"offset": [0.3, 0.0, 0.0]})
     for _ in range(20):
         lane.step(profile.rest_action)

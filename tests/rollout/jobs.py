@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from gensim2.planning.scene import Scene
 from gensim2.robots import CLOSED, robot
-from gensim2.rollout.controller import Action, Event, Observation
-from gensim2.rollout.record import StepRecord
+from gensim2.rollout.controller import Action, PrivilegedObservation
 from gensim2.rollout.run import EpisodeResult
 
 Array = npt.NDArray[np.float64]
@@ -58,19 +57,17 @@ class Actions:
         decide: scene to (N, 8) actions.
     """
 
-    turn: str | None = None
-    history: Sequence[StepRecord] = ()
-    events: Sequence[Event] = ()
+    privileged = True
 
     def __init__(self, decide: Callable[[Scene], Array]) -> None:
         self._decide = decide
         self.count = 0
 
-    def reset(self, scene: Scene) -> None:
-        self._actions = self._decide(scene)
+    def reset(self, observation: PrivilegedObservation, seed: int) -> None:
+        self._actions = self._decide(observation.scene())
         self.count = len(self._actions)
 
-    def act(self, observation: Observation) -> Action | None:
+    def act(self, observation: PrivilegedObservation) -> Action | None:
         return self._actions[observation.step] if observation.step < self.count else None
 
 

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from gensim2.observations import Encoder
 from gensim2.planning import predict
 from gensim2.planning.scene import Scene
 from gensim2.planning.world import carried_by
 from gensim2.robots import robot
-from gensim2.rollout.controller import Action, Controller, Observation
+from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Controller, PrivilegedObservation
 from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +46,7 @@ class KinematicWorld:
 
     def run(self, controller: Controller, most: int = 1200) -> None:
         """One episode."""
-        controller.reset(self.scene)
+        controller.reset(self.observation(), 0)
         for _ in range(most):
             action = controller.act(self.observation())
             if action is None:
@@ -53,8 +54,9 @@ class KinematicWorld:
             self.step(action)
         raise AssertionError("the controller never ends")
 
-    def observation(self) -> Observation:
-        return Observation(self.steps, self.scene.q, self.scene.qvel, self.measure(), lambda: self.scene)
+    def observation(self) -> PrivilegedObservation:
+        seen = Encoder(PROPRIOCEPTIVE, PANDA).encode(self.steps, self.scene.q, self.scene.qvel, 1.0)
+        return PrivilegedObservation.of(seen, self.measure(), lambda: self.scene)
 
     def step(self, action: Action) -> None:
         self.mischief(self)

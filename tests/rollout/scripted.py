@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.observations import Encoder, Observation, ObservationSpec
 from gensim2.planning.scene import Scene, SceneBody, SceneObject
 from gensim2.robots import RobotProfile, robot
-from gensim2.rollout.controller import Action, Event, Observation
+from gensim2.rollout.controller import PROPRIOCEPTIVE, Action, Event, PrivilegedObservation
 from gensim2.rollout.record import StepRecord
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.parse import parse_task
@@ -132,6 +133,7 @@ class ScriptedWorld:
     elapsed_steps: int = 0
     control_mode: str = "pd_joint_pos"
     is_finite: bool = True
+    waits: bool = True
     profile: RobotProfile = field(default_factory=lambda: robot("panda"))
     reset_options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -151,13 +153,15 @@ class ScriptedWorld:
     def touched(self) -> frozenset[str]:
         return self.touches
 
+    def observe(self, spec: ObservationSpec) -> Observation:
+        return Encoder(spec, self.profile).encode(self.elapsed_steps, self.q, np.zeros(9), 1.0)
+
+    def close(self) -> None:
+        pass
+
     @property
     def q(self) -> Array:
         return np.array(self.profile.reset_qpos)
-
-    @property
-    def qvel(self) -> Array:
-        return np.zeros(9)
 
     def state(self) -> dict[str, Any]:
         return {}
@@ -206,7 +210,7 @@ class ScriptedWorld:
 
         objects = {"drawer": thing("drawer", "drawer/tray", TRAY, measured.point("drawer") - [0.0, 0.0, 0.1])}
         objects |= {name: thing(name, name, BALL, pose[:3]) for name, pose in measured.poses.items()}
-        return Scene(self.q, self.qvel, T_world_base, objects)
+        return Scene(self.q, np.zeros(9), T_world_base, objects)
 
 
 class ScriptedController:
@@ -224,16 +228,19 @@ class ScriptedController:
         turns: Sequence[tuple[str, int]] = (),
         history: Sequence[StepRecord] = (),
         events: Sequence[Event] = (),
-        see: Callable[[Observation], None] = lambda observation: None,
+        see: Callable[[PrivilegedObservation], None] = lambda observation: None,
     ) -> None:
         self._steps, self._turns, self._see = steps, turns, see
         self.history, self.events = history, events
         self.turn: str | None = None
 
-    def reset(self, scene: Scene) -> None:
+    privileged = True
+    observation_spec = PROPRIOCEPTIVE
+
+    def reset(self, observation: PrivilegedObservation, seed: int) -> None:
         self.turn = None
 
-    def act(self, observation: Observation) -> Action | None:
+    def act(self, observation: PrivilegedObservation) -> Action | None:
         self._see(observation)
         for name, first in self._turns:
             if observation.step >= first:

@@ -9,7 +9,7 @@ from drawer_task import OPEN_DRAWER
 from sapien import Pose
 
 from gensim2.rollout.chain import ChainController
-from gensim2.rollout.controller import Action, Observation
+from gensim2.rollout.controller import Action, PrivilegedObservation
 from gensim2.rollout.disturbance import Disturbed
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.run import run
@@ -124,7 +124,7 @@ class _Tossed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._chain, name)
 
-    def act(self, observation: Observation) -> Action | None:
+    def act(self, observation: PrivilegedObservation) -> Action | None:
         action = self._chain.act(observation)
         if action is None:
             part = self._lane.parts["ball"]

@@ -26,7 +26,7 @@ PYTHON = Path(__file__).parents[2] / "python" / "gensim2"
 
 #: Together these words spell a configuration; each alone is a name like any other.
 SPELLING = {"physics", "randomization", "open_loop", "instances", "robot", "assets"}
-#: Where it is defined, where what it resolves to is drawn from, and the rows of figures, whose fields are compared below.
+#: Where it is defined and drawn from, and the rows of figures, whose fields are compared below.
 DEFINED = {"scenes/config.py", "scenes/initial_state.py", "rollout/config.py", "tasks/figures.py"}
 #: Few words are enough to be another spelling.
 MOST = 2

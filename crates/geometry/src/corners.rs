@@ -53,6 +53,11 @@ impl Corners {
         self.unbounded = total.iter().any(|t| t.is_nan() || *t > FURTHEST);
     }
 
+    /// Middle of the first block: where a single point is.
+    pub(crate) fn middle(&self) -> Point3<f64> {
+        self.blocks.first().map_or_else(Point3::origin, |[x, y, z]| Point3::new(x[0], y[0], z[0]))
+    }
+
     /// Whether there are any, all of them measurable.
     pub(crate) fn are_measurable(&self) -> bool {
         !self.blocks.is_empty() && !self.unbounded

@@ -20,8 +20,10 @@ pub struct Contact {
     pub normal: Vector3<f64>,
 }
 
-/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`, or one
-/// of them has no points, or a number beyond 1e100.
+/// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
+///
+/// What cannot be measured (no points, or a number beyond 1e100) counts as touching, to an infinite depth: it is never
+/// taken for free.
 ///
 /// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
 /// after a small motion, it often shows at once that the two are out of reach. Any vector will do: whether and how far
@@ -36,7 +38,7 @@ pub fn signed_distance(
     let (a, b) = (first.0, second.0);
     let rounding = first.1 + second.1;
     if !(a.are_measurable() && b.are_measurable() && rounding.abs() <= FURTHEST && !reach.is_nan()) {
-        return None;
+        return Some(UNMEASURABLE);
     }
     let reach = reach.min(FURTHEST);
     let same = Isometry3::identity();
@@ -50,12 +52,12 @@ pub fn signed_distance(
     simplex.reset(extreme);
     let found = match gjk::closest_points(&same, a, b, reach + rounding, true, &mut simplex) {
         GJKResult::ClosestPoints(p, q, n) => Some((p, q, n.into_inner(), (q - p).norm())),
-        // The search says the x axis where it ran out of rounds, which proves nothing.
-        GJKResult::NoIntersection(n) if n != Vector3::x_axis() || apart_along(a, b, &n) > reach + rounding => {
+        // The search may also have run out of rounds: only a direction that parts the hulls proves anything.
+        GJKResult::NoIntersection(n) if apart_along(a, b, &n) > reach + rounding => {
             *toward = n.into_inner();
             None
         }
-        GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)),
+        GJKResult::NoIntersection(_) => Some(undecided(a, b, &direction)).filter(|found| found.3 <= reach + rounding),
         GJKResult::Proximity(_) | GJKResult::Intersection => Some(deepest(a, b, &simplex, &direction)),
     };
     let (p, q, normal, core) = found?;
@@ -66,6 +68,52 @@ pub fn signed_distance(
         on_second: q - normal * second.1,
         normal,
     })
+}
+
+/// What is said of shapes that cannot be measured.
+const UNMEASURABLE: Contact = Contact {
+    distance: f64::NEG_INFINITY,
+    on_first: Point3::new(0.0, 0.0, 0.0),
+    on_second: Point3::new(0.0, 0.0, 0.0),
+    normal: Vector3::new(1.0, 0.0, 0.0),
+};
+
+/// Whether two shapes keep a distance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Reach {
+    /// They are proven to be at least that far apart.
+    Beyond,
+    /// They are nearer, or cannot be measured.
+    Within,
+}
+
+/// Whether two rounded hulls whose points are in one frame are at least `apart` (m) from each other: cheaper than their
+/// distance. `toward` is a guess of the direction from the first to the second.
+pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), toward: &Vector3<f64>, apart: f64) -> Reach {
+    let (a, b) = (first.0, second.0);
+    let limit = apart + first.1 + second.1;
+    if !(a.are_measurable() && b.are_measurable() && limit.abs() <= FURTHEST) {
+        return Reach::Within;
+    }
+    let beyond = |keeps: bool| if keeps { Reach::Beyond } else { Reach::Within };
+    if limit < 0.0 {
+        let found = signed_distance(first, second, &mut toward.clone(), 0.0);
+        return beyond(found.is_none_or(|contact| contact.distance >= apart));
+    }
+    let same = Isometry3::identity();
+    let direction = Unit::try_new(*toward, 1e-12).unwrap_or(Vector3::x_axis());
+    let extreme = CSOPoint::from_shapes(&same, a, b, &direction);
+    if -extreme.point.coords.dot(&direction) >= limit {
+        return Reach::Beyond;
+    }
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(extreme);
+    match gjk::closest_points(&same, a, b, limit, false, &mut simplex) {
+        GJKResult::ClosestPoints(p, q, _) => beyond((q - p).norm() >= limit),
+        GJKResult::NoIntersection(n) if apart_along(a, b, &n) >= limit => Reach::Beyond,
+        GJKResult::NoIntersection(_) => beyond(undecided(a, b, &direction).3 >= limit),
+        GJKResult::Proximity(_) | GJKResult::Intersection => Reach::Within,
+    }
 }
 
 /// Directions along which nothing man-made lies.

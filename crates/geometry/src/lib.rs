@@ -36,6 +36,7 @@ mod mimic;
 mod obstacles;
 mod pose;
 mod robot;
+mod screen;
 mod urdf;
 mod xml;
 
@@ -53,3 +54,4 @@ pub use pose::{
     Pose, is_rigid, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about,
 };
 pub use robot::Robot;
+pub use screen::{Batch, Cover, LANES, Measure, Needs, Other, Riders, Screen, Suspect};

@@ -1,12 +1,14 @@
 //! The kinematic tree: poses of links, and which of them are judged against each other.
 
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::{
-    Chain, ChainFrames, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file, urdf,
+    Chain, ChainFrames, Cover, Joint, JointCountError, Link, Mimic, Pose, RobotBuilder, RobotError, UrdfError, file,
+    urdf,
 };
 
 /// A robot arm.
@@ -23,6 +25,18 @@ pub struct Robot {
     /// Those among them that are there for no better reason than that they overlap at the middle of all joint ranges.
     #[serde(default)]
     unchecked: Vec<(usize, usize)>,
+    #[serde(skip)]
+    cover: Covered,
+}
+
+/// Balls around the links, once they are asked for: part of no comparison.
+#[derive(Debug, Clone, Default)]
+struct Covered(OnceLock<Arc<Cover>>);
+
+impl PartialEq for Covered {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 checked_when_read!(Robot);
@@ -90,7 +104,8 @@ impl Robot {
     /// A robot of links and joints that fit each other.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
-        Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked: Vec::new() }
+        let unchecked = Vec::new();
+        Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
     }
 
     /// The same of parts that may not fit; `allowed` are pairs of links that are never judged, beside neighbours and what
@@ -103,7 +118,8 @@ impl Robot {
         allowed: Vec<(usize, usize)>,
     ) -> Result<Self, RobotError> {
         // Without a tree there is no chain to make.
-        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, unchecked: Vec::new() };
+        let (unchecked, cover) = (Vec::new(), Covered::default());
+        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, unchecked, cover };
         robot.check_tree()?;
         robot.chain = Chain::new(&robot.links, &robot.joints, hand);
         robot.allow_neighbours(true);
@@ -250,6 +266,12 @@ impl Robot {
     #[must_use]
     pub fn allowed_pairs(&self) -> &[(usize, usize)] {
         &self.allowed
+    }
+
+    /// Balls around its links, made when first asked for.
+    #[must_use]
+    pub fn cover(&self) -> &Cover {
+        self.cover.0.get_or_init(|| Arc::new(Cover::of(self)))
     }
 
     /// Index of a link by name.

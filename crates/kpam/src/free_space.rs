@@ -57,7 +57,7 @@ pub(crate) struct Draws(u64);
 
 impl Draws {
     /// For a purpose, with the seed of a problem.
-    fn of(purpose: u64, seed: usize) -> Self {
+    pub fn of(purpose: u64, seed: usize) -> Self {
         Self(purpose ^ ((seed as u64) << 32))
     }
 

@@ -115,6 +115,18 @@ impl JointMap {
         }
     }
 
+    /// Full position, velocity and acceleration of rows of the variables, into slices of [`JointMap::joints`] numbers.
+    pub(crate) fn fill(&self, state: &[Row; 3], position: &mut [f64], velocity: &mut [f64], acceleration: &mut [f64]) {
+        position.copy_from_slice(&self.rest);
+        velocity.fill(0.0);
+        acceleration.fill(0.0);
+        for d in &self.driven {
+            position[d.joint] = d.factor * state[0][d.variable] + d.offset;
+            velocity[d.joint] = d.factor * state[1][d.variable];
+            acceleration[d.joint] = d.factor * state[2][d.variable];
+        }
+    }
+
     /// Greatest rate of each variable at which no joint that it drives exceeds its own: `limit(joint)` is that of a
     /// joint of the full vector.
     #[must_use]

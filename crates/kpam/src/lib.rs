@@ -73,6 +73,7 @@ pub mod qp;
 mod refine;
 mod resolve;
 mod timing;
+mod transit;
 mod world;
 
 pub use body::{Body, BodyBuilder, Role};
@@ -91,4 +92,5 @@ pub use plan::{
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
 pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
+pub use transit::{Approached, Goal, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

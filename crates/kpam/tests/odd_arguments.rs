@@ -204,7 +204,7 @@ proptest! {
         let mut request = Request::default();
         (request.former, request.resume, request.most_checks) = (Some(former), Some(label.as_str()), Some(50));
         let _ = plan_with(&wrong, &request);
-        let _ = right.with_start(q.clone(), velocity.clone(), odd[3]).map(|p| plan(&p));
+        let _ = right.with_start(q.clone(), velocity.clone(), velocity.clone(), odd[3]).map(|p| plan(&p));
         let _ = wrong.scene();
         // A plan of another problem.
         let _ = joint_travel(&wrong, former, &odd);

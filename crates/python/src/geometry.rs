@@ -12,6 +12,10 @@ use pyo3::types::PyBytes;
 
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
+use crate::interrupt::abandonable;
+
+/// Shapes of so many parts are made in pieces, with a look at signals before each.
+const LONG: usize = 8192;
 
 /// A URDF arm. Pickles.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
@@ -189,13 +193,17 @@ impl PyShape {
 
     /// Hull of (N, 3) points in the body frame.
     #[staticmethod]
-    fn convex_hull(points: &Bound<'_, PyAny>) -> PyResult<Self> {
-        one(Convex::hull(&convert::points(points, "points")?))
+    fn convex_hull(py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let points = convert::points(points, "points")?;
+        if points.len() < LONG {
+            return one(Convex::hull(&points));
+        }
+        one(abandonable(py, move || Convex::hull(&points))?)
     }
 
     /// Triangles (M, 3) over vertices (N, 3): a surface; what lies wholly inside it does not touch it.
     #[staticmethod]
-    fn mesh(vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn mesh(py: Python<'_>, vertices: &Bound<'_, PyAny>, triangles: &Bound<'_, PyAny>) -> PyResult<Self> {
         let vertices = convert::points(vertices, "vertices")?;
         let (indices, shape) = convert::numbers(triangles, "triangles")?;
         if shape.len() != 2 || shape[1] != 3 {
@@ -203,6 +211,9 @@ impl PyShape {
         }
         let mut out = Vec::with_capacity(shape[0]);
         for (t, corner) in indices.chunks_exact(3).enumerate() {
+            if t % LONG == 0 {
+                py.check_signals()?;
+            }
             let mut points = Vec::with_capacity(3);
             for c in corner {
                 if c.fract() != 0.0 || !(0.0..vertices.len() as f64).contains(c) {
@@ -221,17 +232,19 @@ impl PyShape {
 
     /// Points (N, 3), each a ball of `radius` (m).
     #[staticmethod]
-    fn point_cloud(points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
+    fn point_cloud(py: Python<'_>, points: &Bound<'_, PyAny>, radius: f64) -> PyResult<Self> {
         let points = convert::points(points, "points")?;
         if points.is_empty() {
             return Err(problem_error("points", "is empty"));
         }
-        points
-            .into_iter()
-            .map(|p| Convex::ball(radius, p))
-            .collect::<Result<Vec<_>, _>>()
-            .map(Self)
-            .map_err(|e| from_shape(&e))
+        let mut out = Vec::with_capacity(points.len());
+        for (k, point) in points.into_iter().enumerate() {
+            if k % LONG == 0 {
+                py.check_signals()?;
+            }
+            out.push(Convex::ball(radius, point).map_err(|e| from_shape(&e))?);
+        }
+        Ok(Self(out))
     }
 
     #[staticmethod]

@@ -54,3 +54,26 @@ pub(crate) fn interruptible<T: Send>(
         }
     })
 }
+
+/// Runs `work` that cannot be cancelled on a thread of its own, without the GIL; where a signal handler raises meanwhile,
+/// what it raised is handed on at once, and the thread ends by itself.
+pub(crate) fn abandonable<T: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> T + Send + 'static) -> PyResult<T> {
+    let (sender, receiver) = channel();
+    thread::Builder::new()
+        .spawn(move || drop(sender.send(work())))
+        .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
+    let receiver = Mutex::new(receiver);
+    loop {
+        let answer = py.detach(|| match receiver.lock() {
+            Ok(receiver) => receiver.recv_timeout(POLL),
+            Err(_) => Err(RecvTimeoutError::Disconnected),
+        });
+        match answer {
+            Ok(value) => return Ok(value),
+            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(KpamError::new_err("internal error: the work ended without a result; please report it"));
+            }
+        }
+    }
+}

@@ -10,6 +10,7 @@ mod planning;
 mod problem;
 mod scene;
 mod timing;
+mod transit;
 
 use pyo3::prelude::*;
 
@@ -33,6 +34,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<problem::PyKeypointProblem>()?;
     m.add_class::<timing::PyTrajectory>()?;
     m.add_class::<plan::PyPlan>()?;
+    m.add_class::<transit::PyMotion>()?;
     m.add_function(wrap_pyfunction!(planning::plan, m)?)?;
     m.add_function(wrap_pyfunction!(planning::plan_batch, m)?)?;
     m.add_function(wrap_pyfunction!(planning::ik, m)?)?;

@@ -12,18 +12,21 @@ use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
 use crate::scene::PyCancel;
+use crate::transit::deadline;
 
 /// Plans one problem; the GIL is released meanwhile, and Ctrl-C ends it. `former` is an earlier plan, tried first; `resume` the keyframe to go
 /// on to from q_start in the middle of that plan's motion; `max_checks` ends planning after so many collision checks,
-/// `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
+/// `deadline_ms` after so much wall time, `cancel` from another thread; with `explain` the plan says what became of each pose that was tried.
 #[pyfunction]
-#[pyo3(signature = (problem, *, former = None, resume = None, max_checks = None, cancel = None, explain = false))]
+#[allow(clippy::too_many_arguments)]
+#[pyo3(signature = (problem, *, former = None, resume = None, max_checks = None, deadline_ms = None, cancel = None, explain = false))]
 pub(crate) fn plan(
     py: Python<'_>,
     problem: &Bound<'_, PyKeypointProblem>,
     former: Option<&Bound<'_, PyPlan>>,
     resume: Option<&str>,
     max_checks: Option<u64>,
+    deadline_ms: Option<f64>,
     cancel: Option<&Bound<'_, PyCancel>>,
     explain: bool,
 ) -> PyResult<PyPlan> {
@@ -32,6 +35,7 @@ pub(crate) fn plan(
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
     let mut request = Request::default();
     (request.former, request.resume, request.most_checks) = (former, resume, max_checks);
+    request.deadline = deadline_ms.map(deadline).transpose()?;
     (request.cancel, request.explain) = (Some(cancel.clone()), explain);
     let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))

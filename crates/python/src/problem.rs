@@ -196,13 +196,20 @@ impl PyKeypointProblem {
         })
     }
 
-    /// The same problem from another state: joints (n,), their velocity (n,) (at rest where none is given), and the time
-    /// (s) on the motion's clock.
-    #[pyo3(signature = (q, velocity = None, time = 0.0))]
-    fn with_start(&self, q: &Bound<'_, PyAny>, velocity: Option<&Bound<'_, PyAny>>, time: f64) -> PyResult<Self> {
+    /// Return the same problem from another state: joints (n,), their velocity and acceleration (n,), each zero where it is
+    /// not given, and the time (s) on the motion's clock.
+    #[pyo3(signature = (q, velocity = None, time = 0.0, *, acceleration = None))]
+    fn with_start(
+        &self,
+        q: &Bound<'_, PyAny>,
+        velocity: Option<&Bound<'_, PyAny>>,
+        time: f64,
+        acceleration: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
         let q = convert::vector(q, "q", None)?;
         let velocity = velocity.map(|v| convert::vector(v, "velocity", None)).transpose()?;
-        self.0.with_start(q, velocity, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
+        let acceleration = acceleration.map(|v| convert::vector(v, "acceleration", None)).transpose()?;
+        self.0.with_start(q, velocity, acceleration, time).map(|p| Self(Arc::new(p))).map_err(|e| from_problem(&e))
     }
 
     /// The scene that it is asked of; a joint is named "joint" there.

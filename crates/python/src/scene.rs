@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use gensim2_geometry::{ChainFrames, Pose};
-use gensim2_kpam::{Cancel, Checker, GraspTask, Nearness, ProblemError, Scene, SceneJoint};
+use gensim2_geometry::{ChainFrames, LANES, Pose};
+use gensim2_kpam::{Cancel, Checker, GraspTask, Nearness, ProblemError, Scene, SceneJoint, TransitOptions};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -14,6 +14,10 @@ use crate::geometry::{PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
+use crate::transit::{Asked, PyMotion, limit_set};
+
+/// So many configurations are checked without a thread of their own.
+const FEW: usize = 256;
 
 /// A joint of an object and the names of the bodies that it moves. Pickles.
 #[pyclass(name = "SceneJoint", module = "gensim2_kpam", frozen)]
@@ -186,10 +190,62 @@ impl PyScene {
         self.plan_grasp_with(py, task, &grasps, &targets)
     }
 
+    /// A timed motion from rest at `q_start` to rest at one of the goals, that keeps `margin` (m) all along: `goal` is
+    /// (n,), or (K, n) of which any will do, or the pose (4, 4) of `link` (default: the hand) in the base frame.
+    #[pyo3(signature = (
+        q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
+        acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
+        jerk_limits = None, max_checks = None, deadline_ms = None, cancel = None
+    ))]
+    #[allow(clippy::too_many_arguments)]
+    fn plan_to(
+        &self,
+        py: Python<'_>,
+        q_start: &Bound<'_, PyAny>,
+        goal: &Bound<'_, PyAny>,
+        link: Option<String>,
+        margin: f64,
+        samples: usize,
+        seed: usize,
+        velocity_scale: f64,
+        acceleration_scale: f64,
+        limits: Option<&str>,
+        velocity_limits: Option<Vec<f64>>,
+        acceleration_limits: Option<Vec<f64>>,
+        jerk_limits: Option<Vec<f64>>,
+        max_checks: Option<u64>,
+        deadline_ms: Option<f64>,
+        cancel: Option<&Bound<'_, PyCancel>>,
+    ) -> PyResult<PyMotion> {
+        let mut options = TransitOptions::default();
+        (options.margin, options.samples, options.seed) = (margin, samples, seed);
+        (options.velocity_scale, options.acceleration_scale) = (velocity_scale, acceleration_scale);
+        options.max_checks = max_checks;
+        options.limits = limits.map(limit_set).transpose()?;
+        (options.velocity_limits, options.acceleration_limits) = (velocity_limits, acceleration_limits);
+        options.jerk_limits = jerk_limits;
+        self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
+    }
+
+    /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
+    /// `q_start` first and `most` of them at most: (K, n). Obstacles are left out.
+    #[pyo3(signature = (pose, q_start, *, link = None, most = 16, seed = 0))]
+    fn ik<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+        q_start: &Bound<'py, PyAny>,
+        link: Option<&str>,
+        most: usize,
+        seed: usize,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.solutions(py, pose, q_start, link, most, seed)
+    }
+
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
     fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let q = self.rows(q)?;
-        let hits: Vec<bool> = self.each(py, &q, |checker, row| checker.hits(row))?;
+        let hits = self.hits(py, &q)?;
         if q.count.is_none() {
             return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
         }
@@ -262,6 +318,25 @@ impl PyScene {
         JointRows::of(q, self.0.robot().joints().len())
     }
 
+    /// Whether something overlaps at each row.
+    fn hits(&self, py: Python<'_>, q: &JointRows) -> PyResult<Vec<bool>> {
+        let look = |cancel: &Cancel| {
+            let mut checker = self.0.checker();
+            let rows: Vec<&[f64]> = q.rows().collect();
+            let mut out = Vec::with_capacity(rows.len());
+            for some in rows.chunks(LANES).take_while(|_| !cancel.is_cancelled()) {
+                out.extend(checker.hits_each(some)?);
+            }
+            Ok::<_, ProblemError>(out)
+        };
+        let found = if q.rows().len() <= FEW {
+            py.detach(|| look(&Cancel::new()))
+        } else {
+            interruptible(py, Cancel::new(), look)?
+        };
+        found.map_err(|e| from_problem(&e))
+    }
+
     /// The answer to a question of each row.
     fn each<T: Send>(
         &self,
@@ -269,6 +344,14 @@ impl PyScene {
         q: &JointRows,
         ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Sync,
     ) -> PyResult<Vec<T>> {
+        // A thread that listens for Ctrl-C costs more than some checks.
+        if q.rows().len() <= FEW {
+            let found = py.detach(|| {
+                let mut checker = self.0.checker();
+                q.rows().map(|row| ask(&mut checker, row)).collect::<Result<Vec<T>, _>>()
+            });
+            return found.map_err(|e| from_problem(&e));
+        }
         let found = interruptible(py, Cancel::new(), |cancel| {
             let mut checker = self.0.checker();
             q.rows()

@@ -1,12 +1,13 @@
 //! Trajectories, retiming and refinement.
 
-use gensim2_kpam::{Limits, Method, RefineOptions, RetimeOptions, Trajectory};
-use numpy::{PyArray2, ndarray};
+use gensim2_kpam::{Cancel, Limits, Method, RefineOptions, RetimeOptions, Trajectory};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadwriteArray1, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::convert;
 use crate::errors::{from_problem, problem_error};
+use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::PyKeypointProblem;
 
@@ -81,6 +82,40 @@ impl PyTrajectory {
         Ok(convert::array2(py, &rows, self.0.joints()).into_any())
     }
 
+    /// Write position, velocity and acceleration at t into three contiguous float64 arrays (n,): nothing is allocated.
+    fn sample_into(
+        &self,
+        t: f64,
+        position: &Bound<'_, PyArray1<f64>>,
+        velocity: &Bound<'_, PyArray1<f64>>,
+        acceleration: &Bound<'_, PyArray1<f64>>,
+    ) -> PyResult<()> {
+        if !t.is_finite() {
+            return Err(problem_error("t", format!("{t} is not finite")));
+        }
+        let (mut position, mut velocity, mut acceleration) =
+            (writable(position, "position")?, writable(velocity, "velocity")?, writable(acceleration, "acceleration")?);
+        let slice = |field: &'static str| move |_| problem_error(field, "must be contiguous");
+        self.0
+            .sample_into(
+                t,
+                position.as_slice_mut().map_err(slice("position"))?,
+                velocity.as_slice_mut().map_err(slice("velocity"))?,
+                acceleration.as_slice_mut().map_err(slice("acceleration"))?,
+            )
+            .map_err(|e| from_problem(&e))
+    }
+
+    /// Return the fastest stop within the limits from the state at t, along the motion's own path.
+    fn brake(&self, py: Python<'_>, t: f64) -> PyResult<Self> {
+        py.detach(|| self.0.brake(t)).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// Return this motion until t and `next` from there on, which is in the same state at t (to 1e-6).
+    fn splice(&self, next: &Bound<'_, Self>, t: f64) -> PyResult<Self> {
+        self.0.splice(&next.get().0, t).map(Self).map_err(|e| from_problem(&e))
+    }
+
     #[staticmethod]
     fn _thaw(bytes: &[u8]) -> PyResult<Self> {
         convert::thaw(bytes).map(Self)
@@ -96,12 +131,16 @@ impl PyTrajectory {
     }
 }
 
+fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyReadwriteArray1<'py, f64>> {
+    array.try_readwrite().map_err(|e| problem_error(field, format!("cannot be written: {e}")))
+}
+
 /// The fastest motion along the cubic spline through (N, n) waypoints within (n,) velocity, acceleration and jerk
 /// limits, at rest at the waypoints in `stops` and at the last; and the (N,) times at which it passes each waypoint.
 #[pyfunction]
 #[pyo3(signature = (
     waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,
-    start_velocity = None, start_acceleration = None, position_limits = None, method = "reachability"
+    start_velocity = None, start_acceleration = None, start_time = 0.0, position_limits = None, method = "reachability"
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn retime<'py>(
@@ -114,6 +153,7 @@ pub(crate) fn retime<'py>(
     slowest: Option<&Bound<'py, PyAny>>,
     start_velocity: Option<&Bound<'py, PyAny>>,
     start_acceleration: Option<&Bound<'py, PyAny>>,
+    start_time: f64,
     position_limits: Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>,
     method: &str,
 ) -> PyResult<(PyTrajectory, Bound<'py, PyAny>)> {
@@ -145,6 +185,7 @@ pub(crate) fn retime<'py>(
     options.slowest = slowest.map(|v| convert::vector(v, "slowest", None)).transpose()?.unwrap_or_default();
     options.start_velocity = optional(start_velocity, "start_velocity")?;
     options.start_acceleration = optional(start_acceleration, "start_acceleration")?;
+    options.start_time = start_time;
     options.position_limits = position_limits
         .map(|(lower, upper)| {
             PyResult::Ok((limit(&lower, "position_limits[0]")?, limit(&upper, "position_limits[1]")?))
@@ -155,7 +196,10 @@ pub(crate) fn retime<'py>(
         "conic" => Method::Conic,
         other => return Err(problem_error("method", format!("must be reachability or conic, not {other:?}"))),
     };
-    let out = py.detach(|| gensim2_kpam::retime(&rows, &limits, &options)).map_err(|e| from_problem(&e))?;
+    let cancel = Cancel::new();
+    options.cancel = Some(cancel.clone());
+    let found = interruptible(py, cancel, |_| gensim2_kpam::retime(&rows, &limits, &options))?;
+    let out = found.map_err(|e| from_problem(&e))?;
     Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
 }
 

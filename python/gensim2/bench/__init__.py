@@ -1,14 +1,20 @@
 """The solver on files of recorded planning problems: read, convert, solve, write."""
 
+from gensim2.bench.motion import MotionProblem, MotionSummary, motion_summary, read_motion_problems, solve_motions
 from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.bench.solver import BenchSummary, bench_solver, json_lines, solve_problems, summary_of
 
 __all__ = [
     "BenchSummary",
+    "MotionProblem",
+    "MotionSummary",
     "PlanProblem",
     "bench_solver",
     "json_lines",
+    "motion_summary",
+    "read_motion_problems",
     "read_problems",
+    "solve_motions",
     "solve_problems",
     "summary_of",
 ]

@@ -81,3 +81,43 @@ def _show(result: dict[str, Any]) -> None:
             ("peak memory, MB", f"{summary['peak_memory_mb']:.0f}"),
         ],
     )
+
+
+@bench.command("motion", cls=options.Command, short_help="Plan a file of joint-to-joint problems.")
+@click.option(
+    "--problems", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Problems, one a line."
+)
+@click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Robot that the problems are for.")
+@click.option(
+    "--margin", type=float, default=0.005, show_default=True, metavar="M", help="Distance kept from everything, m."
+)
+@click.option("--deadline-ms", type=float, default=None, metavar="MS", help="Time for each problem.  [default: none]")
+@options.json_file
+def motion(problems: Path, robot: str, margin: float, deadline_ms: float | None, json_file: str | None) -> None:
+    """Plan joint-to-joint problems and say what was found; --json writes one JSON object a problem, each a line.
+
+    Times are CPU time from the problem to the timed motion, the building of each scene included.
+    """
+    with report(json_file, _show_motion, _json_lines) as (progress, give):
+        from gensim2.bench import motion_summary, read_motion_problems, solve_motions
+
+        records = solve_motions(
+            read_motion_problems(problems), robot=robot, margin=margin, deadline_ms=deadline_ms, progress=progress
+        )
+        give({"records": records, "summary": motion_summary(records).to_dict()})
+
+
+def _show_motion(result: dict[str, Any]) -> None:
+    summary = result["summary"]
+    statuses = ", ".join(f"{status} {count}" for status, count in summary["statuses"].items())
+    table(
+        ("what", "value"),
+        [
+            ("problems", str(summary["problems"])),
+            ("statuses", statuses),
+            ("CPU ms, median", f"{summary['cpu_ms_median']:.3f}"),
+            ("CPU ms, 95th percentile", f"{summary['cpu_ms_p95']:.3f}"),
+            ("duration of motions, s, median", f"{summary['duration_median']:.3f}"),
+            ("length of ways, rad, median", f"{summary['length_median']:.3f}"),
+        ],
+    )

@@ -33,6 +33,7 @@ COMMANDS = {
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
+    "evaluate": "gensim2.cli.evaluate:evaluate",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
     "data": "gensim2.cli.data:data",
@@ -109,11 +110,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
         return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
     except OSError as error:
-        _drop_unwritten_output()
-        if error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault
+        refused = _drop_unwritten_output()
+        if refused and error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault
             return FOUND_WRONG
-        where = "standard output" if error.filename is None else os.fsdecode(error.filename)
-        return _fail(f"gensim2: {where}: {error.strerror or error}", BAD_INPUT)
+        said = error.strerror or str(error)
+        if error.filename is not None:
+            return _fail(f"gensim2: {os.fsdecode(error.filename)}: {said}", BAD_INPUT)
+        return _fail(f"gensim2: {'standard output: ' if refused else ''}{said}", BAD_INPUT)
 
 
 def _fail(text: str, code: int) -> int:
@@ -142,9 +145,11 @@ def _fill_closed_descriptors() -> bool:
     return 1 in closed
 
 
-def _drop_unwritten_output() -> None:
-    """Where standard output takes nothing, let what is left go nowhere: the flush at exit would complain again."""
+def _drop_unwritten_output() -> bool:
+    """Whether standard output takes nothing; what is left then goes nowhere: the flush at exit would complain again."""
     try:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False

@@ -121,7 +121,13 @@ randomization = click.option(
     help="Ranges of the scenes: the task's own, half of them, or wider ones, with the objects' friction and mass and "
     "the robot's start drawn, too.",
 )
-robot = click.option("--robot", default="panda", show_default=True, metavar="NAME", help="Who does it.")
+robot = click.option(
+    "--robot",
+    default="panda",
+    show_default=True,
+    metavar="NAME|FILE.py",
+    help="Who does it: panda, fetch, or a Python file that registers a robot of your own.",
+)
 open_loop = click.option(
     "--open-loop",
     is_flag=True,

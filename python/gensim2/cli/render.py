@@ -60,9 +60,8 @@ def render(
     Point clouds, depth and segmentation are ray-cast and need no GPU; rgb is the renderer's.
     """
     with report(json_file, _show) as (progress, give):
-        from gensim2.data.observing import Plan
         from gensim2.data.rendering import render as function
-        from gensim2.observations import CloudSettings, DepthNoise
+        from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec
 
         settings = CloudSettings(
             points=points,
@@ -71,8 +70,8 @@ def render(
             outliers=drop_outliers,
             noise=DepthNoise() if depth_noise else None,
         )
-        plan = Plan(_words(modalities, "--modalities"), _words(cameras, "--cameras"), settings)  # type: ignore[arg-type]
-        give(function(folder, plan=plan, progress=progress, **given).to_dict())
+        spec = ObservationSpec(_words(modalities, "--modalities"), _words(cameras, "--cameras"), settings)  # type: ignore[arg-type]
+        give(function(folder, spec=spec, progress=progress, **given).to_dict())
 
 
 def _words(text: str, option: str) -> tuple[str, ...]:

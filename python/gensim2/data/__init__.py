@@ -8,8 +8,7 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.data.collection import collect
-    from gensim2.data.observation_file import Observation, read_observation
-    from gensim2.data.observing import Plan
+    from gensim2.data.observation_file import ObservedEpisode, read_observation
     from gensim2.data.record import DatasetRecord
     from gensim2.data.rendering import render
     from gensim2.data.store import DataSet, TaskStore
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DataSet",
     "DatasetRecord",
-    "Observation",
-    "Plan",
+    "ObservedEpisode",
     "TaskStore",
     "collect",
     "read_observation",
@@ -31,8 +29,7 @@ __getattr__ = lazy_names(
         "DataSet": "gensim2.data.store",
         "DatasetRecord": "gensim2.data.record",
         "TaskStore": "gensim2.data.store",
-        "Observation": "gensim2.data.observation_file",
-        "Plan": "gensim2.data.observing",
+        "ObservedEpisode": "gensim2.data.observation_file",
         "collect": "gensim2.data.collection",
         "read_observation": "gensim2.data.observation_file",
         "render": "gensim2.data.rendering",

@@ -16,6 +16,7 @@ from pydantic import Field, TypeAdapter
 
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
+from gensim2.foreign.tree import MOST_RECORD, read_regular, why
 from gensim2.record_files import parse_record
 from gensim2.rollout.record import Episode
 
@@ -142,9 +143,9 @@ def read_log(path: Path) -> list[LoggedEpisode]:
 def _read(path: Path) -> tuple[list[LoggedEpisode], bool]:
     """The entries in the order of the lines, and whether a last line was cut off."""
     try:
-        content = path.read_bytes() if path.exists() else b""
+        content = read_regular(path, MOST_RECORD) if path.exists() else b""
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=_REMEDY) from error
+        raise InputError(why(error), file=path, remedy=_REMEDY) from error
     *lines, torn = content.split(b"\n")
     entries = [parse_line(line, path, number) for number, line in enumerate(lines, 1)]
     return entries, bool(torn)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from gensim2.files import write_atomic
 from gensim2.rollout.tally import interval
 
 CARD = "README.md"
+
+#: What begins something in Markdown or HTML wherever it stands, and what no text has.
+_SPECIAL = re.compile(r"[<>&|\\`*_\[\]~$!:@#]|[^\S ]|[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 _HOW_TO_READ = {
     "native": """```python
@@ -113,8 +117,8 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         "",
         f"# {episodes} demonstrations of {len(described)} manipulation tasks",
         "",
-        f"Made by gensim2 {record.versions.get('gensim2', '')}: planned by its keypoint solver, run and verified in",
-        f"simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
+        f"Made by gensim2 {_text_of(record.versions.get('gensim2', ''))}: planned by its keypoint solver, run and",
+        f"verified in simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
         "",
         *_table(
             ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),
@@ -168,9 +172,14 @@ def _row(dataset: DataSet, described: Described) -> tuple[str, ...]:
 def _with_objects(license: str, used: set[str], dataset: DataSet) -> str:
     found = dataset.record.objects
     classes = sorted({name.split("/")[0] for name in used if name in found and found[name].license == license})
-    return f"{license} ({', '.join(classes)})"
+    return f"{_text_of(license)} ({_text_of(', '.join(classes))})"
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = [head, ["---"] * len(head), *rows]
+    lines = [head, ["---"] * len(head), *([_text_of(cell) for cell in row] for row in rows)]
     return [f"| {' | '.join(cells)} |" for cells in lines]
+
+
+def _text_of(text: str) -> str:
+    """Text that Markdown and HTML show as it is, on one line: descriptions come from strangers and language models."""
+    return _SPECIAL.sub(lambda found: f"&#{ord(found[0])};", " ".join(text.split()))

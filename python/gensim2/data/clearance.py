@@ -123,7 +123,7 @@ class ClearanceMeter:
 
     def _held(self, q: Array, thing: _Body) -> Indices:
         """Instants at which both fingers touch it."""
-        fingers, found = set(self._profile.gripper.links), []
+        fingers, found = set(self._profile.gripper.pads), []
         scene = kpam.Scene(self._profile.model, [_body(_HELD, thing.hulls, "rigid", thing.poses[0])])
         for instant, (joints, pose) in enumerate(zip(q, thing.poses, strict=True)):
             pairs = scene.with_pose(_HELD, pose).check(joints, TOUCH)

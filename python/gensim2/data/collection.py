@@ -56,7 +56,7 @@ def collect(
     tasks: Sequence[str] = (),
     *,
     episodes: int,
-    out: Path,
+    out: Path | str,
     seed: int = 0,
     keep_failures: bool = False,
     workers: int | None = 2,

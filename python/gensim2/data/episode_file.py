@@ -8,13 +8,14 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from gensim2.errors import InputError
+from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_group, members
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.rollout.world import Tree
@@ -28,6 +29,14 @@ _FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 6, "shuff
 #: Where each array of a recording lies below ``traj``: names, shapes and types of ManiSkill's ``RecordEpisode``.
 _ARRAYS = ("obs", "actions", "terminated", "truncated", "success", "rewards")
 
+STATES_DEPTH = 2
+"""Levels of groups below ``env_states``: kinds, and things by name."""
+MOST_ARRAY = 128 * 2**20
+"""Bytes of one array of a recording."""
+
+MOST_ROW = 64 * 2**20
+"""Bytes of the record of an episode."""
+
 _EPISODE = TypeAdapter(Episode)
 
 
@@ -37,6 +46,27 @@ class DamagedEpisodeError(InputError):
 
 _REMEDY = "delete it and resume"
 _SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, DamagedEpisodeError)
+
+
+class Recorded(BaseModel):
+    """What an episode's file says of its recording beside the arrays; the fields are those of :class:`Recording`.
+
+    Attributes:
+        steps: T.
+        success: at the end.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    seed: int
+    control_mode: str
+    steps: Annotated[int, Field(ge=1)]
+    reset_options: dict[str, Any]
+    instances: dict[str, str]
+    success: bool
+
+
+_RECORDED = TypeAdapter(Recorded)
 
 
 @dataclass(frozen=True)
@@ -129,15 +159,17 @@ def open_episode(path: Path) -> Iterator[tuple[EpisodeRow, h5py.Group | None]]:
     digest, content = _SEAL.read(path)
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            plain = json.loads(file["episode"][()].tobytes())
-            episode = _EPISODE.validate_json(json.dumps(plain["episode"]), strict=True)
-            group = file["traj"] if plain["recording"] is not None else None
-            yield EpisodeRow(digest, episode, plain["recording"]), group
+            plain = json.loads(array_in(file, "episode", np.uint8, (None,), MOST_ROW).tobytes())
+            episode = _EPISODE.validate_json(json.dumps(plain["episode"], allow_nan=False), strict=True)
+            recorded = plain["recording"]
+            if recorded is not None:
+                recorded = _RECORDED.validate_json(json.dumps(recorded, allow_nan=False), strict=True).model_dump()
+            yield EpisodeRow(digest, episode, recorded), group_in(file, "traj") if recorded is not None else None
     except ValidationError as error:
         field = ".".join(str(part) for part in error.errors()[0]["loc"])
         raise _SEAL.broken(path, field) from error
-    except (KeyError, ValueError, TypeError, RuntimeError, AttributeError) as error:
-        raise _SEAL.broken(path) from error
+    except (KeyError, ValueError, TypeError, RuntimeError, AttributeError, OSError) as error:
+        raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
 
 
 def _recorded(recording: Recording) -> dict[str, Any]:
@@ -155,6 +187,8 @@ def _write_recording(group: h5py.Group, recording: Recording) -> None:
     for name in _ARRAYS:
         _write_array(group, name, getattr(recording, name))
     _write_tree(group.create_group("env_states"), recording.env_states)
+    if recording.reference:
+        _write_tree(group.create_group("reference"), recording.reference)
 
 
 def _write_tree(group: h5py.Group, tree: Tree) -> None:
@@ -180,17 +214,26 @@ def read_recording(group: h5py.Group, recorded: Mapping[str, Any]) -> Recording:
         recorded: what :class:`EpisodeRow` says of it.
 
     Raises:
-        KeyError: something is missing.
+        KeyError: ``recorded`` lacks something.
+        ForeignHdf5Error: the group does, or holds what it may not.
     """
     return Recording(
         seed=recorded["seed"],
         reset_options=recorded["reset_options"],
         instances=recorded["instances"],
         control_mode=recorded["control_mode"],
-        env_states=_read_tree(group["env_states"]),
-        **{name: group[name][()] for name in _ARRAYS},
+        env_states=_read_tree(group_in(group, "env_states"), STATES_DEPTH),
+        reference=_read_tree(group_in(group, "reference"), 1) if "reference" in group else {},
+        **{name: array_in(group, name, most=MOST_ARRAY) for name in _ARRAYS},
     )
 
 
-def _read_tree(group: h5py.Group) -> Tree:
-    return {name: _read_tree(item) if isinstance(item, h5py.Group) else item[()] for name, item in group.items()}
+def _read_tree(group: h5py.Group, depth: int) -> Tree:
+    if not depth:
+        raise ForeignHdf5Error(f"{group.name} lies too deep")
+    return {
+        name: _read_tree(group_in(group, name), depth - 1)
+        if is_group(group, name)
+        else array_in(group, name, most=MOST_ARRAY)
+        for name in members(group)
+    }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,18 @@ import numpy.typing as npt
 
 from gensim2.data.episode_file import LIBVER
 from gensim2.errors import InputError
+from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_group, members
+from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
 CLOUD = "pointcloud/xyz"
 """Is kept in steps of 0.1 mm (:data:`gensim2.observations.cloud.RESOLUTION`), and read in m."""
+
+DESCRIPTION = "observation"
+"""Name of what the file is of, as JSON."""
+MOST_DESCRIPTION = 2**20  # bytes
+DEPTH = 2  # groups inside each other: cameras/left/rgb
 
 _ONE_FRAME: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
@@ -38,12 +45,12 @@ _SEAL = Seal(
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class ObservedEpisode:
     """What is observed of an episode of T steps.
 
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
-            ``language``, ``steps`` and everything of the plan.
+            ``language``, ``steps`` and everything of the spec.
         arrays: by name; (T + 1, ...) but for the cameras' own.
     """
 
@@ -63,7 +70,7 @@ def write_observation(path: Path, description: Mapping[str, Any], arrays: Mappin
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=LIBVER, userblock_size=HEADER_SIZE) as file:
         text = json.dumps(description, allow_nan=False, sort_keys=True).encode()
-        file.create_dataset("observation", data=np.frombuffer(text, np.uint8))
+        file.create_dataset(DESCRIPTION, data=np.frombuffer(text, np.uint8))
         for name, array in arrays.items():
             frame = (1, *array.shape[1:])
             file.create_dataset(name, data=array, chunks=frame if array.ndim > 2 else array.shape, **_ONE_FRAME)
@@ -81,7 +88,31 @@ def read_description(path: Path) -> dict[str, Any]:
         return _description(file, path)
 
 
-def read_observation(path: Path, episode_digest: str | None = None) -> Observation:
+def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
+    """What a whole file is of.
+
+    Raises:
+        DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.
+    """
+    found = read_description(path)
+    if found.get("episode_digest") != episode_digest:
+        raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
+    return found
+
+
+def spec_of_file(description: Mapping[str, Any], path: Path) -> ObservationSpec:
+    """The spec that a file's description tells of.
+
+    Raises:
+        InputError: it tells of none.
+    """
+    try:
+        return ObservationSpec.of({name: description[name] for name in ("modalities", "cameras", "cloud")})
+    except (KeyError, TypeError) as error:
+        raise _SEAL.broken(path, "observation") from error
+
+
+def read_observation(path: Path, episode_digest: str | None = None) -> ObservedEpisode:
     """Return the whole of a file.
 
     Args:
@@ -94,25 +125,40 @@ def read_observation(path: Path, episode_digest: str | None = None) -> Observati
         description = _description(file, path)
         if episode_digest is not None and description.get("episode_digest") != episode_digest:
             raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
-        arrays: dict[str, npt.NDArray[Any]] = {}
+        try:
+            arrays = dict(_arrays(file, "", DEPTH))
+            if CLOUD in arrays:
+                arrays[CLOUD] = from_steps(arrays[CLOUD])
+        except (ValueError, TypeError, OSError, RuntimeError) as error:
+            raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
+    return ObservedEpisode(description, arrays)
 
-        def take(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and name != "observation":
-                arrays[name] = from_steps(item[()]) if name == CLOUD else item[()]
 
-        file.visititems(take)
-    return Observation(description, arrays)
+def _arrays(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
+    """Those in a group and in the groups in it, by their paths."""
+    for name in members(group):
+        if prefix + name == DESCRIPTION:
+            continue
+        if not is_group(group, name):
+            yield prefix + name, array_in(group, name)
+        elif depth:
+            yield from _arrays(group_in(group, name), f"{prefix}{name}/", depth - 1)
+        else:
+            raise ForeignHdf5Error(f"{prefix}{name} lies too deep")
 
 
 def _opened(path: Path) -> h5py.File:
     _, content = _SEAL.read(path)
-    return h5py.File(io.BytesIO(content), "r")
+    try:
+        return h5py.File(io.BytesIO(content), "r")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise _SEAL.broken(path) from error
 
 
 def _description(file: h5py.File, path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(file["observation"][()].tobytes())
-    except (KeyError, ValueError) as error:
+        found = json.loads(array_in(file, DESCRIPTION, np.uint8, (None,), MOST_DESCRIPTION).tobytes())
+    except (ValueError, OSError, RuntimeError) as error:
         raise _SEAL.broken(path) from error
     if not isinstance(found, dict):
         raise _SEAL.broken(path)

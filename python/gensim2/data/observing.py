@@ -3,145 +3,102 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.data.formats.columns import array_of, camera_array
+from gensim2.errors import GenSim2Error
 from gensim2.objects import Library, ObjectModel, open_library
-from gensim2.observations import CloudSettings, EmptyCloudError, PointCloud, View
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.cloud import to_steps
-from gensim2.raycast.observer import Observer
-from gensim2.robots import RobotProfile
+from gensim2.observations.columns import (
+    GRIPPER,
+    PROPRIOCEPTION,
+    STATE,
+    TOOL_POSE,
+    VELOCITY,
+)
+from gensim2.raycast.observer import Observer, Photograph
 from gensim2.robots import robot as robot_profile
 from gensim2.rollout.recording import Recording
 from gensim2.scenes.config import SceneConfig
-from gensim2.sim.cameras import PLACES, observation_cameras
-
-Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]
-MODALITIES: tuple[Modality, ...] = get_args(Modality)
-CAMERAS: tuple[str, ...] = tuple(PLACES)
 
 Arrays = dict[str, npt.NDArray[Any]]
 
-
-@dataclass(frozen=True)
-class Plan:
-    """What is to be observed of every episode of a data set.
-
-    Attributes:
-        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer.
-        cameras: names of those that are used, in the environment's order.
-        cloud: how point clouds are made; its noise is on depth pictures, too.
-    """
-
-    modalities: tuple[Modality, ...] = ("pointcloud",)
-    cameras: tuple[str, ...] = CAMERAS
-    cloud: CloudSettings = field(default_factory=CloudSettings)
-
-    def __post_init__(self) -> None:
-        for name, given, known in (("modalities", self.modalities, MODALITIES), ("cameras", self.cameras, CAMERAS)):
-            unknown = [word for word in given if word not in known]
-            if unknown or not given or len(set(given)) < len(given):
-                message = f"must be some of {', '.join(known)}, each once, is {', '.join(given) or 'nothing'}"
-                raise InputError(message, field=name)
-
-    @property
-    def casts(self) -> bool:
-        """Whether any of it comes from rays."""
-        return bool({"pointcloud", "depth", "segmentation"} & set(self.modalities))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, for JSON; in the order of :data:`MODALITIES` and of the cameras, however they were named."""
-        return {
-            "modalities": [word for word in MODALITIES if word in self.modalities],
-            "cameras": [word for word in CAMERAS if word in self.cameras],
-            "cloud": self.cloud.to_dict(),
-        }
+_STORED = {
+    STATE: "proprioception/qpos",
+    VELOCITY: "proprioception/qvel",
+    TOOL_POSE: "proprioception/tool_pose",
+    GRIPPER: "proprioception/gripper",
+}
+"""Names in files of observations: of what the robot knows of itself."""
 
 
-def observe(recording: Recording, scene: SceneConfig, plan: Plan) -> Arrays:
-    """Everything that the plan asks for, (T + 1, ...) an array; states of T steps, and the one before the first.
+def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Arrays:
+    """Everything that the spec asks for, (T + 1, ...) an array; states of T steps, and the one before the first.
 
     Raises:
         InputError: an object's files cannot be used, or there is no renderer for ``rgb``.
         EmptyCloudError: the cameras see nothing of the workspace at some instant; it says at which.
     """
-    profile = robot_profile(scene.robot)
-    cameras = tuple(camera for camera in observation_cameras(profile) if camera.name in plan.cameras)
-    observer = Observer(profile, _objects(scene, recording.instances), plan.cloud, recording.seed, cameras)
-    arrays: Arrays = {}
-    for camera in cameras:
-        arrays[f"cameras/{camera.name}/intrinsic"] = camera.intrinsic
-        arrays[f"cameras/{camera.name}/T_base_camera"] = camera.T_base_camera
-    arrays |= _proprioception(recording, observer, profile)
-    if plan.casts:
-        arrays |= _cast(recording, observer, plan)
-    if "rgb" in plan.modalities:
-        arrays |= _photographed(recording, scene, plan)
+    observer = _observer(recording, scene, spec)
+    frames: dict[str, list[npt.NDArray[Any]]] = {}
+    for observation in observer.recorded(recording.env_states, recording.actions):
+        for name, array in _stored(observation).items():
+            frames.setdefault(name, []).append(array)
+    arrays: Arrays = {name: np.stack(rows) for name, rows in frames.items()}
+    for camera in observer.cameras:
+        arrays[camera_array(camera.name, "intrinsic")] = camera.intrinsic
+        arrays[camera_array(camera.name, "T_base_camera")] = camera.T_base_camera
     return arrays
 
 
-def _proprioception(recording: Recording, observer: Observer, profile: RobotProfile) -> Arrays:
-    rows = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float32)
-    size = (rows.shape[1] - 13) // 2
-    return {
-        "proprioception/qpos": rows[:, 13 : 13 + size],
-        "proprioception/qvel": rows[:, 13 + size :],
-        "proprioception/tool_pose": observer.scene.tool_poses(recording.env_states),
-    }
+def segmentation_ids(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> dict[str, list[str]]:
+    """Of each id in its segmentation (as JSON has keys) what it belongs to (an object's name, the robot, ``table``)
+    and the link; empty of a spec that casts no rays.
+
+    Raises:
+        InputError: an object's files cannot be used.
+    """
+    if not spec.casts:
+        return {}
+    names = _observer(recording, scene, ObservationSpec(("segmentation",), spec.cameras)).scene.names
+    return {str(id): [owner, link] for id, (owner, link) in names.items()}
 
 
-def _cast(recording: Recording, observer: Observer, plan: Plan) -> Arrays:
-    frames: dict[str, list[npt.NDArray[Any]]] = {}
-    for step, poses in enumerate(observer.poses(recording.env_states)):
-        views = observer.views(poses, step)
-        if "pointcloud" in plan.modalities:
-            try:
-                cloud = observer.cloud(views)
-            except EmptyCloudError as error:
-                raise EmptyCloudError(f"step {step}: {error}") from error
-            _append(frames, _stored_cloud(cloud))
-        for view in views:
-            _append(frames, _stored_view(view, plan))
-    return {name: np.stack(rows) for name, rows in frames.items()}
+def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Observer:
+    return Observer(
+        robot_profile(scene.robot),
+        _objects(scene, recording.instances),
+        spec,
+        recording.seed,
+        scene.task.description,
+        _photograph(recording, scene) if "rgb" in spec.modalities else None,
+    )
 
 
-def _append(frames: dict[str, list[npt.NDArray[Any]]], arrays: Arrays) -> None:
-    for name, array in arrays.items():
-        frames.setdefault(name, []).append(array)
-
-
-def _stored_cloud(cloud: PointCloud) -> Arrays:
-    assert cloud.segmentation is not None
-    return {
-        "pointcloud/xyz": to_steps(cloud.xyz),
-        "pointcloud/rgb": cloud.rgb,
-        "pointcloud/segmentation": cloud.segmentation,
-    }
-
-
-def _stored_view(view: View, plan: Plan) -> Arrays:
-    found: Arrays = {}
-    if "depth" in plan.modalities:
-        found[f"cameras/{view.camera.name}/depth"] = np.rint(1000.0 * view.depth).astype(np.uint16)
-    if "segmentation" in plan.modalities:
-        assert view.segmentation is not None
-        found[f"cameras/{view.camera.name}/segmentation"] = view.segmentation
+def _stored(observation: Observation) -> Arrays:
+    """One instant by the names of its file."""
+    found: Arrays = {_STORED[name]: observation[name] for name in PROPRIOCEPTION}
+    if observation.cloud is not None:
+        assert observation.cloud.segmentation is not None
+        found["pointcloud/xyz"] = to_steps(observation.cloud.xyz)
+        found["pointcloud/rgb"] = observation.cloud.rgb
+        found["pointcloud/segmentation"] = observation.cloud.segmentation
+    for name, array in observation.arrays.items():
+        if (stored := array_of(name)) is not None:
+            found[stored] = array
     return found
 
 
-def _photographed(recording: Recording, scene: SceneConfig, plan: Plan) -> Arrays:
+def _photograph(recording: Recording, scene: SceneConfig) -> Photograph:
     pictures = _pictures(scene)
     pictures.show(recording.instances, recording.seed, recording.reset_options)
-    frames: dict[str, list[npt.NDArray[Any]]] = {}
-    for step in range(recording.steps + 1):
-        images = pictures.at(recording.env_states, step)
-        _append(frames, {f"cameras/{name}/rgb": images[name]["rgb"] for name in plan.cameras})
-    return {name: np.stack(rows) for name, rows in frames.items()}
+    colors: Photograph = pictures.colors
+    return colors
 
 
 @lru_cache(maxsize=2)

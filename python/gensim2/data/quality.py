@@ -12,7 +12,7 @@ import numpy as np
 
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.clearance import ClearanceMeter
-from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
+from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.objects import Library, open_library
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -121,10 +121,9 @@ def _quality(store: TaskStore, profile: RobotProfile, library: Library, progress
 
 def jerk(recording: Recording, profile: RobotProfile) -> float:
     """Root mean square of the arm's jerk over joints and time, rad/s^3, from the joint positions that were reached."""
-    names = profile.model.joint_names
-    columns = [FIRST_JOINT + names.index(name) for name in profile.arm_joints]
+    columns = [FIRST_JOINT + index for index in profile.arm_columns]
     positions = np.asarray(recording.env_states["articulations"][profile.agent], dtype=np.float64)[:, columns]
-    third = np.diff(positions, n=3, axis=0) * CONTROL_STEPS_PER_SECOND**3
+    third = np.diff(positions, n=3, axis=0) * profile.control_hz**3
     return float(np.sqrt(np.mean(np.square(third)))) if len(third) else 0.0
 
 

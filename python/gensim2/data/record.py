@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, model_validator
 
+from gensim2.errors import InputError
 from gensim2.rollout.config import RolloutOptions
 from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.physics import with_current_physics
@@ -14,6 +16,10 @@ from gensim2.seeding import scene_seeds
 DATASET_SCHEMA: Literal[1] = 1
 
 Count = Annotated[int, Field(ge=0)]
+TaskName = Annotated[str, Field(pattern=r"^[A-Z][A-Za-z0-9]*$", max_length=100)]
+"""A task's name is its folder's, too; the same rule as in :class:`~gensim2.tasks.spec.TaskSpec`."""
+
+_OPTIONS: tuple[TypeAdapter[Any], ...] = (TypeAdapter(SceneOptions), TypeAdapter(RolloutOptions))
 
 
 class _Record(BaseModel):
@@ -73,11 +79,22 @@ class DatasetRecord(_Record):
     seed: Count
     episodes: Annotated[int, Field(ge=1)]
     keep_failures: bool
-    tasks: dict[str, TaskRecord]
+    tasks: dict[TaskName, TaskRecord]
     listings: dict[str, str]
     versions: dict[str, str]
     objects: dict[str, ObjectUsed] = {}
     complete: bool = False
+
+    @model_validator(mode="after")
+    def _usable(self) -> DatasetRecord:
+        """Let no arguments in that episodes cannot follow from."""
+        for kind, adapter in zip((SceneOptions, RolloutOptions), _OPTIONS, strict=True):
+            given = {each.name: self.arguments[each.name] for each in fields(kind) if each.name in self.arguments}
+            try:
+                adapter.validate_python(given)
+            except InputError as error:
+                raise ValueError(str(error)) from error
+        return self
 
     @property
     def scene(self) -> SceneOptions:

@@ -11,10 +11,11 @@ from typing import Any
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
-from gensim2.data.observing import Plan, observe
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.observing import observe, segmentation_ids
+from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
-from gensim2.files import remove_temporaries
+from gensim2.files import append, remove_temporaries
+from gensim2.observations import ObservationSpec
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.scenes.config import SceneConfig
@@ -22,7 +23,6 @@ from gensim2.scenes.config import SceneConfig
 SCHEMA_VERSION = 1
 """Of what the command prints."""
 
-OBSERVATIONS = "observations"
 ERRORS_LOG = "render.log"
 
 PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsample", "scipy.spatial")
@@ -68,15 +68,10 @@ class RenderingResult:
         return {"schema_version": SCHEMA_VERSION, **asdict(self), "folder": str(self.folder)}
 
 
-def observation_path(store: TaskStore, index: int) -> Path:
-    """Where the observations of an episode lie."""
-    return store.folder / OBSERVATIONS / f"{index:06d}.h5"
-
-
 def render(
-    folder: Path,
+    folder: Path | str,
     *,
-    plan: Plan | None = None,
+    spec: ObservationSpec | None = None,
     tasks: Sequence[str] = (),
     workers: int = 2,
     resume: bool = False,
@@ -86,14 +81,14 @@ def render(
 ) -> RenderingResult:
     """Observe every episode of a data set that held, one atomic file each.
 
-    What a file holds follows from the episode and the plan alone.
+    What a file holds follows from the episode and the spec alone.
 
     Args:
         folder: of a finished collection.
-        plan: what is observed; None: point clouds.
+        spec: what is observed; None: point clouds.
         tasks: names; none: all of the data set.
         workers: processes; what they leave does not depend on their number.
-        resume: go on with observations that are there, all of the same plan.
+        resume: go on with observations that are there, all of the same spec.
         time_limit, jobs_per_worker: as for ``collect``.
         progress: is told how far it is.
 
@@ -102,7 +97,9 @@ def render(
         WriteError: no room is left; what was finished is kept.
         NotRunError: some episodes could not be run; all others are finished.
     """
-    plan = plan or Plan()
+    folder, spec = Path(folder), spec or ObservationSpec()
+    if spec.is_proprioceptive:
+        raise InputError("must name something that cameras give", field="modalities")
     dataset = DataSet.open(folder)
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
     lock = FolderLock(folder)
@@ -110,7 +107,7 @@ def render(
         for store in wanted.values():
             if (store.folder / OBSERVATIONS).is_dir():
                 remove_temporaries(store.folder / OBSERVATIONS)
-        return _Rendering(dataset, plan, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
+        return _Rendering(dataset, spec, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
     finally:
         lock.release()
 
@@ -118,8 +115,8 @@ def render(
 class _Rendering:
     """One call."""
 
-    def __init__(self, dataset: DataSet, plan: Plan, resume: bool, progress: Progress) -> None:
-        self._dataset, self._plan, self._resume, self._progress = dataset, plan, resume, progress
+    def __init__(self, dataset: DataSet, spec: ObservationSpec, resume: bool, progress: Progress) -> None:
+        self._dataset, self._spec, self._resume, self._progress = dataset, spec, resume, progress
         self._size = self._there = 0
 
     def run(
@@ -128,7 +125,7 @@ class _Rendering:
         missing = [(store, row) for store in stores.values() for row in self._missing(store)]
         scenes = {name: self._scene(store) for name, store in stores.items()}
         jobs = (
-            Job(number, (store.folder, row, scenes[store.name], self._plan))
+            Job(number, (store.folder, row, scenes[store.name], self._spec))
             for number, (store, row) in enumerate(missing)
         )
         self._progress.start("observations", len(missing))
@@ -151,7 +148,7 @@ class _Rendering:
     def _missing(self, store: TaskStore) -> Iterator[LoggedEpisode]:
         """Episodes that held and have no observations yet; damaged ones are removed."""
         for row in store.rows():
-            path = observation_path(store, row.index)
+            path = store.observation_path(row.index)
             if not row.held:
                 continue
             if not path.exists():
@@ -165,8 +162,8 @@ class _Rendering:
                 path.unlink()
                 yield row
                 continue
-            expected = _description(store, row, self._plan)
-            for name in ("episode_digest", *self._plan.to_dict()):
+            expected = _description(store, row, self._spec)
+            for name in ("episode_digest", *self._spec.to_dict()):
                 if found.get(name) != expected[name]:
                     remedy = "give the same, or remove the folder of observations"
                     raise InputError(f"was made with {found.get(name)!r}", file=path, field=name, remedy=remedy)
@@ -179,13 +176,12 @@ class _Rendering:
 
     def _failed(self, failure: Failure) -> None:
         self._progress.message(f"try {failure.number} of job {failure.index} came to nothing: {failure.reason}")
-        with (self._dataset.path / ERRORS_LOG).open("a", encoding="utf-8") as stream:
-            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-            stream.write(f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n")
-            stream.write(failure.traceback or "")
+        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        log = self._dataset.path / ERRORS_LOG
+        append(log, f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}")
 
 
-def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, plan: Plan) -> Rendered:
+def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: ObservationSpec) -> Rendered:
     """Observe one episode and write its file; called in a worker.
 
     Raises:
@@ -197,19 +193,20 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, plan: P
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
     begin = time.process_time()
-    arrays = observe(recording, scene, plan)
+    arrays = observe(recording, scene, spec)
     cpu = time.process_time() - begin
-    path = observation_path(store, row.index)
-    description = _description(store, row, plan) | {
+    path = store.observation_path(row.index)
+    description = _description(store, row, spec) | {
         "language": scene.task.description,
         "robot": scene.robot,
         "steps": recording.steps,
         "seed": recording.seed,
         "instances": recording.instances,
+        "segmentation_ids": segmentation_ids(recording, scene, spec),
     }
     write_observation(path, description, arrays)
     return Rendered(recording.steps + 1, path.stat().st_size, cpu)
 
 
-def _description(store: TaskStore, row: LoggedEpisode, plan: Plan) -> dict[str, Any]:
-    return {"task": store.name, "index": row.index, "episode_digest": row.episode_digest, **plan.to_dict()}
+def _description(store: TaskStore, row: LoggedEpisode, spec: ObservationSpec) -> dict[str, Any]:
+    return {"task": store.name, "index": row.index, "episode_digest": row.episode_digest, **spec.to_dict()}

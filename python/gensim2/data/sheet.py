@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.observation_file import CLOUD, Observation, read_observation
-from gensim2.data.rendering import observation_path
+from gensim2.data.observation_file import CLOUD, ObservedEpisode, read_observation
 from gensim2.data.store import TaskStore
-from gensim2.data.video import CONTROL_STEPS_PER_SECOND, write_video
+from gensim2.data.video import write_video
 from gensim2.files import replacing
+from gensim2.robots import robot
 
 Frame = npt.NDArray[np.uint8]
 
@@ -54,13 +54,13 @@ def contact_sheet(store: TaskStore, root: Path, folder: str) -> tuple[Shot, ...]
         InputError: a file of observations is damaged.
         WriteError: the folder cannot be written to.
     """
-    seen = [row.index for row in store.rows() if row.held and observation_path(store, row.index).exists()]
+    seen = [row.index for row in store.rows() if row.held and store.observation_path(row.index).exists()]
     chosen = {seen[round(place)] for place in np.linspace(0, len(seen) - 1, min(MOST, len(seen)))}
     shots = []
     for row in store.rows():
         if row.index not in chosen:
             continue
-        observation = read_observation(observation_path(store, row.index), row.episode_digest)
+        observation = read_observation(store.observation_path(row.index), row.episode_digest)
         first, last = picture(observation, 0), picture(observation, -1)
         if first is not None and last is not None:
             file = f"{folder}/{store.name}-{row.index:06d}.png"
@@ -78,7 +78,7 @@ def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) ->
         InputError: the file of observations is damaged.
         WriteError: a file cannot be written.
     """
-    path = observation_path(store, row.index)
+    path = store.observation_path(row.index)
     if not path.exists():
         return False
     observation = read_observation(path, row.episode_digest)
@@ -88,13 +88,13 @@ def film_seen(store: TaskStore, row: LoggedEpisode, video: Path, still: Path) ->
     if not large:
         return False
     with replacing(video) as file:
-        write_video(file, large, CONTROL_STEPS_PER_SECOND)
+        write_video(file, large, robot(str(observation.description["robot"])).control_hz)
     with replacing(still) as file:
         imageio.imwrite(file, large[len(large) // 2])
     return True
 
 
-def picture(observation: Observation, step: int) -> Frame | None:
+def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     """(H, W, 3) of one instant: what a camera took, or the point cloud as a camera sees it; None without either.
 
     The right camera comes first: it sees the side of the object that the robot works on.

@@ -9,9 +9,10 @@ for row in dataset.task("OpenBox").rows():          # every episode that was tri
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
 from gensim2.data.episode_file import (
@@ -24,15 +25,24 @@ from gensim2.data.episode_file import (
     write_episode,
 )
 from gensim2.data.record import DatasetRecord
-from gensim2.errors import InputError
+from gensim2.data.recorded import check_recording
+from gensim2.errors import InputError, brief
 from gensim2.files import replacing, write_json
+from gensim2.foreign.tree import ForeignTree, open_regular, why
+from gensim2.observations import ObservationSpec
 from gensim2.record_files import read_record
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
-DATASET_JSON, ROWS = "dataset.json", "episodes.jsonl"
+if TYPE_CHECKING:
+    from gensim2.data.frame_access import FrameAccess
+
+DATASET_JSON, ROWS, OBSERVATIONS = "dataset.json", "episodes.jsonl", "observations"
+
+LAST_INDEX = 999_999_999
+MOST_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
 
 _EPISODE_FILE = re.compile(r"^(\d{6,9})\.h5$")
 _ROWS_REMEDY = "delete the file and collect with --resume: it is made again from the episodes"
@@ -86,6 +96,10 @@ class TaskStore:
         """``episodes.jsonl``."""
         return self.folder / ROWS
 
+    def observation_path(self, index: int) -> Path:
+        """Where the observations of an episode lie."""
+        return self.folder / OBSERVATIONS / f"{index:06d}.h5"
+
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode, whole or not at all, and return the digest of its file.
 
@@ -106,13 +120,23 @@ class TaskStore:
             InputError: the file is not there, because the collection is not complete, or it cannot be read.
         """
         path = self.rows_path
+        last = -1
         try:
-            with path.open("rb") as stream:
-                for number, line in enumerate(stream, 1):
-                    yield parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
+            with open_regular(self._inside(path)) as stream:
+                number = 0
+                while line := stream.readline(MOST_LINE + 1):
+                    number += 1
+                    if len(line) > MOST_LINE:
+                        wrong = f"has over {MOST_LINE // 2**20} MiB"
+                        raise InputError(wrong, file=path, field=f"line {number}", remedy=_ROWS_REMEDY)
+                    row = parse_line(line.rstrip(b"\n"), path, number, _ROWS_REMEDY)
+                    if not last < row.index <= LAST_INDEX:
+                        wrong = f"is {brief(row.index)}, must rise from line to line up to {LAST_INDEX}"
+                        raise InputError(wrong, file=path, field=f"line {number}: index", remedy=_ROWS_REMEDY)
+                    last = row.index
+                    yield row
         except OSError as error:
-            remedy = "finish the collection with --resume"
-            raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+            raise InputError(why(error), file=path, remedy="finish the collection with --resume") from error
 
     def logged(self) -> list[LoggedEpisode]:
         """Return the episodes that are finished, by index, while others may be under way; damaged ones are left out.
@@ -129,13 +153,26 @@ class TaskStore:
         """Return the whole of an episode.
 
         Raises:
-            InputError: its file is gone, damaged or not the one that the row is of.
+            InputError: its file is gone, damaged or not the one that the row is of, or its recording is none of the
+                episode (:func:`~gensim2.data.recorded.check_recording`), or one that held has none.
         """
-        path = self.path(row.index, row.held)
+        path = self._inside(self.path(row.index, row.held))
         stored = read_episode(path)
-        if stored.row.digest != row.episode_digest:
+        if stored.row.digest != row.episode_digest or stored.row.episode != row.episode:
             raise DamagedEpisodeError("is not the episode that its row is of", file=path, remedy="delete it and resume")
+        if stored.recording is not None:
+            check_recording(stored.recording, row, path)
+        elif row.held:
+            raise DamagedEpisodeError("holds no states", file=path, remedy="delete it and resume")
         return stored
+
+    def _inside(self, path: Path) -> Path:
+        """A file of the task, or of nothing else.
+
+        Raises:
+            InputError: a link leads out of the folder.
+        """
+        return ForeignTree(self.folder).inside(str(path.relative_to(self.folder)))
 
     def found(self) -> Iterator[Found]:
         """All files of episodes that there are, damaged ones too.
@@ -193,18 +230,46 @@ class DataSet:
         self.path, self.record = path, record
 
     @staticmethod
-    def open(path: Path) -> DataSet:
+    def open(path: Path | str) -> DataSet:
         """Read what a collection left, finished or not.
 
         Raises:
             InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
         """
+        path = Path(path)
         file = path / DATASET_JSON
         return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
 
     def save(self) -> None:
         """Write ``dataset.json``."""
         write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
+        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
+
+        Args:
+            tasks, observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
+
+        Raises:
+            InputError: as there.
+        """
+        from gensim2.data.frame_access import FrameAccess
+
+        return FrameAccess(self, tasks, observations=observations, horizon=horizon)
+
+    def observation_spec(self) -> ObservationSpec:
+        """What its observations are of.
+
+        Raises:
+            InputError: it was not rendered, or a file of observations is damaged.
+        """
+        from gensim2.data.observation_file import read_description, spec_of_file
+
+        for name in self.tasks:
+            first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
+            if first is not None:
+                return spec_of_file(read_description(first), first)
+        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
 
     @property
     def tasks(self) -> tuple[str, ...]:
@@ -219,4 +284,4 @@ class DataSet:
         """
         if name not in self.record.tasks:
             raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
-        return TaskStore(self.path / name)
+        return TaskStore(ForeignTree(self.path).inside(name))

@@ -30,6 +30,7 @@ from gensim2.data.episode_file import (
 )
 from gensim2.errors import InputError
 from gensim2.files import replacing
+from gensim2.rollout.controller_spec import CHAIN
 from gensim2.tasks.spec import TaskSpec
 
 SCHEMA_VERSION = 2
@@ -48,6 +49,7 @@ class Provenance:
         seed: of the run.
         environment: further arguments of the environment (the robot, the physics), where they are not its defaults.
         details: anything else worth keeping (versions, command), as plain data.
+        controller: who decided the actions, ``module:Class`` or ``FILE.py:Class``.
     """
 
     task: TaskSpec
@@ -57,6 +59,7 @@ class Provenance:
     seed: int
     environment: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+    controller: str = CHAIN
 
 
 def write_trajectory(folder: Path, provenance: Provenance, episodes: Sequence[tuple[Path, str | None]]) -> None:
@@ -155,6 +158,10 @@ def env_kwargs(
     return kwargs
 
 
+def _source(controller: str) -> str:
+    return "gensim2 keypoint planner" if controller == CHAIN else f"controller {controller}"
+
+
 def _document(provenance: Provenance, instances: dict[str, list[str]]) -> dict[str, Any]:
     """The JSON file without its episodes."""
     task = provenance.task
@@ -166,10 +173,11 @@ def _document(provenance: Provenance, instances: dict[str, list[str]]) -> dict[s
             "max_episode_steps": task.max_episode_steps,
         },
         "commit_info": None,
-        "source_type": "motionplanning",
-        "source_desc": f"gensim2 keypoint planner: {task.description}",
+        "source_type": "motionplanning" if provenance.controller == CHAIN else "controller",
+        "source_desc": f"{_source(provenance.controller)}: {task.description}",
         "gensim2": {
             "schema_version": SCHEMA_VERSION,
+            "controller": provenance.controller,
             "task": task.model_dump(mode="json"),
             "strategies": {name: dict(strategy) for name, strategy in provenance.strategies.items()},
             "seed": provenance.seed,

@@ -16,12 +16,11 @@ import numpy.typing as npt
 from gensim2.data.trajectory import JSON_NAME, env_kwargs
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.files import replacing
+from gensim2.robots import DEFAULT_ROBOT, robot
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.spec import TaskSpec
 
 Frame = npt.NDArray[np.uint8]
-
-CONTROL_STEPS_PER_SECOND = 20
 
 LONG = 200
 """Control steps beyond which every second one is shown: a picture without a GPU takes a quarter of a second."""
@@ -41,6 +40,11 @@ class Replay:
     env_kwargs: Mapping[str, Any]
     reset_kwargs: Mapping[str, Any]
     actions: npt.NDArray[np.float32]
+
+    @property
+    def control_hz(self) -> int:
+        """Rate of the robot's actions."""
+        return robot(self.env_kwargs.get("robot", DEFAULT_ROBOT)).control_hz
 
     @staticmethod
     def stored(trajectory: Path, episode: int = 0) -> Replay:
@@ -104,7 +108,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
     shown = _Shown()
     stride = stride or (1 if len(replay.actions) <= LONG else 2)
     with replacing(video) as path:
-        write_video(path, _frames(replay, shown, stride), speed * CONTROL_STEPS_PER_SECOND / stride)
+        write_video(path, _frames(replay, shown, stride), speed * replay.control_hz / stride)
     if still is not None:
         with replacing(still) as path:
             imageio.imwrite(path, shown.farthest)

@@ -52,7 +52,7 @@ def add_task(
         UnverifiedTaskError: too few episodes held; says how many, and why the others did not.
         NotRunError: episodes could not be run.
     """
-    check_counts(episodes=episodes, workers=workers)
+    check_counts(episodes=episodes)
     if episodes < LEAST_EPISODES:
         raise InputError(f"must be at least {LEAST_EPISODES}, not {episodes}", field="episodes")
     memory = memory or Memory()

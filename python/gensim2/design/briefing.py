@@ -28,7 +28,7 @@ def robot_summary(name: str) -> RobotSummary:
         robot=profile.name,
         base=(x, y),
         reach=profile.reach,
-        stroke=len(profile.gripper.joints) * profile.gripper.open,
+        stroke=profile.gripper.widest,
         tool_keypoints=dict(profile.tool_keypoint_descriptions),
     )
 

@@ -8,7 +8,15 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.evaluation.benchmarking import benchmark
+    from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 
-__all__ = ["benchmark"]
+__all__ = ["EvaluationResult", "benchmark", "evaluate"]
 
-__getattr__ = lazy_names(__name__, {"benchmark": "gensim2.evaluation.benchmarking"})
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "EvaluationResult": "gensim2.evaluation.evaluating",
+        "benchmark": "gensim2.evaluation.benchmarking",
+        "evaluate": "gensim2.evaluation.evaluating",
+    },
+)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.evaluation.benchmark_table import TaskRow, groups
+from gensim2.evaluation.running import run_episodes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
-from gensim2.rollout.config import DISTURBANCES, Disturbance, RolloutArguments
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
-from gensim2.rollout.record import Episode
+from gensim2.rollout.config import DISTURBANCES, Disturbance, EpisodeConfig, RolloutArguments
+from gensim2.rollout.inputs import check_counts, check_workers, read_task_inputs
+from gensim2.tasks.strategies import Strategies
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ def benchmark(
     names = [one.spec.name for one in given]
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.rollout import worker
     from gensim2.rollout.evaluator import PoolEvaluator
     from gensim2.rollout.identity import identity, versions
 
@@ -142,7 +144,18 @@ def benchmark(
         rows, speeds = [], {}
         for one in given:
             name = one.spec.name
-            found, speeds[name] = _episodes(one, evaluator, folder.task(name).path, runs, episodes, seed, progress)
+            config = evaluator.config(one.spec, one.instances)
+            found, speeds[name] = run_episodes(
+                one.spec,
+                folder.task(name).path,
+                evaluator,
+                worker.episode,
+                partial(_arguments, config, one.strategies),
+                runs=runs,
+                episodes=episodes,
+                seed=seed,
+                progress=progress,
+            )
             folder.add_episodes(library, found, folder.path / "run.json")
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
@@ -154,25 +167,5 @@ def benchmark(
     return result
 
 
-def _episodes(
-    given: TaskInput, evaluator: Any, folder: Path, runs: int, episodes: int, seed: int, progress: Progress
-) -> tuple[list[Episode], float | None]:
-    """All episodes of a task, run after run, and how many a second were run; those that its log holds are not."""
-    from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
-    from gensim2.processes import Job
-    from gensim2.rollout import worker
-    from gensim2.seeding import scene_seeds
-
-    task = given.spec
-    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
-    log = AttemptLog(folder / ATTEMPTS, seeds)
-    progress.start(task.name, len(seeds))
-    progress.advance(len(log.done))
-    config = evaluator.config(task, given.instances)
-    jobs = [Job(i, (config, given.strategies, seeds[i])) for i in range(len(seeds)) if i not in log.done]
-    begin = time.perf_counter()
-    for index, episode in evaluator.run(worker.episode, jobs, f"{task.name}: episodes"):
-        log.add(LoggedEpisode.of(episode, index))
-        progress.advance()
-    speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
-    return [entry.episode for entry in log.finish(len(seeds))], speed
+def _arguments(config: EpisodeConfig, strategies: Strategies, _: int, seed: int) -> tuple[Any, ...]:
+    return config, strategies, seed

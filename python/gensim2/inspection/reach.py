@@ -53,7 +53,9 @@ def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile)
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
         point = transform(link_pose(instance, openness), point[None])[0]
-    return np.asarray(world_rotation(instance) @ point + instance.placement.position - robot.base_position)
+    T_base_world = np.linalg.inv(robot.T_world_base)
+    at = world_rotation(instance) @ point + instance.placement.position
+    return np.asarray(T_base_world[:3, :3] @ at + T_base_world[:3, 3])
 
 
 @cache
@@ -70,8 +72,9 @@ def _config() -> kpam.SolverConfig:
 
 
 def _table(robot: RobotProfile) -> kpam.Body:
-    T_base_table = np.eye(4)
-    T_base_table[:3, 3] = np.array([0.0, 0.0, -HALF_SIZE[2]]) - robot.base_position
+    T_world_table = np.eye(4)
+    T_world_table[2, 3] = -HALF_SIZE[2]
+    T_base_table = np.linalg.inv(robot.T_world_base) @ T_world_table
     return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], T_base_table)
 
 

@@ -30,7 +30,7 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
     at_most("hull_count", len(rigid.hulls[BODY]), MOST_HULLS)
     at_most("mass", rigid.mass, MASSES[1])
     at_most("mass_least", MASSES[0], rigid.mass)
-    at_most("grip_width", rigid.grip.width, 2 * robot().gripper.open - SPARE)
+    at_most("grip_width", rigid.grip.width, robot().gripper.widest - SPARE)
     points = np.concatenate(rigid.hulls[BODY])
     R = rigid.placement.rotation
     at_most("base_height", abs(float((points @ R[2]).min() + rigid.placement.position[2])), BASE_HEIGHT)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects.model import Model
 from gensim2.objects.physics import ClassRule
+from gensim2.objects.region import STANDARD_REGION, PlacementRegion
 from gensim2.objects.shapes import rotation, transform
-from gensim2.objects.types import Placement
-from gensim2.robots import RobotProfile
+from gensim2.objects.types import Keypoint, Placement
 
 Array = npt.NDArray[np.float64]
 
@@ -20,17 +22,17 @@ LYING = np.array(
 )  # on its back: the model's front looks up, its top at the robot
 
 
-def work_keypoint(model: Model) -> str:
+def work_keypoint(keypoints: Mapping[str, Keypoint], moving_link: str) -> str:
     """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first on the moving link."""
-    if "articulated_object_head" in model.keypoints:
+    if "articulated_object_head" in keypoints:
         return "articulated_object_head"
-    return next((n for n, k in model.keypoints.items() if k.link == model.moving_link), next(iter(model.keypoints)))
+    return next((name for name, point in keypoints.items() if point.link == moving_link), next(iter(keypoints)))
 
 
 def stance(model: Model, rule: ClassRule) -> Array:
     """(3, 3) root to world: upright or flat, then turned so that the robot's side faces the robot."""
     tilt = LYING if rule.stance == "flat" else np.eye(3)
-    name = work_keypoint(model)
+    name = work_keypoint(model.keypoints, model.moving_link)
     values = model.lower + (model.upper - model.lower) * np.linspace(0, 1, SAMPLES)
     track = np.array([model.keypoint_in_root(name, q) for q in values]) @ tilt.T
     yaw = 0.0
@@ -48,16 +50,16 @@ def stance(model: Model, rule: ClassRule) -> Array:
     return np.round(rotation((0, 0, 1), yaw)) @ tilt
 
 
-def place(model: Model, rule: ClassRule, robot: RobotProfile) -> Placement:
-    """Default placement of a model in front of a robot.
+def place(model: Model, rule: ClassRule, region: PlacementRegion = STANDARD_REGION) -> Placement:
+    """Default placement of a model in a region before a robot.
 
     Height: the lowest point over the joint's whole range rests on the table. Forward: the head keypoint at a
     comfortable reach, unless something tall would come near the hand at rest. Sideways: the usual keypoint in front
     of the robot.
     """
-    space, base_x = robot.workspace, robot.base_position[0]
+    space, base_x = region, region.base_x
     R = stance(model, rule)
-    name = work_keypoint(model)
+    name = work_keypoint(model.keypoints, model.moving_link)
     body = [transform(np.eye(4), h) @ R.T for h in model.body.hulls]
     swept = []
     track = []

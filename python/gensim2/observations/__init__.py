@@ -1,24 +1,55 @@
-"""What a policy sees, made of depth pictures: the same code for a simulated camera and a real one.
+"""What a policy sees: the same code for a simulated camera and a real one, in training and in evaluation.
 
 Depth pictures of several cameras become one point cloud in the robot's base frame, cropped to the workspace, with the
-robot's own gripper in it, sampled to a set size. Nothing here knows a simulator.
+robot's own gripper in it, sampled to a set size; beside it stand the robot's joints, its tool pose, its gripper and the
+sentence. An :class:`ObservationSpec` says what is seen, an :class:`Encoder` makes :class:`Observation` of it. Nothing
+here knows a simulator.
 """
 
 from __future__ import annotations
 
-from gensim2.observations.camera import Camera
-from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, Robot, point_cloud
-from gensim2.observations.noise import DepthNoise
-from gensim2.observations.view import Picture, View
+from typing import TYPE_CHECKING
+
+from gensim2.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from gensim2.observations.camera import Camera
+    from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, Robot, point_cloud
+    from gensim2.observations.encoder import Encoder
+    from gensim2.observations.noise import DepthNoise
+    from gensim2.observations.observation import Observation
+    from gensim2.observations.spec import ObservationSpec
+    from gensim2.observations.view import Picture, View
 
 __all__ = [
     "Camera",
     "CloudSettings",
     "DepthNoise",
     "EmptyCloudError",
+    "Encoder",
+    "Observation",
+    "ObservationSpec",
     "Picture",
     "PointCloud",
     "Robot",
     "View",
     "point_cloud",
 ]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "Camera": "gensim2.observations.camera",
+        "CloudSettings": "gensim2.observations.cloud",
+        "DepthNoise": "gensim2.observations.noise",
+        "EmptyCloudError": "gensim2.observations.cloud",
+        "Encoder": "gensim2.observations.encoder",
+        "Observation": "gensim2.observations.observation",
+        "ObservationSpec": "gensim2.observations.spec",
+        "Picture": "gensim2.observations.view",
+        "PointCloud": "gensim2.observations.cloud",
+        "Robot": "gensim2.observations.cloud",
+        "View": "gensim2.observations.view",
+        "point_cloud": "gensim2.observations.cloud",
+    },
+)

@@ -67,6 +67,7 @@ class Schedule:
     Attributes:
         actions: (N, m + 1) arm joint targets, ahead by the drives' lag, and the gripper command.
         times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
+        reference: (N, 2, m) arm joints and velocities that are meant at the end of each step, whatever drives them.
         contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
         actuation: the first step at the actuation pose.
         gripped: the first step after the fingers have closed on something, or None; may be N.
@@ -75,6 +76,7 @@ class Schedule:
 
     actions: npt.NDArray[np.float32]
     times: Array
+    reference: npt.NDArray[np.float32]
     contact: int
     actuation: int
     gripped: int | None
@@ -104,9 +106,8 @@ def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness:
     Args:
         stiffness: of the fingers' drives, N/m; None takes the profile's.
     """
-    gripper = profile.gripper
-    target = pad_distance / len(gripper.joints) - force / (stiffness or gripper.stiffness)
-    return float(np.clip(gripper.command(target), CLOSED, OPEN))
+    command = profile.gripper.grip(pad_distance, force, stiffness or profile.finger_drive.stiffness)
+    return float(np.clip(command, CLOSED, OPEN))
 
 
 def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
@@ -124,8 +125,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     if trajectory is None:
         raise ValueError(f"the plan has no trajectory: {plan.reason}")
     rate = profile.control_hz
-    joints = [profile.model.joint_names.index(name) for name in profile.arm_joints]
-    arm = trajectory.sample_every(1.0 / rate)[:, joints]
+    arm = trajectory.sample_every(1.0 / rate)[:, list(profile.arm_columns)]
     reached = {frame["label"]: frame["time"] for frame in plan.keyframes if frame["time"] is not None}
 
     def step_of(label: str) -> int | None:
@@ -140,7 +140,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     at, gripped, released = 0, None, None
     if acts.fingers in ("grasp", "release") and actuation is not None:
         rows.move(at, actuation)
-        rows.dwell(actuation, rows.command, profile.lag_steps)
+        rows.dwell(actuation, rows.command, rows.settling)
         if acts.fingers == "release":
             released = len(rows)
             rows.dwell(actuation, OPEN, profile.gripper_steps)
@@ -154,7 +154,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     if let_go is not None:
         rows.move(at, let_go)
         if acts.fingers in ("grasp", "hold"):
-            rows.dwell(let_go, rows.command, profile.lag_steps)
+            rows.dwell(let_go, rows.command, rows.settling)
             released = len(rows)
             rows.dwell(let_go, OPEN, profile.gripper_steps)
         at = let_go
@@ -164,6 +164,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     return Schedule(
         actions,
         times,
+        rows.reference(),
         contact=_first(times, (step_of("pre_0") or 0) / rate),
         actuation=len(times) if actuation is None else _first(times, actuation / rate),
         gripped=gripped,
@@ -174,8 +175,10 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
 class _Rows:
     """Actions under way."""
 
-    def __init__(self, arm: Array, lag: int, rate: int, command: float) -> None:
-        self._arm, self._lag, self._rate = arm, lag, rate
+    def __init__(self, arm: Array, lags: tuple[int, ...], rate: int, command: float) -> None:
+        self._arm, self._lags, self._rate = arm, np.array(lags), rate
+        self._columns = np.arange(len(lags))
+        self.settling = max(lags)
         self.command = command
         self._targets: list[Array] = []
         self._commands: list[float] = []
@@ -187,7 +190,7 @@ class _Rows:
     def move(self, start: int, end: int) -> None:
         """Follow the samples from one to another, ahead by the lag; the last one is held."""
         for step in range(start, end + 1):
-            self._add(self._arm[min(step + self._lag, end)], step)
+            self._add(self._arm[np.minimum(step + self._lags, end), self._columns], step)
 
     def dwell(self, step: int, command: float, count: int) -> None:
         """Stay at a sample with a gripper command."""
@@ -197,11 +200,16 @@ class _Rows:
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
         """Close slowly at a sample to a command, and press."""
-        gripper = profile.gripper
-        travel = 0.5 * (self.command - grip) * (gripper.open - gripper.closed)
+        travel = profile.gripper.travel(self.command, grip)
         for command in np.linspace(self.command, grip, ceil(travel * self._rate / CLOSING_SPEED) + 1)[1:]:
             self.dwell(step, float(command), 1)
-        self.dwell(step, grip, self._lag + ceil(HOLD_SECONDS * self._rate))
+        self.dwell(step, grip, self.settling + ceil(HOLD_SECONDS * self._rate))
+
+    def reference(self) -> npt.NDArray[np.float32]:
+        """(N, 2, m) positions and velocities that the targets are made of; where a sample stays, nothing moves."""
+        positions = self._arm[self._steps]
+        velocities = np.diff(positions, axis=0, prepend=positions[:1]) * self._rate
+        return np.stack([positions, velocities], axis=1).astype(np.float32)
 
     def _add(self, target: Array, step: int) -> None:
         self._targets.append(target)

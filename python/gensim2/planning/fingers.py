@@ -26,7 +26,7 @@ class Fingers:
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
         #: Where finger joints stand among the robot's active joints.
-        self.joints = [profile.model.joint_names.index(name) for name in profile.gripper.joints]
+        self.joints = list(profile.gripper_columns)
 
     def acts(
         self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
@@ -38,7 +38,7 @@ class Fingers:
             grip: command to which it closes.
             gently: whether it closes slowly.
         """
-        present = self.command(float(scene.q[self.joints[0]]))
+        present = _clipped(self._profile.gripper.command_at(scene.q[self.joints]))
         fingers = strategy.fingers
         if scene.held is not None or fingers in ("hold", "release"):
             # What is held is pressed; bare fingers stay where they are.
@@ -57,23 +57,25 @@ class Fingers:
         force = grip_force(scene.objects[scene.held].mass or 0.0) if scene.held_force is None else scene.held_force
         return grip_on(scene.held_width, force, self._profile, scene.finger_stiffness)
 
-    def command(self, finger: float) -> float:
-        """The gripper command that takes a finger joint there."""
-        return float(np.clip(self._profile.gripper.command(finger), CLOSED, OPEN))
+    def command(self, opening: float) -> float:
+        """The gripper command that takes the pads so far (m) apart."""
+        return _clipped(self._profile.gripper.command(opening))
 
-    def position(self, command: float) -> float:
-        """Where a finger joint (m) stands at a gripper command."""
-        gripper = self._profile.gripper
-        value = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
-        return float(max(value, 0.0))
+    def positions(self, command: float) -> Array:
+        """(g,) joints of the gripper at a command."""
+        return self._profile.gripper.at_command(command)
 
     def around(self, q: Array, width: float, scene: Scene) -> Array:
         """(n,) joints ``q`` of a hand that has taken what keeps its pads ``width`` (m) apart.
 
         Stiff drives stand about where they were sent, soft ones where what they press on stops them.
         """
-        if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.gripper.stiffness:
+        if scene.finger_stiffness is None or scene.finger_stiffness >= self._profile.finger_drive.stiffness:
             return q
         stopped = q.copy()
-        stopped[self.joints] = width / len(self.joints)
+        stopped[self.joints] = self._profile.gripper.at_opening(width)
         return stopped
+
+
+def _clipped(command: float) -> float:
+    return float(np.clip(command, CLOSED, OPEN))

@@ -43,8 +43,7 @@ class StepProblems:
     def __init__(self, profile: RobotProfile, options: kpam.Options, world: PlanningWorld) -> None:
         self._profile, self._options, self._world = profile, options, world
         self._floors: dict[str, tuple[SceneObject, Array]] = {}
-        names = profile.model.joint_names
-        self._fingers = [names.index(name) for name in profile.gripper.joints]
+        self._fingers = list(profile.gripper_columns)
 
     def clearances(self, scene: Scene, step: Step, strategy: KeypointStrategy) -> tuple[float | None, ...]:
         """Those to be kept from what the hand reaches for, in order of preference."""
@@ -59,7 +58,7 @@ class StepProblems:
         self, scene: Scene, step: Step, strategy: KeypointStrategy, options: kpam.Options | None = None
     ) -> kpam.KeypointProblem:
         """The problem that a config poses on a scene; ``options`` take the place of the planner's."""
-        thing = scene.objects[step.object]
+        thing, gripper = scene.objects[step.object], self._profile.gripper
         fingers = strategy.fingers
         acts: dict[str, Any] = {}
         if fingers == "grasp" and thing.is_rigid and scene.held is None:
@@ -71,7 +70,7 @@ class StepProblems:
         if strategy.contact_speed is not None:
             acts["contact_speed"] = float(strategy.contact_speed)
         if fingers == "grasp" and strategy.opening is not None:
-            acts["finger_width"] = min(strategy.opening / 2, self._profile.gripper.open)
+            acts["finger_width"] = gripper.planned(min(strategy.opening, gripper.widest))
         return self.posed(scene, step, strategy.solver_config, fingers, joint, {**(options or {}), **acts})
 
     def posed(
@@ -139,9 +138,9 @@ class StepProblems:
         """Joints at the start, the fingers as they stand during the approach."""
         q = self._world.joints(scene) if scene.held is not None or fingers == "hold" else scene.q.copy()
         if fingers == "closed" and scene.held is None:
-            q[self._fingers] = 0.0
+            q[self._fingers] = self._profile.gripper.at_opening(0.0)
         elif fingers in ("open", "grasp") and scene.held is None:
-            q[self._fingers] = self._profile.gripper.open
+            q[self._fingers] = self._profile.gripper.at_opening(self._profile.gripper.widest)
         return q
 
 

@@ -43,7 +43,7 @@ class StepPlanner:
         self._world = PlanningWorld(profile)
         self._problems = StepProblems(profile, options, self._world)
         self._fingers = Fingers(profile)
-        self._gripper = kpam.ParallelGripper.of_robot(profile.model, **profile.tool_keypoints)
+        self._gripper = profile.gripper.grasping(profile.model, profile.tool_keypoints)
 
     def plan(
         self,
@@ -111,7 +111,7 @@ class StepPlanner:
             return StepPlan(plan.status, plan.reason, plan, None, None)
         thing = scene.objects[step.object]
         picks = thing.name if strategy.fingers == "grasp" and thing.is_rigid and scene.held is None else None
-        opening = OPEN if strategy.opening is None else self._fingers.command(strategy.opening / 2)
+        opening = OPEN if strategy.opening is None else self._fingers.command(strategy.opening)
         acts = self._fingers.acts(scene, strategy, opening, gently=picks is not None)
         rows = schedule(plan, acts, self.profile)
         after = self._after(scene, step, problem, plan, rows, picks)
@@ -130,7 +130,7 @@ class StepPlanner:
         assert trajectory is not None
         hand = self.profile.model.forward_kinematics
         end = np.array(trajectory.positions[-1])
-        end[self._fingers.joints] = self._fingers.position(float(rows.actions[-1, -1]))
+        end[self._fingers.joints] = self._fingers.positions(float(rows.actions[-1, -1]))
         acting = next((f["time"] for f in plan.keyframes if f["label"] == "actuation" and f["time"] is not None), None)
         after = scene
         joint = scene.objects[step.object].joint
@@ -195,7 +195,7 @@ class StepPlanner:
         points, config = grasp_config(scene, grasp, self.profile, strategy, swapped)
         options = {
             "pick": [step.object],
-            "finger_width": float(min(grasp.opening / 2, self.profile.gripper.open)),
+            "finger_width": self.profile.gripper.planned(float(min(grasp.opening, self.profile.gripper.widest))),
             "allow_partial": False,
         }
         problem = self._problems.posed(scene, step, config, "grasp", None, options, points)
@@ -205,7 +205,7 @@ class StepPlanner:
         thing = scene.objects[step.object]
         margin = max(margin_of(grasp, scene, step.object, strategy), HELD)
         force = grip_force(thing.mass or 0.0, margin, lever_of(grasp, thing, self.profile))
-        opening = self._fingers.command(grasp.opening / 2)
+        opening = self._fingers.command(grasp.opening)
         grip = grip_on(grasp.width, force, self.profile, scene.finger_stiffness)
         acts = self._fingers.acts(scene, strategy, opening, grip, gently=True)
         rows = schedule(plan, acts, self.profile)

@@ -1,21 +1,27 @@
-"""What a policy sees of a recorded state: one function for data sets and for evaluation."""
+"""Observations of simulated states: one class for data sets, for environments and for controllers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
-from gensim2.observations import Camera, CloudSettings, DepthNoise, PointCloud, View, point_cloud
+from gensim2.observations import DepthNoise, EmptyCloudError, Encoder, Observation, ObservationSpec, View
+from gensim2.observations.cameras import observation_cameras
+from gensim2.raycast.kinematics import state_rows
 from gensim2.raycast.scene import RaycastScene
-from gensim2.robots import RobotProfile
+from gensim2.robots import OPEN, RobotProfile
 from gensim2.seeding import rng
-from gensim2.sim.cameras import observation_cameras
 
 Array = npt.NDArray[np.float64]
+Photograph = Callable[[Mapping[str, Any], int], Mapping[str, npt.NDArray[np.uint8]]]
+"""Colour pictures (H, W, 3) by camera, of one row of states."""
+
+_ROOT = 13
+"""Numbers before the joints in a state of ManiSkill's: root pose and velocities."""
 
 
 class Observer:
@@ -24,9 +30,10 @@ class Observer:
     Args:
         profile: of the robot.
         objects: by name, in the task's order.
-        settings: of the point clouds.
+        spec: what is seen.
         seed: of the episode's reset; the noise follows from it.
-        cameras: None takes the environment's three.
+        language: what is to be done.
+        photograph: gives colour pictures, where the spec asks for them.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -37,42 +44,86 @@ class Observer:
         self,
         profile: RobotProfile,
         objects: Mapping[str, ObjectModel],
-        settings: CloudSettings,
+        spec: ObservationSpec,
         seed: int,
-        cameras: Sequence[Camera] | None = None,
+        language: str = "",
+        photograph: Photograph | None = None,
     ) -> None:
-        self.settings, self._seed = settings, seed
-        self.scene = RaycastScene(profile, objects, observation_cameras(profile) if cameras is None else cameras)
+        self.spec, self._profile, self._seed, self._photograph = spec, profile, seed, photograph
+        self.cameras = tuple(camera for camera in observation_cameras(profile) if camera.name in spec.cameras)
+        self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
+        self._encoder = Encoder(spec, profile, language, None if self._scene is None else self._scene.robot)
 
-    def poses(self, states: Mapping[str, Any]) -> Array:
-        """(T, L, 4, 4) of what is seen, from ManiSkill's ``env_states`` of T instants.
+    @property
+    def scene(self) -> RaycastScene:
+        """What rays meet; of a spec that casts any."""
+        assert self._scene is not None, "the spec casts no rays"
+        return self._scene
 
-        Raises:
-            InputError: they are not of this scene.
-        """
-        return self.scene.poses(states)
-
-    def views(self, poses: Array, step: int) -> tuple[View, ...]:
-        """The cameras' pictures, with the noise of the settings on them.
+    def observe(self, states: Mapping[str, Any], step: int, command: float = OPEN) -> Observation:
+        """One instant.
 
         Args:
-            poses: (L, 4, 4), one row of :meth:`poses`.
+            states: ManiSkill's ``env_states``, one row an array.
+            step: control steps since the reset.
+            command: the gripper's last, -1 to 1.
+
+        Raises:
+            InputError: the states are not of this scene.
+            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+        """
+        (found,) = self._encoded(states, [command], step)
+        return found
+
+    def joints(
+        self, positions: npt.ArrayLike, velocities: npt.ArrayLike, step: int, command: float = OPEN
+    ) -> Observation:
+        """One instant of a spec that looks through no camera, from (n,) joints and their velocities alone."""
+        return self._encoder.encode(step, positions, velocities, command)
+
+    def recorded(self, states: Mapping[str, Any], actions: npt.NDArray[np.float32]) -> Iterator[Observation]:
+        """Every instant of an episode.
+
+        Args:
+            states: ManiSkill's ``env_states`` of T + 1 instants.
+            actions: (T, m + 1) that were taken between them.
+
+        Raises:
+            InputError, EmptyCloudError: as for :meth:`observe`; the second says at which step.
+        """
+        return self._encoded(states, [OPEN, *map(float, actions[:, -1])], 0)
+
+    def _encoded(self, states: Mapping[str, Any], commands: Sequence[float], first: int) -> Iterator[Observation]:
+        joints = len(self._profile.reset_qpos)
+        robot = state_rows(states, "articulations", self._profile.agent, _ROOT + 2 * joints)
+        poses = self.scene.poses(states) if self.spec.casts else None
+        for row, command in enumerate(commands):
+            step = first + row
+            try:
+                yield self._encoder.encode(
+                    step,
+                    robot[row, _ROOT : _ROOT + joints],
+                    robot[row, _ROOT + joints :],
+                    command,
+                    () if poses is None else self.views(poses[row], step),
+                    None if self._photograph is None else self._photograph(states, row),
+                )
+            except EmptyCloudError as error:
+                raise EmptyCloudError(f"step {step}: {error}") from error
+
+    def views(self, poses: Array, step: int) -> tuple[View, ...]:
+        """The cameras' pictures, with the noise of the spec on them.
+
+        Args:
+            poses: (L, 4, 4), one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
         """
         views = self.scene.see(poses)
-        noise = self.settings.noise
+        noise = self.spec.cloud.noise
         if noise is None:
             return views
         generator = rng(self._seed, "depth noise", step)
         return tuple(_Noisy(view, noise, generator) for view in views)
-
-    def cloud(self, views: Sequence[View]) -> PointCloud:
-        """The point cloud of pictures.
-
-        Raises:
-            EmptyCloudError: the cameras see nothing that it keeps.
-        """
-        return point_cloud(views, self.settings, self.scene.robot)
 
 
 class _Noisy:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from gensim2.objects import ObjectModel, RigidObject
 from gensim2.objects.types import Instance
@@ -101,18 +100,6 @@ class RaycastScene:
         table[2, 3] = -HALF_SIZE[2]
         found[self.ids(TABLE)[0]] = np.tile(self._T_base_world @ table, (steps, 1, 1))
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
-
-    def tool_poses(self, states: Mapping[str, Any]) -> npt.NDArray[np.float32]:
-        """(T, 7) of the robot's tool link in the base frame: x, y, z, qw, qx, qy, qz, with qw at least 0.
-
-        Raises:
-            InputError: the states are not of this scene.
-        """
-        tree, _ = self._trees[self.profile.agent]
-        links = self._links(states, self.profile.agent)
-        found = links[:, tree.names.index(self.profile.tool_link)]
-        quaternions = Rotation.from_matrix(found[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
-        return np.concatenate([found[:, :3, 3], quaternions], axis=1).astype(np.float32)
 
     def cast(self, poses: Array) -> Hits:
         """What the cameras see where the solids stand at ``poses`` (L, 4, 4), in the base frame."""

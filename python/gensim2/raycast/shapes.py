@@ -13,7 +13,7 @@ import numpy.typing as npt
 import trimesh
 
 from gensim2.errors import InputError, MissingExtraError
-from gensim2.objects.library.urdf import Urdf, mesh_elements
+from gensim2.objects.library.urdf import Primitive, Urdf, visual_elements
 from gensim2.raycast.kinematics import read_urdf
 
 Array = npt.NDArray[np.float64]
@@ -159,7 +159,7 @@ def read_links(file: Path) -> Mapping[str, Surface | None]:
     """What is shown of each link of a URDF, in its frame; None: nothing. Read once a process.
 
     Raises:
-        InputError: a visual is no mesh file, or cannot be read.
+        InputError: a visual is neither a mesh file nor a box, a cylinder or a sphere, or cannot be read.
     """
     urdf = read_urdf(file)
     return {link: _read_link(urdf, link) for link in urdf.links}
@@ -167,13 +167,23 @@ def read_links(file: Path) -> Mapping[str, Surface | None]:
 
 def _read_link(urdf: Urdf, link: str) -> Surface | None:
     surfaces = []
-    for element, xml in zip(mesh_elements(urdf, link, "visual"), urdf.links[link].findall("visual"), strict=True):
-        surface = read_mesh(urdf.file.parent / element.name)
+    for element in visual_elements(urdf, link):
+        shape = element.shape
+        surface = read_mesh(urdf.file.parent / shape) if isinstance(shape, str) else _primitive(shape)
         if surface is not None:
-            paint = xml.find("material/color")
-            color = None if paint is None else _rgb(np.array((paint.get("rgba") or "").split(), dtype=np.float64))
+            color = None if element.rgba is None else _rgb(element.rgba)
             surfaces.append(surface.moved(element.T, element.scale).painted(color))
     return Surface.joined(surfaces)
+
+
+def _primitive(shape: Primitive) -> Surface:
+    """A box, a cylinder along z or a sphere about the origin."""
+    mesh = {
+        "box": lambda size: trimesh.creation.box(size),
+        "cylinder": lambda size: trimesh.creation.cylinder(size[0], size[1]),
+        "sphere": lambda size: trimesh.creation.icosphere(radius=size[0]),
+    }[shape.kind](shape.size)
+    return _surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
 def _surface(vertices: Array, faces: npt.NDArray[np.integer]) -> Surface:

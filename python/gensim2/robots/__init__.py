@@ -1,25 +1,37 @@
 """Robots: one profile each, with all that planning, control and simulation need to know of it."""
 
+from gensim2.robots.description import mounted, read_description, stored, touching_neighbours
+from gensim2.robots.gripper import CLOSED, OPEN, Gripper, Mimic, SlidingGripper
+from gensim2.robots.maniskill import robot_folder
 from gensim2.robots.profile import (
-    CLOSED,
     DEFAULT_ROBOT,
-    OPEN,
-    Gripper,
+    Footprint,
+    JointDrive,
     RobotFiles,
     RobotProfile,
-    Workspace,
-    robot,
-    robot_names,
+    Simulation,
 )
+from gensim2.robots.registry import register_robot, robot, robot_key, robot_names
 
 __all__ = [
     "CLOSED",
     "DEFAULT_ROBOT",
     "OPEN",
+    "Footprint",
     "Gripper",
+    "JointDrive",
+    "Mimic",
     "RobotFiles",
     "RobotProfile",
-    "Workspace",
+    "Simulation",
+    "SlidingGripper",
+    "mounted",
+    "read_description",
+    "register_robot",
     "robot",
+    "robot_folder",
+    "robot_key",
     "robot_names",
+    "stored",
+    "touching_neighbours",
 ]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from math import pi
 
 import numpy as np
 
-from gensim2.files import cache_dir, write_atomic
+from gensim2.robots.description import stored
 from gensim2.robots.fixed_base import fixed_base, never_touching
+from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.maniskill import robot_folder
-from gensim2.robots.profile import Gripper, RobotFiles, RobotProfile, Workspace
+from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
 
 TORSO_HEIGHT = 0.38
 """Metres of the torso's 0.386: the shoulder stands 0.57 m above the table, the torso's overhang clear of it."""
@@ -42,12 +42,7 @@ def fetch_files() -> RobotFiles:
         tool_at=FINGERTIP,
     )
     srdf = never_touching(source / "fetch.srdf", ("wrist_roll_link", "gripper_link"))
-    folder = cache_dir() / "robots" / hashlib.sha256((urdf + srdf).encode()).hexdigest()[:16]
-    files = RobotFiles(folder / "fetch.urdf", folder / "fetch.srdf")
-    for path, text in ((files.urdf, urdf), (files.srdf, srdf)):
-        if not path.is_file() or path.read_text() != text:
-            write_atomic(path, text)
-    return files
+    return stored("fetch", urdf, srdf)
 
 
 def fetch() -> RobotProfile:
@@ -57,7 +52,6 @@ def fetch() -> RobotProfile:
     """
     return RobotProfile(
         name="fetch",
-        agent="fetch_fixed_base",
         files=fetch_files,
         hand_link="fetch_hand",
         tool_link="fetch_hand_tcp",
@@ -70,15 +64,13 @@ def fetch() -> RobotProfile:
             "wrist_flex_joint",
             "wrist_roll_joint",
         ),
-        gripper=Gripper(
+        gripper=SlidingGripper(
             joints=("r_gripper_finger_joint", "l_gripper_finger_joint"),
-            links=("r_gripper_finger_link", "l_gripper_finger_link"),
+            fingers=("r_gripper_finger_joint", "l_gripper_finger_joint"),
+            pads=("r_gripper_finger_link", "l_gripper_finger_link"),
             open=0.05,
             closed=-0.01,
             travel_seconds=0.7,
-            stiffness=1e3,
-            damping=1e2,
-            force_limit=100.0,
             friction=2.0,
         ),
         reset_qpos=(0.0, -1.04, 0.0, 2.04, 0.0, 0.570796, 0.0, 0.05, 0.05),
@@ -94,22 +86,10 @@ def fetch() -> RobotProfile:
             "tool_side": "the tip of the right finger",
         },
         reach=0.77,
-        stiffness=1e3,
-        damping=1e2,
-        force_limit=100.0,
-        workspace=Workspace(
-            comfortable=0.635,
-            farthest=0.825,
-            sideways=0.2,
-            nearest_x=-0.27,
-            hand_at_rest=(-0.2, 0.0),
-            hand_low_point=0.22,
-            hand_clearance=0.13,
-            hand_half_width=0.2,
-            base_half=0.15,
-            hand_half=0.14,
-            hand_drop=0.02,
+        simulation=Simulation(
+            agent="fetch_fixed_base", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0)
         ),
+        footprint=Footprint(base_half=0.15, hand_half=0.14, hand_drop=0.02),
         solver={
             "limits": "plain",
             "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gensim2.robots.gripper import SlidingGripper
 from gensim2.robots.maniskill import robot_folder
-from gensim2.robots.profile import Gripper, RobotFiles, RobotProfile, Workspace
+from gensim2.robots.profile import Footprint, JointDrive, RobotFiles, RobotProfile, Simulation
 
 
 def panda_files() -> RobotFiles:
@@ -22,20 +23,17 @@ def panda() -> RobotProfile:
     """The profile; drives, gripper targets and friction are those of ManiSkill's agent."""
     return RobotProfile(
         name="panda",
-        agent="panda",
         files=panda_files,
         hand_link="panda_hand",
         tool_link="panda_hand_tcp",
         arm_joints=tuple(f"panda_joint{number}" for number in range(1, 8)),
-        gripper=Gripper(
+        gripper=SlidingGripper(
             joints=("panda_finger_joint1", "panda_finger_joint2"),
-            links=("panda_leftfinger", "panda_rightfinger"),
+            fingers=("panda_finger_joint1", "panda_finger_joint2"),
+            pads=("panda_leftfinger", "panda_rightfinger"),
             open=0.04,
             closed=-0.01,
             travel_seconds=0.6,
-            stiffness=1e3,
-            damping=1e2,
-            force_limit=100.0,
             friction=2.0,
         ),
         reset_qpos=(0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04),
@@ -51,22 +49,10 @@ def panda() -> RobotProfile:
             "tool_side": "the tip of the right finger",
         },
         reach=0.75,
-        stiffness=1e3,
-        damping=1e2,
-        force_limit=100.0,
-        workspace=Workspace(
-            comfortable=0.55,
-            farthest=0.74,
-            sideways=0.2,
-            nearest_x=-0.27,
-            hand_at_rest=(-0.21, 0.0),
-            hand_low_point=0.22,
-            hand_clearance=0.13,
-            hand_half_width=0.2,
-            base_half=0.12,
-            hand_half=0.12,
-            hand_drop=0.02,
+        simulation=Simulation(
+            agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
+        footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
         # The original's weights and box, and the limits that Franka publishes.
         solver={
             "limits": "panda",

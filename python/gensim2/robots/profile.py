@@ -2,92 +2,72 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import InputError
+from gensim2.robots.gripper import OPEN, Gripper
 
 if TYPE_CHECKING:
     import gensim2_kpam as kpam
 
 Array = npt.NDArray[np.float64]
 
-OPEN, CLOSED = 1.0, -1.0
-"""Gripper commands: the last number of an action."""
-
 DEFAULT_ROBOT = "panda"
-"""Name of the robot where nobody says otherwise."""
+"""Name of the robot where no other one is named."""
 
 
 @dataclass(frozen=True)
-class Gripper:
-    """Two fingers that move equally far.
+class Footprint:
+    """What a robot covers of the table at the start of an episode; metres.
 
     Attributes:
-        joints: names of the finger joints, in the robot's active joint order.
-        links: the fingers themselves.
-        open, closed: targets (m) of a finger joint for the commands 1 and -1; the closed one presses.
-        travel_seconds: time that the fingers are given to open or to close.
-        stiffness, damping, force_limit: of the finger drives: N/m, N s/m, N.
-        friction: coefficient of the fingers' surface, static and dynamic.
-    """
-
-    joints: tuple[str, ...]
-    links: tuple[str, ...]
-    open: float
-    closed: float
-    travel_seconds: float
-    stiffness: float
-    damping: float
-    force_limit: float
-    friction: float
-
-    def target(self, command: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Targets (m) of a finger joint for commands of any shape, in ManiSkill's arithmetic, bit for bit."""
-        low, high, half = np.float32(self.closed), np.float32(self.open), np.float32(0.5)
-        clipped = np.clip(command, np.float32(CLOSED), np.float32(OPEN))
-        return half * (high + low) + half * (high - low) * clipped
-
-    def command(self, target: float) -> float:
-        """The command that sends a finger joint to ``target`` (m)."""
-        return (2.0 * target - self.open - self.closed) / (self.open - self.closed)
-
-
-@dataclass(frozen=True)
-class Workspace:
-    """Where a robot likes its objects; metres, horizontal.
-
-    Attributes:
-        comfortable: distance from the base of what the hand works on, mean over its range.
-        farthest: the same anywhere in its range; being clear of the hand gives way to it.
-        sideways: how far off the robot's middle line that may lie.
-        nearest_x: in the world: nothing of a low object comes closer to the base.
-        hand_at_rest: x and y in the world of the hand at the start of an episode.
-        hand_low_point: height above the table: what is lower passes under the hand at rest.
-        hand_clearance: ahead of the hand at rest, what anything tall keeps: the hand's thickness and the randomization.
-        hand_half_width: to each side of the hand at rest where that holds: its width and the randomization.
         base_half, hand_half: half sides of what its base covers on the table, and its hand at rest.
         hand_drop: below the tool at rest that what passes under it keeps.
     """
 
-    comfortable: float
-    farthest: float
-    sideways: float
-    nearest_x: float
-    hand_at_rest: tuple[float, float]
-    hand_low_point: float
-    hand_clearance: float
-    hand_half_width: float
     base_half: float
     hand_half: float
     hand_drop: float
+
+
+@dataclass(frozen=True)
+class JointDrive:
+    """PD drive of a joint: N m/rad, N m s/rad and N m, or N/m, N s/m and N."""
+
+    stiffness: float
+    damping: float
+    force_limit: float
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What only a simulation needs of a robot: what stands for its motors there.
+
+    Attributes:
+        agent: name of ManiSkill's agent, under which states are recorded; where ManiSkill has none of that name,
+            :mod:`gensim2.sim.agents` makes one of the profile.
+        arm: drives of the arm's joints: one for all, or one each.
+        gripper: of the driven joints of the gripper.
+        mimic: of the joints that follow one of them: a stiff one stands for a transmission.
+        passive: of the joints that have no motor: a spring to 0.
+        tendons: whether PhysX couples joints that mimic one another in the URDF by fixed tendons, as ManiSkill's own
+            agents have them; those of ``gripper.mimics`` need none.
+        physics_hz: rate of the physics; a multiple of the control rate.
+    """
+
+    agent: str
+    arm: JointDrive | tuple[JointDrive, ...]
+    gripper: JointDrive
+    mimic: JointDrive = JointDrive(2e3, 1e2, 200.0)
+    passive: JointDrive = JointDrive(0.0, 0.1, 1e10)
+    tendons: bool = False
+    physics_hz: int = 100
 
 
 @dataclass(frozen=True)
@@ -110,26 +90,25 @@ class RobotProfile:
 
     Attributes:
         name: as in ``--robot``.
-        agent: of ManiSkill: ``robot_uids``.
-        files: gives its description; a function, since that comes with a package that need not be installed.
+        files: gives its description; a function, since that may come with a package that need not be installed.
         hand_link: whose frame tool keypoints and hand poses are in.
         tool_link: whose pose state observations give.
-        arm_joints: names of the m joints that an action commands, in active joint order; fingers come after them.
-        gripper: the fingers.
+        arm_joints: names of the m joints that an action commands, in active joint order; the gripper's come after them.
+        gripper: what opens and closes.
         reset_qpos: (n,) all active joints at the start of an episode.
-        base_position: (3,) of its base in the world, m; no rotation.
+        base_position: (3,) of its base in the world, m.
         tool_keypoints: (3,) each, m in the hand frame; ``tool_head``, ``tool_tail``, ``tool_side``.
         tool_keypoint_descriptions: what a person or a language model is told of them.
         reach: horizontal distance (m) from the base within which the hand, pointing down, reaches the table.
-        stiffness, damping, force_limit: of the arm's drives: N m/rad, N m s/rad, N m.
-        workspace: where it likes its objects.
+        footprint: what it covers of the table at rest.
+        simulation: what stands for its motors in a simulation.
+        base_quaternion: (4,) of its base in the world, (w, x, y, z).
+        control_hz: rate of its actions.
         solver: options of every planning problem: limits that no URDF holds, the joints' weights, the box of the hand's
             origin at the actuation pose.
-        physics_hz, control_hz: rates.
     """
 
     name: str
-    agent: str
     files: Callable[[], RobotFiles]
     hand_link: str
     tool_link: str
@@ -140,13 +119,11 @@ class RobotProfile:
     tool_keypoints: Mapping[str, Array]
     tool_keypoint_descriptions: Mapping[str, str]
     reach: float
-    stiffness: float
-    damping: float
-    force_limit: float
-    workspace: Workspace
-    solver: kpam.Options
-    physics_hz: int = 100
+    footprint: Footprint
+    simulation: Simulation
+    base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
+    solver: kpam.Options = field(default_factory=lambda: {})
 
     @cached_property
     def _files(self) -> RobotFiles:
@@ -191,12 +168,47 @@ class RobotProfile:
         """m + 1."""
         return self.arm_size + 1
 
-    @property
+    @cached_property
     def T_world_base(self) -> Array:
         """(4, 4) base in the world."""
         pose = np.eye(4)
+        pose[:3, :3] = _rotation(self.base_quaternion)
         pose[:3, 3] = self.base_position
         return pose
+
+    @property
+    def agent(self) -> str:
+        """Name under which its states are recorded."""
+        return self.simulation.agent
+
+    @cached_property
+    def arm_drives(self) -> tuple[JointDrive, ...]:
+        """One for each of the m arm joints, in a simulation."""
+        drives = self.simulation.arm
+        return (drives,) * self.arm_size if isinstance(drives, JointDrive) else drives
+
+    @property
+    def finger_drive(self) -> JointDrive:
+        """Drive, in a simulation, that presses a pad."""
+        follows = self.gripper.fingers[0] in self.gripper.mimics
+        return self.simulation.mimic if follows else self.simulation.gripper
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in a control step."""
+        return self.simulation.physics_hz // self.control_hz
+
+    @cached_property
+    def arm_columns(self) -> tuple[int, ...]:
+        """Where the m arm joints stand among all active joints."""
+        names = self.model.joint_names
+        return tuple(names.index(name) for name in self.arm_joints)
+
+    @cached_property
+    def gripper_columns(self) -> tuple[int, ...]:
+        """Where the g joints of the gripper stand among all active joints."""
+        names = self.model.joint_names
+        return tuple(names.index(name) for name in self.gripper.joints)
 
     def gripper_at(self, T_world_hand: Array) -> dict[str, Array]:
         """Tool keypoints in the world, (3,) m each, where the hand stands at ``T_world_hand`` (4, 4)."""
@@ -212,15 +224,15 @@ class RobotProfile:
         """Tool keypoints in the world, (3,) m each, where the (n,) active joints stand at ``q``."""
         return self.gripper_at(self.T_world_base @ self.model.forward_kinematics(np.asarray(q, dtype=np.float64)))
 
-    @property
-    def lag(self) -> float:
-        """Seconds by which a drive follows a target that moves evenly: damping over stiffness."""
-        return self.damping / self.stiffness
+    @cached_property
+    def lags(self) -> Array:
+        """(m,) steady-state tracking delay (s) of the arm's drives behind a target of constant velocity: kd/kp."""
+        return np.array([drive.damping / drive.stiffness for drive in self.arm_drives])
 
-    @property
-    def lag_steps(self) -> int:
-        """The lag in control steps, by which targets are sent ahead."""
-        return round(self.lag * self.control_hz)
+    @cached_property
+    def lag_steps(self) -> tuple[int, ...]:
+        """(m,) the delays in control steps, by which targets are sent ahead."""
+        return tuple(round(float(lag) * self.control_hz) for lag in self.lags)
 
     @property
     def gripper_steps(self) -> int:
@@ -233,23 +245,13 @@ class RobotProfile:
         return np.array([*self.reset_qpos[: self.arm_size], OPEN], dtype=np.float32)
 
 
-_MODULES = {"panda": "gensim2.robots.panda", "fetch": "gensim2.robots.fetch"}
-"""Where a function of the robot's name makes its profile; imported when asked for."""
-
-
-def robot_names() -> tuple[str, ...]:
-    """Names of the robots that there are."""
-    return tuple(_MODULES)
-
-
-@cache
-def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
-    """The profile of a robot.
-
-    Raises:
-        InputError: there is no such robot.
-    """
-    if name not in _MODULES:
-        raise InputError(f"no robot {name!r}", field="robot", remedy=f"one of {', '.join(_MODULES)}")
-    profile: RobotProfile = getattr(importlib.import_module(_MODULES[name]), name)()
-    return profile
+def _rotation(quaternion: Sequence[float]) -> Array:
+    """(3, 3) of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

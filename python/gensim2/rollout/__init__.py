@@ -8,26 +8,32 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.rollout.chain import ChainController
-    from gensim2.rollout.controller import Controller, Event, Observation
+    from gensim2.rollout.controller import Controller, Event, PrivilegedObservation
+    from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
+    from gensim2.rollout.driving import drive
     from gensim2.rollout.record import Cause, Episode, StrictMiss
     from gensim2.rollout.recording import Recording
     from gensim2.rollout.run import EpisodeResult
     from gensim2.rollout.solving import solve
     from gensim2.rollout.still import StillController
-    from gensim2.rollout.world import World
+    from gensim2.rollout.world import Body, World
 
 __all__ = [
+    "Body",
     "Cause",
     "ChainController",
     "Controller",
+    "ControllerError",
+    "ControllerSpec",
     "Episode",
     "EpisodeResult",
     "Event",
-    "Observation",
+    "PrivilegedObservation",
     "Recording",
     "StillController",
     "StrictMiss",
     "World",
+    "drive",
     "solve",
 ]
 
@@ -40,7 +46,11 @@ __getattr__ = lazy_names(
         "Episode": "gensim2.rollout.record",
         "EpisodeResult": "gensim2.rollout.run",
         "Event": "gensim2.rollout.controller",
-        "Observation": "gensim2.rollout.controller",
+        "PrivilegedObservation": "gensim2.rollout.controller",
+        "Body": "gensim2.rollout.world",
+        "ControllerError": "gensim2.rollout.controller_spec",
+        "ControllerSpec": "gensim2.rollout.controller_spec",
+        "drive": "gensim2.rollout.driving",
         "Recording": "gensim2.rollout.recording",
         "StillController": "gensim2.rollout.still",
         "StrictMiss": "gensim2.rollout.record",

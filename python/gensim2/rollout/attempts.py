@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import gensim2_kpam as kpam
 from gensim2.planning.steps import PLAN_OPTIONS
+from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.record import AttemptRecord, Cause, Episode
 from gensim2.rollout.run import EpisodeResult
 from gensim2.tasks.spec import Step, TaskSpec
@@ -38,10 +39,12 @@ class Attempt:
             return step
         return step.model_copy(update={"strategies": (first, *(name for name in step.strategies if name != first))})
 
-    @property
-    def options(self) -> kpam.Options:
-        """The solver's."""
-        return PLAN_OPTIONS if self.seed == 0 else {**PLAN_OPTIONS, "seed": self.seed, "starts": STARTS}
+    def controller(self, spec: ControllerSpec) -> ControllerSpec:
+        """The chain of steps with this attempt's seed and start values of the solver."""
+        if self.seed == 0:
+            return spec
+        options: kpam.Options = {**PLAN_OPTIONS, "seed": self.seed, "starts": STARTS}
+        return replace(spec, arguments={**spec.arguments, "options": options})
 
     def after(self, episode: Episode, task: TaskSpec) -> Attempt:
         """The next attempt: the step to blame begins with its next strategy, and the solver has its next seed."""

@@ -17,7 +17,7 @@ from gensim2.planning.steps import PLAN_OPTIONS, StepPlanner
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import RobotProfile
 from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of
-from gensim2.rollout.controller import ACTUATION, Action, Event, Observation
+from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import START, Cause, PlanRecord, StepRecord
 from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.spec import HAND, Step, TaskSpec
@@ -63,6 +63,9 @@ class ChainController:
         InputError: a strategy cannot be used.
     """
 
+    privileged = True
+    observation_spec = PROPRIOCEPTIVE
+
     def __init__(
         self,
         task: TaskSpec,
@@ -78,8 +81,8 @@ class ChainController:
             name: parse_strategy(given) if isinstance(given, Mapping) else given for name, given in strategies.items()
         }
 
-    def reset(self, scene: Scene) -> None:
-        """Begin an episode in ``scene``."""
+    def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:
+        """Begin an episode; nothing is drawn but by the solver, whose seed is among its options."""
         self._planner = StepPlanner(self._profile, self._options)
         self._turns: list[ChainTurn] = []
         self._rounds: dict[str, int] = {}
@@ -93,7 +96,13 @@ class ChainController:
         self._waited = 0
         self._from_rest = False
         self._last: Action | None = None
-        self._ahead = self._plan_ahead(scene) if self._open_loop else []
+        self._reference: Reference | None = None
+        self._ahead = self._plan_ahead(observation.scene()) if self._open_loop else []
+
+    @property
+    def reference(self) -> Reference | None:
+        """What the last action is meant to bring about; None where the arm is only held."""
+        return self._reference
 
     @property
     def turn(self) -> str | None:
@@ -119,8 +128,9 @@ class ChainController:
         """Every plan that was made, with the scene that it was made for."""
         return [(plan.scene, plan.planned) for turn in self._turns for plan in turn.plans]
 
-    def act(self, observation: Observation) -> Action | None:
+    def act(self, observation: PrivilegedObservation) -> Action | None:
         """The next action, (m + 1,); None: done, or nothing more can be done."""
+        self._reference = None
         self._last = self._blind(observation) if self._open_loop else self._next(observation)
         return self._last
 
@@ -134,7 +144,7 @@ class ChainController:
             self._turns.append(ChainTurn(self._step))
         return self._turns[-1]
 
-    def _next(self, observation: Observation) -> Action | None:
+    def _next(self, observation: PrivilegedObservation) -> Action | None:
         while True:
             run = self._running
             if run is not None:
@@ -167,13 +177,25 @@ class ChainController:
             else:
                 self._from_rest = True
 
-    def _follow(self, run: ChainPlan, observation: Observation) -> Action:
+    def _follow(self, run: ChainPlan, observation: PrivilegedObservation) -> Action:
         assert run.planned.schedule is not None
         if run.ran == run.planned.schedule.actuation:
             self._notice(observation, ACTUATION)
-        return self._pressing(run.next_action(), observation, run.scene.finger_stiffness)
+        positions, velocities = run.planned.schedule.reference[run.ran]
+        action = run.next_action()
+        force = np.nan if self._held is None or self._held.force is None else self._held.force
+        # Where the fingers press, the pads stay as far apart as what is between them.
+        width = observation.gripper_width if np.isfinite(force) else self._profile_width(float(action[-1]))
+        self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
+        return self._pressing(action, observation, run.scene.finger_stiffness)
 
-    def _pressing(self, action: Action, observation: Observation, stiffness: float | None) -> Action:
+    def _profile_width(self, command: float) -> float:
+        """Distance of the pads (m) that a gripper command asks for."""
+        gripper = self._profile.gripper
+        target = float(gripper.target(np.array([command], dtype=np.float32))[0])
+        return max(0.0, target) * len(gripper.joints)
+
+    def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """The action with fingers that press on what they hold as hard as they are to, however far they are apart.
 
         A finger's drive is a spring: on a thing that is narrower than planned, or into which the pads sink, as they do
@@ -185,17 +207,17 @@ class ChainController:
         command = grip_on(observation.measurement.finger_opening, held.force, self._profile, stiffness)
         return np.append(action[:-1], command).astype(np.float32)
 
-    def _notice(self, observation: Observation, what: Cause | Literal["actuation"]) -> None:
+    def _notice(self, observation: PrivilegedObservation, what: Cause | Literal["actuation"]) -> None:
         self._events.append(Event(observation.step, self._step.name, what))
 
-    def _deviation(self, observation: Observation, run: ChainPlan) -> Cause | None:
+    def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         """What goes otherwise than planned; takes note of what the hand takes and releases."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)
         return found
 
-    def _look(self, observation: Observation, run: ChainPlan) -> Cause | None:
+    def _look(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
         measured, schedule = observation.measurement, run.planned.schedule
         assert schedule is not None
         if run.ran == schedule.gripped and run.planned.picks is not None:
@@ -222,7 +244,7 @@ class ChainController:
             return Cause.OBJECT_DRIFTED
         return None
 
-    def _must_wait(self, observation: Observation) -> bool:
+    def _must_wait(self, observation: PrivilegedObservation) -> bool:
         """Whether what the step acts on still falls or rolls, or what could not be planned under way is not at rest;
         not for ever.
         """
@@ -232,20 +254,19 @@ class ChainController:
         moves = speed is not None and self._step.object != self._holds and float(speed[0]) > CALM
         return (moves or (self._from_rest and self._is_under_way(observation))) and self._waited < CALM_STEPS
 
-    def _is_under_way(self, observation: Observation) -> bool:
+    def _is_under_way(self, observation: PrivilegedObservation) -> bool:
         """Whether the arm moves, or the joint of what the step acts on."""
         swings = abs(observation.measurement.joint_speed.get(self._step.object, 0.0)) > CALM_JOINT
         return swings or bool(np.abs(observation.qvel).max() > CALM_ARM)
 
-    def _stay(self, observation: Observation) -> Action:
+    def _stay(self, observation: PrivilegedObservation) -> Action:
         """Stop where the arm is, the fingers as they were commanded."""
         if self._last is not None and self._waited > 1:
             return self._last
-        names = self._profile.model.joint_names
-        arm = observation.q[[names.index(name) for name in self._profile.arm_joints]]
+        arm = observation.q[list(self._profile.arm_columns)]
         return np.append(arm, 1.0 if self._last is None else self._last[-1]).astype(np.float32)
 
-    def _begin(self, observation: Observation) -> bool:
+    def _begin(self, observation: PrivilegedObservation) -> bool:
         """Plan the step whose turn it is; whether there is a motion."""
         if self._rounds.get(self._step.name, 0) >= MOST_ROUNDS or self._step.tool not in (HAND, self._holds):
             return False
@@ -325,7 +346,7 @@ class ChainController:
         self._at = 0
         return ahead
 
-    def _blind(self, observation: Observation) -> Action | None:
+    def _blind(self, observation: PrivilegedObservation) -> Action | None:
         while True:
             run = self._running
             if run is not None and not run.is_over:

@@ -1,4 +1,4 @@
-"""Whoever decides what the robot does: a plan, a chain of steps, a policy, a person."""
+"""Controllers: a plan, a chain of steps, a policy, a person; all of them decide actions in the same loop."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.rollout.record import Cause, StepRecord
 from gensim2.tasks.measurement import Measurement
@@ -18,23 +19,54 @@ Action = npt.NDArray[np.float32]
 ACTUATION: Literal["actuation"] = "actuation"
 """What an event is called by which the hand is at an actuation pose."""
 
+PROPRIOCEPTIVE = ObservationSpec(modalities=())
+"""The robot's own state and no camera."""
 
-@dataclass(frozen=True)
-class Observation:
-    """What a controller may look at before each control step.
+
+@dataclass(frozen=True, eq=False)
+class PrivilegedObservation(Observation):
+    """What a privileged controller sees beside what a robot could: the truth of a simulated world.
 
     Attributes:
-        step: control steps since the reset.
-        q, qvel: (n,) robot joints and their velocities.
         measurement: of the objects and the gripper, this instant.
         scene: reads the whole scene, geometry included; dearer, so a function, and only good for this instant.
     """
 
-    step: int
-    q: npt.NDArray[np.float64]
-    qvel: npt.NDArray[np.float64]
     measurement: Measurement
     scene: Callable[[], Scene]
+
+    @staticmethod
+    def of(observation: Observation, measurement: Measurement, scene: Callable[[], Scene]) -> PrivilegedObservation:
+        """An observation with the truth beside it."""
+        seen = observation
+        return PrivilegedObservation(
+            seen.step, seen.time, seen.language, seen.arrays, seen.cloud, seen.cameras, measurement, scene
+        )
+
+    @property
+    def q(self) -> npt.NDArray[np.float64]:
+        """(n,) robot joints, for arithmetic."""
+        return self.joint_positions.astype(np.float64)
+
+    @property
+    def qvel(self) -> npt.NDArray[np.float64]:
+        """(n,) their velocities."""
+        return self.joint_velocities.astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What an action is meant to bring about at the end of its control step, whatever drives the robot.
+
+    Attributes:
+        joint_positions, joint_velocities: (m,) of the arm, rad or m, and a second.
+        gripper: (2,) distance of the pads that is commanded, m, and the force (N) by which each finger is to press on
+            what it holds; NaN: none is meant.
+    """
+
+    joint_positions: npt.NDArray[np.float32]
+    joint_velocities: npt.NDArray[np.float32]
+    gripper: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -55,31 +87,70 @@ class Event:
 
 
 class Controller(Protocol):
-    """Decides every action of one episode.
+    """Decides every action of one episode (docs/controllers.md).
 
-    ``turn`` is read after every action, ``history`` and ``events`` when the episode is over. A controller that knows
-    nothing of steps leaves them empty; then a step's turn ends where its criterion is true.
+    A class may say more by attributes, all of them optional:
+
+    - ``privileged = True``: it is made with ``task`` and ``profile`` beside its own arguments, and is shown
+      :class:`PrivilegedObservation`.
+    - ``observation_spec``: an :class:`~gensim2.observations.ObservationSpec` or its fields, what it looks at; without,
+      point clouds by the defaults, and of a privileged one the robot's own state.
+    - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
+    - ``turn``, ``history``, ``events``: the name of the task's step that it is at, a record of each step that was
+      begun, and what was noticed; ``turn`` is read after every action, the others when the episode is over. Without
+      them a step's turn ends where its criterion is true.
     """
 
-    def reset(self, scene: Scene) -> None:
-        """Begin an episode in ``scene``; forget the one before."""
+    def reset(self, observation: Any, seed: int) -> None:
+        """Begin an episode and forget the one before.
+
+        Args:
+            observation: an :class:`~gensim2.observations.Observation`, the first.
+            seed: of everything that the controller draws; not that of the scene.
+        """
         ...
 
-    def act(self, observation: Observation) -> Action | None:
-        """The next action, (m + 1,); None: done."""
+    def act(self, observation: Any) -> npt.ArrayLike | None:
+        """The next action, (m + 1,): targets of the arm's joints and the gripper from -1 to 1; None: done."""
         ...
 
-    @property
-    def turn(self) -> str | None:
-        """Name of the task's step whose turn it is; None: nobody knows."""
-        ...
 
-    @property
-    def history(self) -> Sequence[StepRecord]:
-        """One a step that was begun, however often; the loop says ``paper`` and ``done``."""
-        ...
+def is_privileged(controller: Controller | type) -> bool:
+    """Whether a controller, or its class, says that it is shown the truth."""
+    return bool(getattr(controller, "privileged", False))
 
-    @property
-    def events(self) -> Sequence[Event]:
-        """In order."""
-        ...
+
+def spec_of(controller: Controller) -> ObservationSpec:
+    """What a controller looks at.
+
+    Raises:
+        InputError: its ``observation_spec`` is none.
+    """
+    given = getattr(controller, "observation_spec", None)
+    if given is None and is_privileged(controller):
+        return PROPRIOCEPTIVE
+    return ObservationSpec.of(given)
+
+
+def reference_of(controller: Controller) -> Reference | None:
+    """What a controller's last action is meant to bring about; None where it says nothing."""
+    reference: Reference | None = getattr(controller, "reference", None)
+    return reference
+
+
+def turn_of(controller: Controller) -> str | None:
+    """Name of the task's step that a controller is at; None where it says nothing."""
+    turn: str | None = getattr(controller, "turn", None)
+    return turn
+
+
+def history_of(controller: Controller) -> Sequence[StepRecord]:
+    """One a step that was begun, however often; empty where the controller says nothing."""
+    history: Sequence[StepRecord] = getattr(controller, "history", ())
+    return history
+
+
+def events_of(controller: Controller) -> Sequence[Event]:
+    """What a controller noticed, in order; empty where it says nothing."""
+    events: Sequence[Event] = getattr(controller, "events", ())
+    return events

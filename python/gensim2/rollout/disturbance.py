@@ -8,9 +8,20 @@ from typing import Protocol
 
 import numpy as np
 
-from gensim2.planning.scene import Scene
 from gensim2.rollout.config import Disturbance
-from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, Observation
+from gensim2.rollout.controller import (
+    ACTUATION,
+    Action,
+    Controller,
+    Event,
+    PrivilegedObservation,
+    Reference,
+    events_of,
+    history_of,
+    reference_of,
+    spec_of,
+    turn_of,
+)
 from gensim2.rollout.record import StepRecord
 from gensim2.seeding import rng
 from gensim2.tasks.spec import TaskSpec
@@ -45,31 +56,35 @@ class Disturbed:
         seed: of the episode.
     """
 
+    privileged = True  # it looks where the object is, whatever its controller sees
+
     def __init__(self, controller: Controller, world: Pushable, task: TaskSpec, kind: Disturbance, seed: int) -> None:
         self._controller, self._world, self._task, self._kind = controller, world, task, kind
+        self.observation_spec = spec_of(controller)
         random = rng(seed, f"{task.name}/disturbance/{kind}")
         self._push_at = int(random.integers(PUSHED_WITHIN))
         self._drop_after = int(random.integers(DROPPED_WITHIN))
         self._direction = float(random.uniform(-math.pi, math.pi))
         self.happened_at: int | None = None
 
-    def reset(self, scene: Scene) -> None:
-        """Begin an episode in ``scene``."""
-        self._controller.reset(scene)
-        rigid = {name for name, thing in scene.objects.items() if thing.is_rigid}
+    def reset(self, observation: PrivilegedObservation, seed: int) -> None:
+        """Begin an episode."""
+        self._controller.reset(observation, seed)
+        rigid = observation.measurement.poses.keys()
         self._step = next((step for step in self._task.steps if step.object in rigid), None)
         self._since: int | None = None
         self._height: float | None = None
         self.happened_at = None
 
-    def act(self, observation: Observation) -> Action | None:
+    def act(self, observation: PrivilegedObservation) -> Action | None:
         """The controller's action, the fingers' command apart while a grasp is opened."""
-        action = self._controller.act(observation)
+        given = self._controller.act(observation)
+        action = None if given is None else np.asarray(given, dtype=np.float32)
         if action is None or self._step is None:
             return action
         return self._push(observation, action) if self._kind == "push" else self._drop(observation, action)
 
-    def _push(self, observation: Observation, action: Action) -> Action:
+    def _push(self, observation: PrivilegedObservation, action: Action) -> Action:
         assert self._step is not None
         if self.happened_at is None and self.turn == self._step.name and not self._touched():
             self._since = observation.step if self._since is None else self._since
@@ -79,7 +94,7 @@ class Disturbed:
                 self.happened_at = observation.step
         return action
 
-    def _drop(self, observation: Observation, action: Action) -> Action:
+    def _drop(self, observation: PrivilegedObservation, action: Action) -> Action:
         assert self._step is not None
         height = float(observation.measurement.poses[self._step.object][2])
         self._height = height if self._height is None else self._height
@@ -98,16 +113,21 @@ class Disturbed:
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
 
     @property
+    def reference(self) -> Reference | None:
+        """The controller's."""
+        return reference_of(self._controller)
+
+    @property
     def turn(self) -> str | None:
         """The controller's."""
-        return self._controller.turn
+        return turn_of(self._controller)
 
     @property
     def history(self) -> Sequence[StepRecord]:
         """The controller's."""
-        return self._controller.history
+        return history_of(self._controller)
 
     @property
     def events(self) -> Sequence[Event]:
         """The controller's."""
-        return self._controller.events
+        return events_of(self._controller)

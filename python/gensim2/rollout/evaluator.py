@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from gensim2.files import append
 from gensim2.processes import (
     JOBS_PER_WORKER,
     TIME_LIMIT,
@@ -138,8 +139,6 @@ class PoolEvaluator:
         if self._log is None:
             return
         self._log.parent.mkdir(parents=True, exist_ok=True)
-        with self._log.open("a", encoding="utf-8") as stream:
-            now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-            stream.write(
-                f"{now} job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
-            )
+        now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        said = f"job {failure.index}, try {failure.number}: {failure.reason}\n{failure.traceback or ''}"
+        append(self._log, f"{now} {said}")

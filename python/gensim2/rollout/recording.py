@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.observations.proprioception import tool_pose
+from gensim2.robots import RobotProfile
+from gensim2.rollout.controller import Reference
 from gensim2.rollout.world import Tree, World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
@@ -28,6 +31,9 @@ class Recording:
         env_states: tree of (T + 1, ...) float32: ``actors`` and ``articulations`` by name.
         rewards: (T,) float32.
         terminated, truncated, success: (T,) bool.
+        reference: what the actions are made of, (T, ...) float32, where the controller said: ``joint_positions`` and
+            ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
+            and force of each finger, N; NaN: none is meant). NaN at steps of which nothing was said; {} where of none.
     """
 
     seed: int
@@ -41,6 +47,7 @@ class Recording:
     terminated: npt.NDArray[np.bool_]
     truncated: npt.NDArray[np.bool_]
     success: npt.NDArray[np.bool_]
+    reference: Tree = field(default_factory=dict)
 
     @property
     def steps(self) -> int:
@@ -60,13 +67,15 @@ class Recorder:
         self._obs = [world.observation()]
         self._states: list[Tree] = [world.state()]
         self._actions: list[npt.NDArray[np.float32]] = []
+        self._references: list[Reference | None] = []
         self._success: list[bool] = []
         self._truncated: list[bool] = []
 
-    def add(self, action: npt.NDArray[np.float32], measured: Measurement) -> None:
-        """Take what came of one step."""
+    def add(self, action: npt.NDArray[np.float32], measured: Measurement, reference: Reference | None = None) -> None:
+        """Take what came of one step, and what was meant."""
         world = self._world
         self._actions.append(action)
+        self._references.append(reference)
         self._obs.append(world.observation())
         self._states.append(world.state())
         self._success.append(all_hold(world.task.success, measured))
@@ -88,7 +97,27 @@ class Recorder:
             terminated=success,
             truncated=np.array(self._truncated, dtype=bool),
             success=success,
+            reference=_reference(self._references, self._world.profile),
         )
+
+
+def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
+    if all(meant is None for meant in given):
+        return {}
+    size = profile.arm_size
+    found = {
+        "joint_positions": np.full((len(given), size), np.nan, np.float32),
+        "joint_velocities": np.full((len(given), size), np.nan, np.float32),
+        "tool_pose": np.full((len(given), 7), np.nan, np.float32),
+        "gripper": np.full((len(given), 2), np.nan, np.float32),
+    }
+    joints = np.array(profile.reset_qpos, dtype=np.float32)
+    for step, meant in enumerate(given):
+        if meant is not None:
+            joints[:size] = meant.joint_positions
+            found["joint_positions"][step], found["joint_velocities"][step] = joints[:size], meant.joint_velocities
+            found["tool_pose"][step], found["gripper"][step] = tool_pose(profile, joints), meant.gripper
+    return found
 
 
 def _plain(value: Any) -> Any:

@@ -5,13 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.rollout.controller import ACTUATION, Action, Controller, Event, Observation
+from gensim2.observations import Observation
+from gensim2.rollout.controller import (
+    ACTUATION,
+    Action,
+    Controller,
+    Event,
+    PrivilegedObservation,
+    Reference,
+    events_of,
+    history_of,
+    is_privileged,
+    reference_of,
+    spec_of,
+    turn_of,
+)
 from gensim2.rollout.diagnose import Outcome, diagnose
+from gensim2.rollout.driving import Asked
 from gensim2.rollout.motion import is_at_rest, is_stable
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
@@ -20,8 +35,17 @@ from gensim2.rollout.still import StillResult, still_arm
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
 from gensim2.rollout.world import Setup, World
+from gensim2.seeding import rng
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
+
+Stop = Literal["controller", "goal"]
+"""Who ends an episode: the controller alone, by None; or also the goal, where it has held for ``GOAL_STEPS``, and the
+step limit, so that one that never says that it is done can be judged."""
+STOPS: tuple[Stop, ...] = get_args(Stop)
+
+GOAL_STEPS = 10
+"""Control steps in a row for which the goal holds before it ends an episode: half a second."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +68,7 @@ def run(
     seed: int,
     options: Mapping[str, Any] | None = None,
     record: bool = False,
+    stop: Stop = "controller",
     still: Callable[[], StillResult] | None = None,
 ) -> EpisodeResult:
     """Run one episode and judge it.
@@ -59,24 +84,36 @@ def run(
         seed: of the reset.
         options: of the reset.
         record: keep states and observations of every step.
+        stop: ``"controller"``: one that never says that it is done is cut at the step limit and cannot have held.
+            ``"goal"``: the episode also ends where the goal has held for ``GOAL_STEPS``, or as long before the step
+            limit as settling may take; then it is judged as any other.
         still: gives what the scene of this seed does by itself, for callers that keep it; default: ``still_arm``.
 
     Raises:
         InputError: the seed, an option or an action cannot be used.
     """
     world.reset(seed, options)
-    controller.reset(world.scene_state())
-    motion = _Motion(world, record)
+    motion = _Motion(world, controller, record)
+    asked = Asked(controller, world)
     begun: list[tuple[str, int]] = []
-    cut = True
-    while world.elapsed_steps < world.task.max_episode_steps:
-        action = controller.act(motion.observation())
-        if controller.turn is not None and (not begun or begun[-1][0] != controller.turn):
-            begun.append((controller.turn, motion.steps))
-        if action is None:
-            cut = False
-            break
-        motion.step(action)
+    limit = world.task.max_episode_steps - (MAX_SETTLE_STEPS if stop == "goal" else 0)
+    held_for, cut = 0, stop == "controller"
+    try:
+        first = motion.observation()
+        asked.reset(first, controller_seed(seed))
+        while world.elapsed_steps < limit and held_for < GOAL_STEPS:
+            action = asked.act(motion.observation() if motion.steps else first)
+            turn = turn_of(controller)
+            if turn is not None and (not begun or begun[-1][0] != turn):
+                begun.append((turn, motion.steps))
+            if action is None:
+                cut = False
+                break
+            motion.step(action, reference_of(controller))
+            if stop == "goal":
+                held_for = held_for + 1 if all_hold(world.task.success, motion.trace[-1]) else 0
+    finally:
+        asked.close()
     ended = motion.steps
     if ended and not cut:
         motion.settle()
@@ -85,6 +122,7 @@ def run(
     truncated = cut or steps > world.task.max_episode_steps
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])
+    events = events_of(controller)
     # All that is asked of the world before it is reset once more.
     setup = world.setup
     objects = _object_records(setup, trace[0], trace[-1])
@@ -93,7 +131,7 @@ def run(
     by_itself: StillResult | None = None
     if ended and goal and stable and settled and not truncated:
         later = motion.measure_at(ended + LASTING_STEPS)
-        lacking = strict_misses(world, trace[0], _at_actuation(trace, controller.events), later)
+        lacking = strict_misses(world, trace[0], _at_actuation(trace, events), later)
         by_itself = still_arm(world, seed, options=options) if still is None else still()
     held = by_itself is not None and by_itself.stable and not by_itself.success
     outcome = Outcome(
@@ -104,11 +142,11 @@ def run(
         truncated=truncated,
         by_itself=by_itself is not None and by_itself.success,
     )
-    history = judged_steps(controller.history, turns)
+    history = judged_steps(history_of(controller), turns)
     cause: Cause | None = None
     numbers: dict[str, Any] = {miss.value: found for miss, found in lacking.items()}
     if not held:
-        cause, numbers = diagnose(world.task, trace, turns, history, controller.events, outcome)
+        cause, numbers = diagnose(world.task, trace, turns, history, events, outcome)
     episode = Episode(
         seed=seed,
         objects=objects,
@@ -130,6 +168,11 @@ def run(
     return EpisodeResult(episode, recording)
 
 
+def controller_seed(seed: int) -> int:
+    """Seed of what a controller draws in the episode of a scene's seed; the scene cannot be told from it."""
+    return int(rng(seed, "controller").integers(2**32))
+
+
 class _Motion:
     """An episode under way: what was commanded last and what was measured so far.
 
@@ -137,8 +180,8 @@ class _Motion:
         trace: measurements, before the first control step and after each.
     """
 
-    def __init__(self, world: World, record: bool) -> None:
-        self._world = world
+    def __init__(self, world: World, controller: Controller, record: bool) -> None:
+        self._world, self._spec, self._privileged = world, spec_of(controller), is_privileged(controller)
         self._action: Action | None = None
         self.trace = [world.measure()]
         self._recorder = Recorder(world) if record else None
@@ -155,16 +198,18 @@ class _Motion:
 
     def observation(self) -> Observation:
         """What the controller may look at."""
-        world = self._world
-        return Observation(self.steps, world.q, world.qvel, self.trace[-1], world.scene_state)
+        seen = self._world.observe(self._spec)
+        if not self._privileged:
+            return seen
+        return PrivilegedObservation.of(seen, self.trace[-1], self._world.scene_state)
 
-    def step(self, action: Action) -> None:
+    def step(self, action: Action, reference: Reference | None = None) -> None:
         """One control step."""
         self._action = np.asarray(action, dtype=np.float32)
         self._world.step(self._action)
         self.trace.append(self._world.measure())
         if self._recorder is not None:
-            self._recorder.add(self._action, self.trace[-1])
+            self._recorder.add(self._action, self.trace[-1], reference)
 
     def settle(self) -> None:
         """Hold the last command until the scene has settled."""

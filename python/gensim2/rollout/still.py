@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gensim2.planning.scene import Scene
+from gensim2.observations import Observation
 from gensim2.robots import RobotProfile
-from gensim2.rollout.controller import Action, Event, Observation
+from gensim2.rollout.controller import PROPRIOCEPTIVE, Action
 from gensim2.rollout.motion import changes, is_at_rest, is_stable
-from gensim2.rollout.record import StepRecord
 from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
@@ -37,16 +36,14 @@ class StillController:
         gripper: command of the fingers, from -1 (closed) to 1 (open).
     """
 
-    turn: str | None = None
-    history: Sequence[StepRecord] = ()
-    events: Sequence[Event] = ()
+    observation_spec = PROPRIOCEPTIVE
 
     def __init__(self, robot: RobotProfile, steps: int, gripper: float = 1.0) -> None:
         self._arm = [robot.model.joint_names.index(name) for name in robot.arm_joints]
         self._steps, self._gripper = steps, gripper
         self._action: Action | None = None
 
-    def reset(self, scene: Scene) -> None:
+    def reset(self, observation: Observation, seed: int = 0) -> None:
         """Begin an episode."""
         self._action = None
 
@@ -55,7 +52,7 @@ class StillController:
         if observation.step >= self._steps:
             return None
         if self._action is None:
-            self._action = np.append(observation.q[self._arm], self._gripper).astype(np.float32)
+            self._action = np.append(observation.joint_positions[self._arm], self._gripper).astype(np.float32)
         return self._action
 
 

@@ -124,10 +124,6 @@ def _outside(world: World) -> dict[str, str]:
     return {rigid: container for container, rigid in pairs if not _is_inside(world, scene, container, rigid)}
 
 
-def _contains(world: World, name: str) -> bool:
-    return INSIDE in list(world.setup.objects[name].model.keypoints)[-1]
-
-
 def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
     point = list(world.setup.objects[container].model.keypoints.values())[-1]
     containing = next(b for b in scene.objects[container].bodies if b.name == f"{container}/{point.link}")

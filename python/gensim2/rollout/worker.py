@@ -5,8 +5,9 @@ Functions here run in worker processes; their arguments and results are plain va
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import gensim2_kpam as kpam
@@ -14,6 +15,7 @@ from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
 from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig, SceneOptions
 from gensim2.tasks.spec import TaskSpec
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from gensim2.planning.steps import StepPlanner
     from gensim2.rollout.controller import Controller
     from gensim2.rollout.recording import Recording
+    from gensim2.rollout.run import Stop
     from gensim2.rollout.still import StillResult
     from gensim2.sim.headless import HeadlessEnv
 
@@ -160,32 +163,83 @@ def record(
     return keep(*_run(config, config.task, strategies, seed, record=True))
 
 
+def evaluate(
+    config: EpisodeConfig,
+    controller: ControllerSpec,
+    seed: int,
+    stop: Stop,
+    keep: Callable[[Episode, Recording | None], Result] | None,
+) -> Episode | Result:
+    """Run one episode of any controller.
+
+    Args:
+        controller: made once a process, and reset for each episode.
+        stop: who ends the episode, as in :func:`gensim2.rollout.run.run`.
+        keep: as for :func:`record`; None keeps no states.
+
+    Returns:
+        The record, or what ``keep`` returned.
+
+    Raises:
+        ControllerError: the controller fails, or gives no action that can be used.
+    """
+    found, recording = _rollout(config, config.task, controller, seed, keep is not None, stop)
+    return found if keep is None else keep(found, recording)
+
+
+def chain(strategies: Strategies, open_loop: bool = False) -> ControllerSpec:
+    """The chain of steps, done in these ways."""
+    return ControllerSpec(CHAIN, {"strategies": strategies, "open_loop": open_loop})
+
+
 def _run(
     config: EpisodeConfig, task: TaskSpec, strategies: Strategies, seed: int, record: bool
 ) -> tuple[Episode, Recording | None]:
+    return _rollout(config, task, chain(strategies, config.rollout.open_loop), seed, record)
+
+
+def _rollout(
+    config: EpisodeConfig, task: TaskSpec, spec: ControllerSpec, seed: int, record: bool, stop: Stop = "controller"
+) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.attempts import Attempt, attempted
-    from gensim2.rollout.chain import ChainController
     from gensim2.rollout.disturbance import Disturbed
     from gensim2.rollout.run import EpisodeResult, run
 
     given = config.rollout
     env = simulator(config.scene)
-    ways = parsed(strategies)
 
     def once(attempt: Attempt) -> EpisodeResult:
-        controller: Controller = ChainController(
-            attempt.task(task),
-            ways,
-            profile=robot(config.scene.robot),
-            open_loop=given.open_loop,
-            options=attempt.options,
-        )
+        controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, seed)
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
-        return run(env, controller, seed=seed, record=record, still=lambda: still_episode(config.scene, seed))
+        still = partial(still_episode, config.scene, seed)
+        return run(env, controller, seed=seed, record=record, stop=stop, still=still)
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording
+
+
+def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, seed: int) -> Controller:
+    """A controller for an episode; those that know nothing of tasks are kept: loading a network takes its time."""
+    from gensim2.rollout.controller import is_privileged
+    from gensim2.rollout.guarded import Guarded
+
+    profile = robot(robot_name)
+    if spec.target == CHAIN:
+        return spec.make(task, profile)
+    if is_privileged(spec.load()):
+        controller = spec.make(task, profile)
+    else:
+        key = (spec.target, json.dumps(spec.arguments, sort_keys=True))
+        if key not in _kept:
+            _kept.clear()
+            _kept[key] = spec.make(task, profile)
+        controller = _kept[key]
+    return Guarded(controller, spec, profile, f"{task.name}, seed {seed}")
+
+
+_kept: dict[tuple[str, str], Controller] = {}
+"""The last controller that was made in this process."""
 
 
 @lru_cache(maxsize=4096)

@@ -1,4 +1,4 @@
-"""What the loop needs of a simulator: any scene that can be reset, stepped and measured."""
+"""What the loop needs: a body that acts and sees, and of a simulator what only it knows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
 from gensim2.robots import RobotProfile
 from gensim2.tasks.measurement import Measurement
@@ -85,15 +86,41 @@ class Setup(Protocol):
         ...
 
 
-class World(Protocol):
-    """One task's scene. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
+class Body(Protocol):
+    """What acts: a simulated robot, or a real one.
+
+    Attributes:
+        profile: of the robot.
+        waits: it stands still while a controller thinks. One that does not must be given an action every control step.
+    """
+
+    profile: RobotProfile
+    waits: bool
+
+    def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """Where an episode begins."""
+        ...
+
+    def step(self, action: npt.ArrayLike) -> None:
+        """One control step, (m + 1,)."""
+        ...
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        """What is seen now."""
+        ...
+
+    def close(self) -> None:
+        """Give up what it holds."""
+        ...
+
+
+class World(Body, Protocol):
+    """One task's scene: a body, and what only a simulator knows. :class:`gensim2.sim.headless.HeadlessEnv` is one."""
 
     task: TaskSpec
     seed: int
     elapsed_steps: int
     control_mode: str
-
-    profile: RobotProfile
 
     @property
     def setup(self) -> Setup: ...
@@ -106,22 +133,8 @@ class World(Protocol):
         """A fresh scene; without the arm where ``robot`` is False."""
         ...
 
-    def step(self, action: npt.ArrayLike) -> None:
-        """One control step, (m + 1,)."""
-        ...
-
     def wait(self) -> None:
         """One control step in which nothing is commanded."""
-        ...
-
-    @property
-    def q(self) -> Array:
-        """(n,) robot joints, rad and m."""
-        ...
-
-    @property
-    def qvel(self) -> Array:
-        """(n,) their velocities."""
         ...
 
     def measure(self) -> Measurement:

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack, cast
 
 from gensim2.objects import open_library
-from gensim2.robots import DEFAULT_ROBOT
-from gensim2.robots import robot as robot_profile
+from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName, physics_name
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
@@ -81,10 +80,10 @@ class SceneOptions:
         words = {name: scene[name] for name in ("physics", "robot", "randomization") if name in scene}
         check_words(**words)
         options = cls("", **cast(Any, words))
-        robot_profile(options.robot)
+        robot = robot_key(options.robot)
         assets = scene.get("assets")
         location = getattr(assets, "location", None) or open_library(cast(Any, assets)).location
-        return cls(str(location), options.physics, options.robot, options.randomization)
+        return cls(str(location), options.physics, robot, options.randomization)
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> SceneOptions:

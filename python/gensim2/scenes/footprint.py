@@ -51,14 +51,6 @@ def lowest_of_moving_link(model: Instance, position: Array, quaternion: Array) -
     return float(position[2]) + min(float((_on_moving_link(points, model, value) @ up).min()) for value in values)
 
 
-def work_keypoint(model: Instance) -> str:
-    """Name of the keypoint that the robot works on: ``articulated_object_head``, or the first that moves."""
-    if "articulated_object_head" in model.keypoints:
-        return "articulated_object_head"
-    moving = (name for name, point in model.keypoints.items() if point.link == model.joint.child_link)
-    return next(moving, next(iter(model.keypoints)))
-
-
 def keypoint_in_root(model: Instance, name: str, value: float) -> Array:
     """(3,) m in the root frame: a keypoint where the joint stands at ``value`` (rad or m)."""
     point = model.keypoints[name]

@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
+from gensim2.objects.placement import work_keypoint
 from gensim2.objects.rigid import BODY
 from gensim2.objects.types import Instance
 from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
-from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points, work_keypoint
+from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points
 from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName
 from gensim2.scenes.randomize import (
     AS_IT_IS,
@@ -260,7 +261,7 @@ class _Room:
         self._points = {name: swept_points(model) for name, model in models.items()}
         self._base = np.array(robot.base_position)
         self._reach = robot.reach
-        tool, space = robot.gripper_with(start)["tool_head"], robot.workspace
+        tool, space = robot.gripper_with(start)["tool_head"], robot.footprint
         self._base_half = space.base_half
         self._hand, self._hand_bottom = square(tool, space.hand_half), float(tool[2]) - space.hand_drop
 
@@ -289,7 +290,9 @@ class _Room:
 
     def _is_near(self, thing: PlacedObject) -> bool:
         if isinstance(thing.model, Instance):
-            head = keypoint_in_root(thing.model, work_keypoint(thing.model), thing.joint_value)
+            head = keypoint_in_root(
+                thing.model, work_keypoint(thing.model.keypoints, thing.model.joint.child_link), thing.joint_value
+            )
         else:
             head = np.concatenate(thing.model.hulls[BODY]).mean(axis=0)
         return bool(np.linalg.norm((thing.in_world(head) - self._base)[:2]) <= self._reach)

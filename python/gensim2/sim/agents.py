@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPosMimicControllerConfig, deepcopy_dict
 from mani_skill.agents.registration import REGISTERED_AGENTS, register_agent
+from mani_skill.utils import sapien_utils
 
+from gensim2.errors import InputError
 from gensim2.robots import RobotProfile
 
 PATCH_RADIUS = 0.1
 """Metres; of the fingers' surface, as ManiSkill's agents have it."""
 
 
-def urdf_config(profile: RobotProfile) -> dict[str, Any]:
-    """Materials of the fingers, as ManiSkill's agents and their loader take them."""
-    friction = profile.gripper.friction
+def urdf_config(friction: float, pads: Sequence[str]) -> dict[str, Any]:
+    """Materials of the pads (names of links), as ManiSkill's agents and their loader take them."""
     pad = {"material": "gripper", "patch_radius": PATCH_RADIUS, "min_patch_radius": PATCH_RADIUS}
     return {
         "_materials": {"gripper": {"static_friction": friction, "dynamic_friction": friction, "restitution": 0.0}},
-        "link": {name: dict(pad) for name in profile.gripper.links},
+        "link": {name: dict(pad) for name in pads},
     }
 
 
@@ -29,14 +31,23 @@ def register(profile: RobotProfile) -> None:
 
     Raises:
         MissingExtraError: the robot's files come with a package that is not installed.
+        InputError: the name is that of another agent.
     """
-    if profile.agent in REGISTERED_AGENTS:
+    known = REGISTERED_AGENTS.get(profile.agent)
+    if known is not None:
+        other = getattr(known.agent_cls, "profile", profile)
+        if other is not profile or known.agent_cls.urdf_path != str(profile.urdf):
+            raise InputError(
+                f"there is another agent {profile.agent!r} in this process",
+                field=f"{profile.name}.simulation.agent",
+                remedy="give it another name",
+            )
         return
     fields = {
         "uid": profile.agent,
         "profile": profile,
         "urdf_path": str(profile.urdf),
-        "urdf_config": urdf_config(profile),
+        "urdf_config": urdf_config(profile.gripper.friction, profile.gripper.pads),
     }
     register_agent()(type(f"{profile.name.capitalize()}Agent", (ProfileAgent,), fields))
 
@@ -48,28 +59,44 @@ class ProfileAgent(BaseAgent):  # type: ignore[misc]
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        profile, fingers = self.profile, self.profile.gripper
-        drive = {"stiffness": profile.stiffness, "damping": profile.damping, "force_limit": profile.force_limit}
+        profile, drive, hand = self.profile, self.profile.simulation.gripper, self.profile.gripper
+        gains = {
+            "stiffness": [each.stiffness for each in profile.arm_drives],
+            "damping": [each.damping for each in profile.arm_drives],
+            "force_limit": [each.force_limit for each in profile.arm_drives],
+        }
         arm = list(profile.arm_joints)
-        gripper = PDJointPosMimicControllerConfig(
-            list(fingers.joints),
-            lower=fingers.closed,
-            upper=fingers.open,
-            stiffness=fingers.stiffness,
-            damping=fingers.damping,
-            force_limit=fingers.force_limit,
-            mimic={fingers.joints[1]: {"joint": fingers.joints[0]}},
+        first, *others = hand.driven
+        lower, upper = hand.range
+        limits = {"lower": lower, "upper": upper}
+        motors = {"stiffness": drive.stiffness, "damping": drive.damping, "force_limit": drive.force_limit}
+        gripper = (
+            PDJointPosMimicControllerConfig(
+                [first, *others], **limits, **motors, mimic={name: {"joint": first} for name in others}
+            )
+            if others
+            else PDJointPosControllerConfig([first], **limits, **motors)
         )
         modes: dict[str, Any] = deepcopy_dict(
             {
                 "pd_joint_pos": {
-                    "arm": PDJointPosControllerConfig(arm, lower=None, upper=None, normalize_action=False, **drive),
+                    "arm": PDJointPosControllerConfig(arm, lower=None, upper=None, normalize_action=False, **gains),
                     "gripper": gripper,
                 },
                 "pd_joint_delta_pos": {
-                    "arm": PDJointPosControllerConfig(arm, lower=-0.1, upper=0.1, use_delta=True, **drive),
+                    "arm": PDJointPosControllerConfig(arm, lower=-0.1, upper=0.1, use_delta=True, **gains),
                     "gripper": gripper,
                 },
             }
         )
         return modes
+
+    def _load_articulation(self, initial_pose: Any = None) -> None:
+        """As ManiSkill does, with fixed tendons between joints that mimic only where the profile has them."""
+        loader = self.scene.create_urdf_loader()
+        loader.name, loader.fix_root_link = self.uid, self.fix_root_link
+        sapien_utils.apply_urdf_config(loader, sapien_utils.parse_urdf_config(self.urdf_config))
+        builder = loader.parse(self.urdf_path)["articulation_builders"][0]
+        builder.initial_pose = initial_pose
+        self.robot = builder.build(build_mimic_joints=self.profile.simulation.tendons)
+        self.robot_link_names = [link.name for link in self.robot.get_links()]

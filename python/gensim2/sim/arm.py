@@ -15,11 +15,12 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.errors import InputError
-from gensim2.robots import RobotProfile, robot
+from gensim2.observations.proprioception import tool_pose
+from gensim2.robots import RobotProfile
 from gensim2.scenes.physics import PhysicsName
 from gensim2.sim.agents import urdf_config
-from gensim2.sim.objects import link_name
-from gensim2.sim.parts import Row, articulation_state, pose_row
+from gensim2.sim.gripper import Transmission, robot_joints
+from gensim2.sim.parts import Row, articulation_state
 from gensim2.sim.physics import Physics
 from gensim2.sim.scene_state import RobotReader
 
@@ -36,19 +37,19 @@ class Arm:
     def __init__(self, scene: sapien.Scene, profile: RobotProfile, physics: Physics) -> None:
         self._profile = profile
         self.articulation = built(
-            _builder(profile.name, physics.name), scene, sapien.Pose(p=list(profile.base_position))
+            _builder(profile, physics.name), scene, base_pose(profile), tendons=profile.simulation.tendons
         )
         for link in self.articulation.links:
             link.disable_gravity = True  # ManiSkill's stand-in for a controller that balances the arm's weight
-        joints = {joint.name: joint for joint in self.articulation.active_joints}
+        joints = robot_joints(self.articulation, profile)
         self._arm = [joints[name] for name in profile.arm_joints]
-        self._fingers = [joints[name] for name in profile.gripper.joints]
-        for drives, gains in ((self._arm, profile), (self._fingers, profile.gripper)):
-            for joint in drives:
-                joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
-                joint.set_friction(0.0)
-        physics.prepare_robot(self.articulation, profile.gripper)
-        self._tool = next(link for link in self.articulation.links if link_name(link) == profile.tool_link)
+        self._motors = [joints[name] for name in profile.gripper.driven]
+        motors = [profile.simulation.gripper] * len(self._motors)
+        for joint, gains in zip([*self._arm, *self._motors], [*profile.arm_drives, *motors], strict=True):
+            joint.set_drive_properties(gains.stiffness, gains.damping, force_limit=gains.force_limit, mode="force")
+            joint.set_friction(0.0)
+        self.transmission = Transmission(self.articulation, profile)
+        physics.prepare_robot(self.articulation, profile)
         self.reader = RobotReader(profile, self.articulation)
 
     @property
@@ -73,7 +74,7 @@ class Arm:
         for index, joint in enumerate(self._arm):
             joint.drive_target = command[index : index + 1]
         target = self._profile.gripper.target(command[size:])
-        for joint in self._fingers:
+        for joint in self._motors:
             joint.drive_target = target
 
     def state(self) -> Row:
@@ -81,8 +82,8 @@ class Arm:
         return articulation_state(self.articulation)
 
     def observed(self) -> list[Row]:
-        """What observations begin with: qpos, qvel, pose of the tool in the world (7,)."""
-        return [self.articulation.qpos, self.articulation.qvel, pose_row(self._tool.entity)]
+        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,)."""
+        return [self.articulation.qpos, self.articulation.qvel, tool_pose(self._profile, self.articulation.qpos)]
 
 
 def parsed(
@@ -109,11 +110,17 @@ def parsed(
     return builder
 
 
-def built(builder: ArticulationBuilder, scene: sapien.Scene, pose: sapien.Pose) -> physx.PhysxArticulation:
-    """What a builder makes in a scene, its root at ``pose``."""
+def built(
+    builder: ArticulationBuilder, scene: sapien.Scene, pose: sapien.Pose, *, tendons: bool = True
+) -> physx.PhysxArticulation:
+    """What a builder makes in a scene, its root at ``pose``.
+
+    Args:
+        tendons: whether PhysX couples joints that mimic one another.
+    """
     builder.set_scene(scene)
     builder.set_initial_pose(pose)
-    articulation: physx.PhysxArticulation = builder.build()
+    articulation: physx.PhysxArticulation = builder.build(build_mimic_joints=tendons)
     articulation.pose = pose
     return articulation
 
@@ -126,8 +133,16 @@ def _without_visuals(build_link: Callable[[Any, Any], None]) -> Callable[[Any, A
     return build
 
 
+def base_pose(profile: RobotProfile) -> sapien.Pose:
+    """The base in the world."""
+    return sapien.Pose(p=list(profile.base_position), q=list(profile.base_quaternion))
+
+
+def _builder(profile: RobotProfile, name: PhysicsName) -> ArticulationBuilder:
+    return _parsed(str(profile.urdf), profile.gripper.friction, profile.gripper.pads, name)
+
+
 @cache
-def _builder(name: str, physics: PhysicsName) -> ArticulationBuilder:
+def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: PhysicsName) -> ArticulationBuilder:
     """One for each physics: builders keep the default material that there was when they were parsed."""
-    profile = robot(name)
-    return parsed(str(profile.urdf), urdf_config(profile))
+    return parsed(urdf, urdf_config(friction, pads))

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import sapien
 import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.seeding import np_random
@@ -15,20 +14,18 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 
 from gensim2.errors import ClosedEnvError, GenSim2Error, InputError
-from gensim2.observations import CloudSettings
+from gensim2.observations import ObservationSpec
 from gensim2.planning.scene import Scene
-from gensim2.raycast.sensor import OBS_MODE as RAYCAST
-from gensim2.raycast.sensor import RaycastSensor
-from gensim2.robots import robot as robot_profile
-from gensim2.robots import robot_names
 from gensim2.scenes.arguments import check_words
 from gensim2.scenes.config import split_arguments
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim import agents, rendering
 from gensim2.sim.arguments import check_one_of, checked_action, checked_seed
+from gensim2.sim.arm import base_pose
+from gensim2.sim.gripper import Transmission
 from gensim2.sim.managed import build_part, spare_imports_from_collection
-from gensim2.sim.observed import RaycastObservations
+from gensim2.sim.observed import RAYCAST, RaycastObservations
 from gensim2.sim.physics import named_physics
 from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.scene_state import RobotReader, read_scene
@@ -40,7 +37,7 @@ from gensim2.tasks.spec import TaskSpec
 class GenSim2Env(RaycastObservations):
     """A robot at a table with the objects of a task.
 
-    Physics runs at 100 Hz on the CPU, control at 20 Hz. PhysX settings are ManiSkill's, stated
+    Physics runs on the CPU, at the rate that the robot says, as control does. PhysX settings are ManiSkill's, stated
     and fixed here: TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration.
     Every reset builds the scene anew, which makes it bitwise repeatable: ``reset(seed=s)`` gives the same
     scene, and the same actions the same states, in any process, with pictures or without.
@@ -50,9 +47,9 @@ class GenSim2Env(RaycastObservations):
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields as a dict.
-        obs_mode: ManiSkill's, or ``"raycast"``: the point cloud of :mod:`gensim2.observations`, ray-cast without a
-            renderer, beside the robot's own state (docs/observations.md).
-        observation: fields of :class:`~gensim2.observations.CloudSettings`, for ``"raycast"``.
+        obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.observations.Observation` without a renderer, its
+            arrays by name (docs/observations.md).
+        observation: an :class:`~gensim2.observations.ObservationSpec` or its fields, for ``"raycast"``.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: those of :class:`~gensim2.scenes.config.SceneArguments`, and as in ManiSkill's ``BaseEnv``;
@@ -68,7 +65,6 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_ROBOTS = [robot_profile(name).agent for name in robot_names()]  # noqa: RUF012 - as the base class has it
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
@@ -82,7 +78,7 @@ class GenSim2Env(RaycastObservations):
         render_backend: str = "auto",
         reconfiguration_freq: int | None = None,
         obs_mode: str | None = None,
-        observation: CloudSettings | Mapping[str, Any] | None = None,
+        observation: ObservationSpec | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         **kwargs: Any,
     ) -> None:
@@ -100,9 +96,11 @@ class GenSim2Env(RaycastObservations):
             raise InputError(f"is {self.profile.agent!r}, not {robot_uids!r}", field="robot_uids", remedy="give robot")
         agents.register(self.profile)
         self._spec: EnvSpec | None = None
-        self._sensor = RaycastSensor(observation) if obs_mode == RAYCAST else None
-        if observation is not None and self._sensor is None:
+        self._seen = ObservationSpec.of(observation) if obs_mode == RAYCAST else None
+        if observation is not None and self._seen is None:
             raise InputError(f"is for obs_mode {RAYCAST!r}", field="observation")
+        if self._seen is not None and "rgb" in self._seen.modalities:
+            raise InputError("rgb is the renderer's", field="observation.modalities", remedy="use obs_mode='rgb'")
         self.reset_options: dict[str, Any] = {}
         self._closed = False
         spare_imports_from_collection()
@@ -112,9 +110,9 @@ class GenSim2Env(RaycastObservations):
                 robot_uids=self.profile.agent,
                 control_mode=control_mode,
                 sim_backend="physx_cpu",
-                render_backend=rendering.backend(render_backend, "none" if self._sensor else obs_mode, render_mode),
+                render_backend=rendering.backend(render_backend, "none" if self._seen else obs_mode, render_mode),
                 reconfiguration_freq=1,
-                obs_mode=obs_mode if self._sensor is None else "none",  # as far as ManiSkill is concerned
+                obs_mode=obs_mode if self._seen is None else "none",  # as far as ManiSkill is concerned
                 render_mode=render_mode,
                 **rest,
             )
@@ -182,8 +180,9 @@ class GenSim2Env(RaycastObservations):
         return result
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, sapien.Pose(p=list(self.profile.base_position)))
-        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile.gripper)
+        super()._load_agent(options, base_pose(self.profile))
+        self._transmission = Transmission(self.agent.robot._objs[0], self.profile)
+        self.physics.prepare_robot(self.agent.robot._objs[0], self.profile)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         seed = int(self._episode_seed[0])
@@ -193,21 +192,21 @@ class GenSim2Env(RaycastObservations):
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             robot = self.agent.robot._objs[0]
-            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile.gripper)
-        if self._sensor is not None:
-            self._sensor.prepare(self.profile, {name: thing.model for name, thing in setup.objects.items()}, seed)
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile)
         self._setup = setup
+        self._prepare_observations(seed)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         rendering.add_lights(self.scene, shadows=self.enable_shadow or self.render_mode is not None)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         self.agent.reset(np.array(self.setup.start, dtype=np.float32))
-        self.agent.robot.set_pose(sapien.Pose(p=list(self.profile.base_position)))
+        self.agent.robot.set_pose(base_pose(self.profile))
         for part in self._parts.values():
             part.put()
 
     def _before_simulation_step(self) -> None:
+        self._transmission.before_substep()
         for part in self._parts.values():
             part.before_substep()
 
@@ -231,7 +230,7 @@ class GenSim2Env(RaycastObservations):
         return reward
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step (0.05 s). ``truncated`` from ``task.max_episode_steps`` on.
+        """One control step. ``truncated`` from ``task.max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.
@@ -239,6 +238,7 @@ class GenSim2Env(RaycastObservations):
         """
         self._require_open()
         action = checked_action(action, self.single_action_space.shape[0], self.agent.supported_control_modes)
+        self._note_command(action)
         obs, reward, terminated, _, info = super().step(action)
         return obs, reward, terminated, self.elapsed_steps >= self.max_episode_steps, info
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +21,10 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.objects import RigidObject
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
-from gensim2.scenes.config import SceneArguments
+from gensim2.robots import OPEN
+from gensim2.scenes.config import SceneArguments, SceneOptions
 from gensim2.scenes.initial_state import InitialState, PlacedObject
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
@@ -39,6 +41,10 @@ from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.spec import TaskSpec
 
+if TYPE_CHECKING:
+    from gensim2.raycast.observer import Observer, Photograph
+    from gensim2.sim.pictures import StatePictures
+
 
 class HeadlessEnv(SceneAccessMixin):
     """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
@@ -53,6 +59,7 @@ class HeadlessEnv(SceneAccessMixin):
     """
 
     control_mode = "pd_joint_pos"
+    waits = True
 
     def __init__(self, task: str | TaskSpec | Mapping[str, Any], **scene: Unpack[SceneArguments]) -> None:
         self._sampler = sampler = SceneSampler(task, **scene)
@@ -64,6 +71,8 @@ class HeadlessEnv(SceneAccessMixin):
         self.seed = 0
         self.elapsed_steps = 0
         self.reset_options: dict[str, Any] = {}
+        self._observers: dict[ObservationSpec, Observer] = {}
+        self._pictures: StatePictures | None = None
 
     @property
     def max_episode_steps(self) -> int:
@@ -100,8 +109,9 @@ class HeadlessEnv(SceneAccessMixin):
         self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             arm = None if self._arm is None else self._arm.articulation
-            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile.gripper)
-        self._setup, self.elapsed_steps = setup, 0
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile)
+        self._setup, self.elapsed_steps, self._command = setup, 0, OPEN
+        self._observers = {}
         if self._arm is not None:
             self._arm.put(setup.start)
         for part in self._parts.values():
@@ -117,7 +127,7 @@ class HeadlessEnv(SceneAccessMixin):
     # ------------------------------------------------------------------- time
 
     def step(self, action: npt.ArrayLike) -> None:
-        """One control step (0.05 s).
+        """One control step.
 
         Args:
             action: (m + 1,): targets of the m arm joints in rad, and the gripper from -1 (closed) to 1 (open).
@@ -126,6 +136,7 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: the action has the wrong shape or is not finite.
         """
         self._require_arm().drive(action)
+        self._command = float(np.asarray(action, dtype=np.float32)[-1])
         self._advance()
 
     def wait(self) -> None:
@@ -135,7 +146,9 @@ class HeadlessEnv(SceneAccessMixin):
 
     def _advance(self) -> None:
         parts = self._parts.values()
-        for _ in range(self.profile.physics_hz // self.profile.control_hz):
+        for _ in range(self.profile.substeps):
+            if self._arm is not None:
+                self._arm.transmission.before_substep()
             for part in parts:
                 part.before_substep()
             self._system.step()
@@ -194,6 +207,49 @@ class HeadlessEnv(SceneAccessMixin):
         for name, part in self._parts.items():
             found["actors" if isinstance(part, RigidPart) else "articulations"][name] = part.state()
         return found
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        """What is seen of this instant; of one state, spec and seed always the same bytes.
+
+        Args:
+            spec: what is looked at. Colour pictures (``rgb``) cost a second scene with a renderer, 2 GB.
+
+        Raises:
+            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+            InputError: an object's files cannot be used, or no renderer works for ``rgb``.
+            MissingExtraError: Embree is not installed.
+        """
+        if spec not in self._observers:
+            self._observers[spec] = self._observer(spec)
+        if spec.is_proprioceptive:  # no more of the state is looked at
+            return self._observers[spec].joints(self.q, self.qvel, self.elapsed_steps, self._command)
+        rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self.state().items()}
+        return self._observers[spec].observe(rows, self.elapsed_steps, self._command)
+
+    def _observer(self, spec: ObservationSpec) -> Observer:
+        from gensim2.raycast.observer import Observer  # here: most episodes look through no camera
+
+        photograph = None
+        models = {name: thing.model for name, thing in self.setup.objects.items()}
+        if "rgb" in spec.modalities:
+            photograph = self._photograph({name: model.id for name, model in models.items()})
+        return Observer(self.profile, models, spec, self.seed, self.task.description, photograph)
+
+    def _photograph(self, instances: dict[str, str]) -> Photograph:
+        from gensim2.sim.pictures import StatePictures
+
+        if self._pictures is None:
+            words = {"physics": self.physics.name, "robot": self.profile.name}
+            options = SceneOptions.of(assets=self._sampler.library, **words)
+            self._pictures = StatePictures(options.with_task(self.task))
+        self._pictures.show(instances, self.seed, {**self.reset_options, "instance": instances})
+        return self._pictures.colors
+
+    def close(self) -> None:
+        """Give up what it holds beside the scene."""
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
 
     def observation(self) -> Row:
         """(D,) the environment's state observation of this instant: qpos, qvel and tool pose of the robot, then of each

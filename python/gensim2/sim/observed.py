@@ -1,27 +1,57 @@
-"""What an environment lets a policy see: ManiSkill's observations, with where the objects stand, or ray-cast points."""
+"""What an environment lets a policy see: ManiSkill's observations, with where the objects stand, or the project's."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 
-from gensim2.raycast.sensor import OBS_MODE as RAYCAST
-from gensim2.raycast.sensor import RaycastSensor
-from gensim2.robots import RobotProfile
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations.columns import TOOL_POSE
+from gensim2.observations.proprioception import tool_pose
+from gensim2.raycast.observer import Observer
+from gensim2.robots import OPEN, RobotProfile
 from gensim2.sim.scene_access import SceneAccessMixin
+from gensim2.tasks.spec import TaskSpec
+
+RAYCAST = "raycast"
+"""Observation mode: :class:`~gensim2.observations.Observation`, without a renderer."""
 
 
 class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
-    """Adds ``obs_mode="raycast"`` to ManiSkill's; ``_sensor`` is None in all others."""
+    """Adds ``obs_mode="raycast"`` to ManiSkill's; ``_seen`` is None in all others."""
 
     profile: RobotProfile
-    _sensor: RaycastSensor | None
+    task: TaskSpec
+    _seen: ObservationSpec | None
+    _observer: Observer
+    _command = OPEN
+
+    def _prepare_observations(self, seed: int) -> None:
+        """Take note of a new scene.
+
+        Raises:
+            InputError: a file of the robot or of an object cannot be used.
+            MissingExtraError: Embree is not installed.
+        """
+        self._command = OPEN
+        if self._seen is not None:
+            models = {name: thing.model for name, thing in self.setup.objects.items()}
+            self._observer = Observer(self.profile, models, self._seen, seed, self.task.description)
+
+    def _note_command(self, action: Any) -> None:
+        """Take note of the gripper's command, the last number of an action; None commands nothing."""
+        if action is not None:
+            values = action["action"] if isinstance(action, Mapping) else action
+            self._command = float(values.reshape(-1)[-1])
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Hand pose in the world; with state observations also where the objects and their links stand."""
-        extra: dict[str, Any] = {"tcp_pose": self.agent.robot.links_map[self.profile.tool_link].pose.raw_pose}
+        """Tool pose in the base frame; with state observations also where the objects and their links stand."""
+        joints = self.agent.robot.get_qpos()[0].cpu().numpy()
+        extra: dict[str, Any] = {TOOL_POSE: torch.from_numpy(tool_pose(self.profile, joints)[None])}
         if self.obs_mode_struct.use_state:
             extra["objects"] = {
                 name: {what: torch.from_numpy(row[None]) for what, row in part.observed().items()}
@@ -32,14 +62,18 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
     @property
     def obs_mode(self) -> str:
         """What observations are of."""
-        return str(super().obs_mode) if self._sensor is None else RAYCAST
+        return str(super().obs_mode) if self._seen is None else RAYCAST
+
+    def observe(self) -> Observation:
+        """The observation of this instant, of ``obs_mode="raycast"``."""
+        rows = {
+            kind: {name: row.cpu().numpy() for name, row in group.items()}
+            for kind, group in self.get_state_dict().items()
+        }
+        return self._observer.observe(rows, int(self.elapsed_steps[0]), self._command)
 
     def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
-        """As in ManiSkill; of ``"raycast"`` a dict of ``agent``, ``extra`` and ``pointcloud``."""
-        if self._sensor is None:
+        """As in ManiSkill; of ``"raycast"`` the arrays of :meth:`observe` by name, (1, ...) each."""
+        if self._seen is None:
             return super().get_obs(info, unflattened)
-        return {
-            "agent": self._get_obs_agent(),
-            "extra": self._get_obs_extra(info or {}),
-            "pointcloud": self._sensor.observe(self.get_state_dict(), int(self.elapsed_steps[0])),
-        }
+        return {name: torch.from_numpy(np.ascontiguousarray(array)[None]) for name, array in self.observe().items()}

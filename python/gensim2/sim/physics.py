@@ -20,10 +20,11 @@ from sapien.wrapper.urdf_loader import URDFLoader
 
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
-from gensim2.robots import Gripper, RobotProfile
+from gensim2.robots import RobotProfile
 from gensim2.scenes.physics import PhysicsName, physics_name
 from gensim2.scenes.randomize import AS_IT_IS, Factors
 from gensim2.sim import original
+from gensim2.sim.gripper import robot_joints
 
 Array = npt.NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class Physics(ABC):
     def sim_config(self, robot: RobotProfile) -> SimConfig:
         """What ManiSkill is told: these settings, and the robot's rates."""
         return SimConfig(
-            sim_freq=robot.physics_hz,
+            sim_freq=robot.simulation.physics_hz,
             control_freq=robot.control_hz,
             scene_config=self.scene_config,
             default_materials_config=self.material,
@@ -85,17 +86,17 @@ class Physics(ABC):
         )
         physx.set_default_material(**self.material.dict())
         system = physx.PhysxCpuSystem()
-        system.timestep = 1.0 / robot.physics_hz
+        system.timestep = 1.0 / robot.simulation.physics_hz
         return system
 
     @abstractmethod
     def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
     ) -> None:
         """What a scene with rigid objects needs besides, once it is built; ``robot`` is None in one without."""
 
     @abstractmethod
-    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
+    def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
         """Give a robot's links their contact materials and its fingers' drives their damping, once it is built."""
 
     @abstractmethod
@@ -128,7 +129,7 @@ class DefaultPhysics(Physics):
     material = DefaultMaterialsConfig()
 
     def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
     ) -> None:
         for body in (
             *system.articulation_link_components,
@@ -138,7 +139,7 @@ class DefaultPhysics(Physics):
             for shape in body.collision_shapes:
                 shape.contact_offset = RIGID_CONTACT_OFFSET
 
-    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
+    def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
         """Leave ManiSkill's."""
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
@@ -211,18 +212,18 @@ class OriginalPhysics(Physics):
         self.material = DefaultMaterialsConfig(**self._constants.material)
 
     def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, gripper: Gripper
+        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
     ) -> None:
         """Soften the fingers' drives (``constants.yaml`` says why); contact offsets are the original's."""
         if robot is not None:
-            _drive_fingers(robot, gripper, **self._constants.picking_fingers)
+            _drive_fingers(robot, profile, **self._constants.picking_fingers)
 
-    def prepare_robot(self, robot: physx.PhysxArticulation, gripper: Gripper) -> None:
+    def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
         material = self._material()
         for link in robot.links:
             for shape in link.collision_shapes:
                 shape.set_physical_material(material)
-        _drive_fingers(robot, gripper, gripper.stiffness, self._constants.finger_damping)
+        _drive_fingers(robot, profile, profile.finger_drive.stiffness, self._constants.finger_damping)
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         loader.set_density(self._constants.density(asset_class))
@@ -262,10 +263,10 @@ class CoefficientFriction:
         """Nothing changes."""
 
 
-def _drive_fingers(robot: physx.PhysxArticulation, gripper: Gripper, stiffness: float, damping: float) -> None:
-    for joint in robot.active_joints:
-        if joint.name.endswith(gripper.joints):  # ManiSkill puts the scene's and the robot's name before it
-            joint.set_drive_properties(stiffness, damping, force_limit=gripper.force_limit, mode="force")
+def _drive_fingers(robot: physx.PhysxArticulation, profile: RobotProfile, stiffness: float, damping: float) -> None:
+    joints, limit = robot_joints(robot, profile), profile.finger_drive.force_limit
+    for name in profile.gripper.fingers:
+        joints[name].set_drive_properties(stiffness, damping, force_limit=limit, mode="force")
 
 
 def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> None:

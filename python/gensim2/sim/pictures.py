@@ -62,6 +62,10 @@ class StatePictures:
             for camera, images in found.items()
         }
 
+    def colors(self, states: Mapping[str, Any], row: int) -> dict[str, npt.NDArray[np.uint8]]:
+        """Colour pictures (H, W, 3) by camera."""
+        return {camera: images["rgb"] for camera, images in self.at(states, row).items()}
+
     def close(self) -> None:
         """End it."""
         self._env.close()

@@ -81,14 +81,14 @@ def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object])
 
 def recordable(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Environment arguments as a recorder can write them."""
-    from gensim2.observations import CloudSettings
+    from gensim2.observations import ObservationSpec
 
     plain = dict(kwargs)
     if isinstance(plain.get("task"), TaskSpec):
         plain["task"] = plain["task"].model_dump(mode="json")
     if isinstance(plain.get("assets"), Path):
         plain["assets"] = str(plain["assets"])
-    if isinstance(plain.get("observation"), CloudSettings):
+    if isinstance(plain.get("observation"), ObservationSpec):
         plain["observation"] = plain["observation"].to_dict()
     instances = plain.get("instances")
     if isinstance(instances, Mapping):

@@ -13,7 +13,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils import sapien_utils
 
 from gensim2.errors import InputError
-from gensim2.sim.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
+from gensim2.observations.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
 
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
@@ -48,7 +48,7 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
 
 
 def observation_cameras() -> list[CameraConfig]:
-    """The cameras of :mod:`gensim2.sim.cameras` for SAPIEN's renderer; poses in the world frame."""
+    """The cameras of :mod:`gensim2.observations.cameras` for SAPIEN's renderer; poses in the world frame."""
     return [
         CameraConfig(name, sapien_utils.look_at(place, TARGET), PIXELS, PIXELS, fov=FIELD_OF_VIEW, near=NEAR, far=FAR)
         for name, place in PLACES.items()

@@ -10,6 +10,7 @@ from sapien import physx
 
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
+from gensim2.sim.gripper import robot_joints
 from gensim2.sim.lazy_mapping import LazyMapping
 from gensim2.sim.objects import link_name
 from gensim2.sim.parts import ArticulatedPart, Parts, RigidPart, as_matrix
@@ -41,12 +42,7 @@ class RobotReader:
         self._start = profile.reset_qpos if start is None else start
         if articulation is not None:
             self._hand = next(link for link in articulation.links if link_name(link) == profile.hand_link)
-            # ManiSkill puts the scene's and the robot's name before a joint's.
-            names = [joint.name for joint in articulation.active_joints]
-            self._fingers = [
-                next(index for index, name in enumerate(names) if name.endswith(finger))
-                for finger in profile.gripper.joints
-            ]
+            self._joints = robot_joints(articulation, profile)
 
     @property
     def q(self) -> Array:
@@ -75,23 +71,22 @@ class RobotReader:
         gripper = self.profile.gripper
         if self.articulation is None:
             return gripper.friction
-        finger = next(link for link in self.articulation.links if link_name(link) == gripper.links[0])
+        finger = next(link for link in self.articulation.links if link_name(link) == gripper.pads[0])
         return float(finger.collision_shapes[0].physical_material.dynamic_friction)
 
     @property
     def finger_stiffness(self) -> float:
-        """Of the fingers' drives, N/m."""
+        """Of the drives that press the pads together, N/m or N m/rad."""
         if self.articulation is None:
-            return self.profile.gripper.stiffness
-        return float(self.articulation.active_joints[self._fingers[0]].stiffness)
+            return self.profile.finger_drive.stiffness
+        return float(self._joints[self.profile.gripper.fingers[0]].stiffness)
 
     @property
     def finger_opening(self) -> float:
         """Distance between the fingers' pads, m."""
         if self.articulation is None:
-            return len(self.profile.gripper.joints) * self.profile.gripper.open
-        q = self.q
-        return float(sum(q[index] for index in self._fingers))
+            return self.profile.gripper.widest
+        return self.profile.gripper.opening(self.q[self.profile.arm_size :])
 
 
 def measure(robot: RobotReader, parts: Parts) -> Measurement:

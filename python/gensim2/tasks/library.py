@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import zipfile
-import zlib
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
@@ -23,6 +21,7 @@ from typing import Any
 from platformdirs import user_data_path
 
 from gensim2.errors import InputError
+from gensim2.foreign.archive import open_archive, read_member
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -59,10 +58,7 @@ def _user_shelf() -> Traversable | None:
     path = user_library()
     if path is None or path.suffix != ".zip" or not path.is_file():
         return path
-    try:
-        return zipfile.Path(path)
-    except (OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
+    return open_archive(path)
 
 
 def _suite() -> Traversable:
@@ -250,11 +246,7 @@ def _read(file: Traversable) -> dict[str, Any]:
     """The fields of a file of the package, of a folder or of an archive."""
     if isinstance(file, Path):
         return read_yaml(file)
-    try:
-        with file.open("rb") as stream:
-            return parse_yaml(stream.read(MOST_BYTES + 1), str(file))
-    except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"cannot be read: {error}", file=str(file)) from error
+    return parse_yaml(read_member(file, MOST_BYTES + 1), str(file))
 
 
 def _files_in(folder: Traversable) -> list[str]:

@@ -7,7 +7,6 @@ removes holds the library's lock; whoever reads needs none, as folders come and 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import importlib.metadata
 import json
 import os
@@ -17,6 +16,8 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock
 
 from gensim2.errors import InputError
 from gensim2.files import sync_folder, write_json
@@ -221,8 +222,7 @@ class Memory:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            with (self.folder / LOCK_FILE).open("a") as stream:
-                fcntl.flock(stream, fcntl.LOCK_EX)
+            with FileLock(self.folder / LOCK_FILE):
                 for left in self.folder.glob(f".*{_LEFT}"):
                     shutil.rmtree(left)
                 yield

@@ -211,6 +211,7 @@ pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTim
 /// # Errors
 /// A keyframe that the motion does not have, or one past the actuation pose without an earlier plan that has one.
 pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Plan, StageTimes), ProblemError> {
+    let begun = std::time::Instant::now();
     let mut times = StageTimes::default();
     let clock = cpu_time::ThreadTime::now();
     if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
@@ -220,7 +221,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let resolved = problem.resolve()?;
     let entry = entry(problem, request)?;
     let mut search = ActuationSearch::new(problem, &model, &resolved);
-    let mut planner = match Planner::new(problem, &model, &resolved, request, entry) {
+    let mut planner = match Planner::new(problem, &model, &resolved, request, begun, entry) {
         Ok(planner) => planner,
         Err(e) => {
             let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name();

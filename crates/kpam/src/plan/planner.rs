@@ -1,5 +1,7 @@
 //! The search for the cheapest actuation pose whose whole motion is reachable and free.
 
+use std::time::Instant;
+
 use super::attempt::Attempt;
 use super::failure::{Failure, inside};
 use super::{Collision, Lack, Outcome, Plan, Request, TriedPose, refused};
@@ -100,6 +102,7 @@ impl<'p> Planner<'p> {
         model: &'p Model,
         resolved: &'p Resolved,
         request: &Request<'p>,
+        begun: Instant,
         entry: usize,
     ) -> Result<Self, CannotStop> {
         let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
@@ -109,11 +112,11 @@ impl<'p> Planner<'p> {
             velocity: rates(&options.start_velocity),
             acceleration: rates(&options.start_acceleration),
         };
-        let builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
-        let leads = leads(&builder, &start, &model.lower, &model.upper)?;
+        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.course.toward(entry));
-        world.limit(request.most_checks, request.cancel.clone());
+        world.limit(request.most_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -264,6 +267,9 @@ impl<'p> Planner<'p> {
         } else if !solved && self.world.is_spent() && out.trajectory().is_none() {
             out.outcome = Outcome::Failed(Lack::NotFound);
             out.reason = format!("the collision checks are spent; so far {}", out.reason);
+        } else if !solved && self.world.is_late() && out.trajectory().is_none() {
+            out.outcome = Outcome::Failed(Lack::NotFound);
+            out.reason = format!("the time is up; so far {}", out.reason);
         }
         out.tried = tried;
         out.tried_poses = poses;

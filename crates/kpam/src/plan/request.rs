@@ -15,6 +15,9 @@ pub struct Request<'a> {
     pub resume: Option<&'a str>,
     /// Most states that are checked for collisions; planning ends at the first candidate past that.
     pub most_checks: Option<u64>,
+    /// Ends planning after so long (wall time): what was found by then is the answer. Without one, the same question has
+    /// the same answer.
+    pub deadline: Option<std::time::Duration>,
     /// Ends planning when set.
     pub cancel: Option<Cancel>,
     /// Whether the plan says of each pose that was tried what became of it.

@@ -258,7 +258,8 @@ impl Planner<'_> {
                 let allowed = last.due.map_or(0.0, |d| d - begin);
                 Failure::TooFast { keyframe: last.toward, allowed, needed }
             }
-            Refusal::TooSharp => Failure::Untimed { keyframe: last.toward },
+            // Timing is not cancelled within a plan: it takes well under a millisecond.
+            Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
         })?;
         for (leg, time) in legs.iter().zip(&passed) {
             if let Some(keyframe) = leg.keyframe {

@@ -98,14 +98,23 @@ impl KeypointProblem {
         &self.options
     }
 
-    /// The same problem from another state: joints, their velocity (at rest where none is given), and the time (s).
+    /// The same problem from another state: joints, their velocity and acceleration (zero where `None`, whatever the
+    /// problem started with), and the time (s).
     ///
     /// # Errors
     /// As [`KeypointProblemBuilder::build`].
-    pub fn with_start(&self, q: Vec<f64>, velocity: Option<Vec<f64>>, time: f64) -> Result<Self, ProblemError> {
+    pub fn with_start(
+        &self,
+        q: Vec<f64>,
+        velocity: Option<Vec<f64>>,
+        acceleration: Option<Vec<f64>>,
+        time: f64,
+    ) -> Result<Self, ProblemError> {
         let mut out = self.clone();
         out.q_start = q;
-        (out.options.start_velocity, out.options.start_time) = (velocity, time);
+        out.options.start_velocity = velocity;
+        out.options.start_acceleration = acceleration;
+        out.options.start_time = time;
         out.check()?;
         Ok(out)
     }

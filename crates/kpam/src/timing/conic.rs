@@ -6,12 +6,13 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
-    DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus, SupportedConeT,
-    ZeroConeT,
+    DefaultInfo, DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
+    SupportedConeT, ZeroConeT,
 };
 
 use super::grid::Grid;
 use super::limits::Limits;
+use crate::Cancel;
 
 /// Rows of A x + s = b, with s in a cone, gathered as triplets.
 #[derive(Default)]
@@ -34,9 +35,9 @@ impl Rows {
 }
 
 /// The x at each station of the fastest motion, from `begin` at the first to 0 at the last; `None` where there is none.
-pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
+pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&Cancel>) -> Option<Vec<f64>> {
     let cells = grid.cells();
-    let ceilings = grid.ceilings(limits);
+    let ceilings = grid.ceilings(limits, begin);
     // In units in which x is about 1 on the way.
     let greatest = ceilings.iter().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
     let unit = if greatest > 0.0 { greatest } else { 1.0 };
@@ -92,6 +93,9 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f6
     let p = CscMatrix::zeros((variables, variables));
     let settings = DefaultSettings { verbose: false, ..DefaultSettings::default() };
     let mut solver = DefaultSolver::new(&p, &q, &a, &rows.b, &cones, settings).ok()?;
+    if let Some(cancel) = cancel.cloned() {
+        solver.set_termination_callback(move |_: &DefaultInfo<f64>| cancel.is_cancelled());
+    }
     solver.solve();
     if !matches!(solver.solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved) {
         return None;

@@ -80,18 +80,36 @@ impl Grid {
         self.stations[cell + 1].s - self.stations[cell].s
     }
 
-    /// Greatest x at each station by the limits on velocity.
-    pub fn ceilings(&self, limits: &Limits) -> Vec<f64> {
+    /// Greatest x at each station by the limits on velocity and by the pace, for a motion that begins with x = `begin`.
+    /// A start that is faster than the pace is not refused: it brakes to it as hard as the limits allow.
+    pub fn ceilings(&self, limits: &Limits, begin: f64) -> Vec<f64> {
         let mut out = vec![f64::INFINITY; self.stations.len()];
+        let mut pace = out.clone();
         for cell in 0..self.cells() {
             for k in [cell, cell + 1] {
-                let mut speed = self.pace[cell];
+                let mut speed = f64::INFINITY;
                 for v in 0..self.joints {
                     speed = speed.min(self.shares[cell][0] * limits.velocity[v] / self.stations[k].first[v].abs());
                 }
                 out[k] = out[k].min(speed * speed);
+                pace[k] = pace[k].min(self.pace[cell] * self.pace[cell]);
             }
         }
+        let mut rows = Vec::new();
+        let mut least = begin;
+        for cell in 0..self.cells() {
+            if least <= pace[cell] {
+                break;
+            }
+            pace[cell] = least;
+            self.rows(limits, cell, &mut rows);
+            let slowing =
+                rows.iter().map(|[a, b, c]| if *a == 0.0 { f64::NEG_INFINITY } else { -b / a * least - c / a.abs() });
+            least = (least + 2.0 * self.step(cell) * slowing.fold(f64::NEG_INFINITY, f64::max)).max(0.0);
+        }
+        out.iter_mut().zip(pace).for_each(|(x, slow)| *x = x.min(slow));
+        // The start is what it is; a share of the limit that is left to its cell bounds what follows.
+        out[0] = out[0].max(begin);
         out
     }
 

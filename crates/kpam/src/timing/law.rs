@@ -2,10 +2,11 @@
 
 use super::conic;
 use super::grid::Grid;
-use super::limits::{Limits, START_ROUNDING};
+use super::limits::Limits;
 use super::motion::{Node, shares};
 use super::reachability;
 use super::spline::Spline;
+use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
 /// How the speed along a path is found.
@@ -25,18 +26,21 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// Where the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
+/// Share of a limit that the arithmetic of a cell rounds away, far below [`super::limits::TOLERANCE`].
+pub(crate) const ROUNDING: f64 = 1e-9;
 /// Cells that take less time than this (s) are not told apart.
 const SHORTEST: f64 = 1e-7;
 
 /// The fastest motion along a path, from `velocity` along its tangent to rest; at most `slowest` (s) is gained on each
 /// interval between waypoints. Nodes lie at the stations of the grid. `None` where the path cannot be followed from
-/// that velocity.
+/// that velocity, or the caller has cancelled.
 pub(crate) fn drive(
     method: Method,
     limits: &Limits,
     path: &Spline,
     slowest: &[f64],
     velocity: &Row,
+    cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Grid)> {
     let joints = limits.joints();
     let mut grid = Grid::new(joints, path, slowest);
@@ -53,9 +57,12 @@ pub(crate) fn drive(
         cell[1] = AIM;
     }
     for _ in 0..ROUNDS {
+        if cancel.is_some_and(Cancel::is_cancelled) {
+            return None;
+        }
         let squares = match method {
             Method::Reachability => reachability::fastest(&grid, limits, speed * speed)?,
-            Method::Conic => conic::fastest(&grid, limits, speed * speed)?,
+            Method::Conic => conic::fastest(&grid, limits, speed * speed, cancel)?,
         };
         nodes = in_time(&grid, &squares, velocity)?;
         worst = [1.0; 2];
@@ -63,17 +70,16 @@ pub(crate) fn drive(
         for cell in 0..grid.cells() {
             let [fast, hard] = shares(limits, &nodes[cell], &nodes[cell + 1]);
             worst = [worst[0].max(fast), worst[1].max(hard)];
-            if fast > 1.0 {
+            if fast > 1.0 + ROUNDING {
                 grid.shares[cell][0] *= 0.9999 / fast;
+                kept = false;
             }
-            if hard > 1.0 {
+            if hard > 1.0 + ROUNDING {
                 grid.shares[cell][1] *= AIM / hard;
+                kept = false;
             }
-            kept &= fast <= 1.0 && hard <= 1.0;
         }
-        // The start cannot be slowed: where no more than its rounding is too fast, nothing is to be taken away.
-        let close = under_way && worst.iter().all(|w| *w <= 1.0 + START_ROUNDING);
-        if kept || close {
+        if kept {
             return Some((nodes, grid));
         }
         if !under_way && worst[0].max(worst[1].sqrt()) < NEGLIGIBLE {
@@ -81,6 +87,7 @@ pub(crate) fn drive(
         }
     }
     if under_way {
+        // The start cannot be slowed.
         return None;
     }
     let factor = worst[0].max(worst[1].sqrt());
@@ -93,6 +100,7 @@ pub(crate) fn stretch(nodes: &mut [Node], factor: f64) {
     for node in nodes {
         node.time *= factor;
         node.velocity.iter_mut().for_each(|v| *v /= factor);
+        node.acceleration.iter_mut().flatten().for_each(|a| *a /= factor * factor);
     }
 }
 

@@ -10,6 +10,8 @@ use crate::model::{MOST_JOINTS, Row};
 const ROOM: f64 = 1.02;
 /// Turns are tried about places this many braking times away.
 const TURNS: [f64; 3] = [1.0, 1.6, 2.6];
+/// Lines shorter than this (rad or m) are no paths.
+const SHORTEST: f64 = 1e-8;
 /// Waypoints of a turn.
 const PARTS: usize = 8;
 
@@ -99,11 +101,12 @@ impl Lead {
     }
 }
 
-/// The ways in which a motion can get from its start to where planning begins, within the joint limits, best first.
+/// The ways in which a motion can get from its start to where planning begins, within the joint limits, best first. The
+/// limits of `builder` are widened to the start, where rounding has it exceed them.
 ///
 /// # Errors
 /// No motion from there stays within the limits.
-pub(crate) fn leads(builder: &Builder, start: &Start, lower: &Row, upper: &Row) -> Result<Vec<Lead>, CannotStop> {
+pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &Row) -> Result<Vec<Lead>, CannotStop> {
     let limits = *builder.limits();
     let joints = limits.joints();
     let still = |row: &Row| row[..joints].iter().all(|v| *v == 0.0);
@@ -111,6 +114,8 @@ pub(crate) fn leads(builder: &Builder, start: &Start, lower: &Row, upper: &Row) 
         return Ok(vec![Lead::Resting(start.position)]);
     }
     stop::can_stop(&limits, lower, upper, &start.position, &start.velocity, &start.acceleration)?;
+    builder.admit(&start.velocity, &start.acceleration);
+    let limits = *builder.limits();
     let mut out = Vec::new();
     let nodes = stop::settle(&limits, &start.position, &start.velocity, &start.acceleration);
     if let Some(settled) = nodes.last() {
@@ -123,7 +128,9 @@ pub(crate) fn leads(builder: &Builder, start: &Start, lower: &Row, upper: &Row) 
         let within = |x: &Row| {
             (0..joints).all(|v| x[v] >= lower[v].min(start.position[v]) && x[v] <= upper[v].max(start.position[v]))
         };
-        if within(&settled.position) && within(&brake) {
+        // A line too short to be a path is left to the stop.
+        let long = still(&settled.velocity) || distance(joints, &begin, &brake) > SHORTEST;
+        if long && within(&settled.position) && within(&brake) {
             let lead = if still(&settled.velocity) {
                 Lead::Resting(settled.position)
             } else {

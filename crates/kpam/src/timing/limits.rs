@@ -1,5 +1,7 @@
 //! What the joints can do.
 
+use serde::{Deserialize, Serialize};
+
 use crate::default_limits::default_limits;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::{KeypointProblem, ProblemError};
@@ -7,15 +9,15 @@ use crate::{KeypointProblem, ProblemError};
 /// Limits beyond this count as this much: a motion takes some time whatever the joints can do.
 const GREATEST: f64 = 1e6;
 
-/// Share by which a start under way, and so the motion from it, may exceed a limit: the rounding of what was measured or
-/// stored in single precision. One figure for all who judge starts, or one would admit what another refuses.
-pub(crate) const START_ROUNDING: f64 = 5e-7;
+/// Share of a limit by which a state may exceed it and still keep it. It stands for rounding, that of single precision
+/// included; every check of a start and of a motion uses it. Positions use it as rad or m.
+pub(crate) const TOLERANCE: f64 = 1e-6;
 
 /// Most that the averaging which bounds jerk takes a joint off its path (rad or m), at the greatest acceleration.
 const AVERAGING_DEVIATION: f64 = 1e-4;
 
 /// Velocity, acceleration and jerk limits of the moving joints.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     joints: usize,
     /// rad/s or m/s.
@@ -63,7 +65,11 @@ impl Limits {
 
     /// Those of the problem's moving joints, scaled as its options say.
     pub(crate) fn of(problem: &KeypointProblem, model: &Model) -> Self {
-        let o = &problem.options;
+        Self::asked(model, &problem.options)
+    }
+
+    /// Those of a robot's moving joints, scaled as options say.
+    pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
         let one = [1.0; MOST_JOINTS];
         let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one };
         // Limits of mimic joints bind the variables that drive them.
@@ -80,27 +86,56 @@ impl Limits {
         out
     }
 
+    /// Whether they are positive numbers of at most [`MOST_JOINTS`] joints.
+    pub(crate) fn is_sound(&self) -> bool {
+        let rows = [&self.velocity, &self.acceleration, &self.jerk];
+        (1..=MOST_JOINTS).contains(&self.joints) && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
+    }
+
     /// Number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {
         self.joints
     }
 
+    /// Whether a value keeps a limit, up to [`TOLERANCE`].
+    pub(crate) fn keeps(value: f64, limit: f64) -> bool {
+        value.abs() <= limit * (1.0 + TOLERANCE)
+    }
+
+    /// Greatest speed that joint `v` comes to while its acceleration is ramped to zero.
+    pub(crate) fn settled_speed(&self, v: usize, velocity: f64, acceleration: f64) -> f64 {
+        let next = velocity + 0.5 * acceleration * acceleration.abs() / self.jerk[v];
+        velocity.abs().max(next.abs())
+    }
+
+    /// The limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them exactly.
+    pub(crate) fn admitting(&self, velocity: &Row, acceleration: &Row) -> Self {
+        let mut out = *self;
+        for v in 0..self.joints {
+            let (speed, gain) = (self.settled_speed(v, velocity[v], acceleration[v]), acceleration[v].abs());
+            out.velocity[v] = out.velocity[v].max(speed);
+            out.acceleration[v] = out.acceleration[v].max(gain);
+        }
+        out
+    }
+
     /// Width (s) of the moving average that bounds jerk, and the limits that a motion keeps to before it is averaged.
+    /// `None` where the average would take a joint further off its path than [`AVERAGING_DEVIATION`].
     ///
     /// A moving average over `w` leaves bounds on velocity and acceleration as they are, and turns an acceleration within
     /// `a` into one whose rate is within `2 a / w`. It moves a joint by at most `a w^2 / 24`.
-    pub(crate) fn averaged(&self) -> (f64, Self) {
+    pub(crate) fn averaged(&self) -> Option<(f64, Self)> {
         let rows = 0..self.joints;
-        let wished = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);
-        // Where a joint accelerates no more than jerk w / 2, it moves by at most jerk w^3 / 48.
-        let most =
-            rows.clone().map(|v| (48.0 * AVERAGING_DEVIATION / self.jerk[v]).cbrt()).fold(f64::INFINITY, f64::min);
-        let width = wished.min(most);
+        let width = rows.clone().map(|v| 2.0 * self.acceleration[v] / self.jerk[v]).fold(0.0, f64::max);
+        let deviation = rows.clone().map(|v| self.acceleration[v] * width * width / 24.0).fold(0.0, f64::max);
+        if deviation > AVERAGING_DEVIATION {
+            return None;
+        }
         let mut out = *self;
         for v in rows {
             out.acceleration[v] = self.acceleration[v].min(0.5 * self.jerk[v] * width);
         }
-        (width, out)
+        Some((width, out))
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! A path is a spline through waypoints ([`spline`]); the speed along it is time-optimal ([`reachability`], or [`conic`]
 //! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`law`], [`motion`]); a moving
-//! average over a short window bounds the jerk ([`limits`]). A start under way leaves along its own line ([`lead`],
-//! [`stop`]).
+//! average over a short window bounds the jerk ([`limits`]). Where jerk limits are too low for a short window, jerk is
+//! bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order optimum on others
+//! ([`third_order`]). A start under way leaves along its own line ([`lead`], [`stop`]).
 
 mod conic;
 mod grid;
@@ -11,17 +12,21 @@ mod law;
 mod lead;
 mod limits;
 mod motion;
+mod profile;
 mod reachability;
 mod retime;
+mod smooth;
 mod spline;
 mod stop;
+mod stream;
+mod third_order;
 mod trajectory;
 
 pub use law::Method;
 pub(crate) use lead::{Lead, Start, append, leads, turn, unit};
 pub use limits::Limits;
 pub use retime::{RetimeOptions, Retimed, retime};
-pub(crate) use spline::{Spline, length, rounded};
+pub(crate) use spline::{Spline, distance, length, rounded};
 pub use stop::CannotStop;
 pub(crate) use trajectory::{Builder, Refusal};
 pub use trajectory::{Sample, Trajectory};

@@ -1,4 +1,4 @@
-//! Joint motion in time as a piece of a trajectory: cubics between nodes, averaged over a short window.
+//! Joint motion in time as a piece of a trajectory: cubics between nodes, averaged over a short window, or quintics.
 
 use serde::{Deserialize, Serialize};
 
@@ -67,6 +67,72 @@ pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
     out
 }
 
+/// The quintic between two nodes that meets position, velocity and acceleration of both, by its Bernstein coefficients.
+struct Quintic {
+    h: f64,
+    /// Differences of the coefficients of the position to the first one.
+    control: [f64; 6],
+}
+
+impl Quintic {
+    fn between(a: &Node, b: &Node, v: usize) -> Self {
+        let h = b.time - a.time;
+        let gain = |node: &Node| node.acceleration.map_or(0.0, |row| row[v]) * h * h / 20.0;
+        let (from, to) = (a.velocity[v] * h / 5.0, b.velocity[v] * h / 5.0);
+        let whole = b.position[v] - a.position[v];
+        Self { h, control: [0.0, from, 2.0 * from + gain(a), whole - 2.0 * to + gain(b), whole - to, whole] }
+    }
+
+    /// Bernstein coefficients of velocity, acceleration and jerk; the last ones unused.
+    fn rates(&self) -> [[f64; 5]; 3] {
+        let mut out = [[0.0; 5]; 3];
+        for i in 0..5 {
+            out[0][i] = 5.0 * (self.control[i + 1] - self.control[i]) / self.h;
+        }
+        for i in 0..4 {
+            out[1][i] = 4.0 * (out[0][i + 1] - out[0][i]) / self.h;
+        }
+        for i in 0..3 {
+            out[2][i] = 3.0 * (out[1][i + 1] - out[1][i]) / self.h;
+        }
+        out
+    }
+
+    /// Difference of the position to its start, velocity and acceleration at a share of the time.
+    fn at(&self, share: f64) -> [f64; 3] {
+        let rates = self.rates();
+        [bernstein(&self.control, share), bernstein(&rates[0], share), bernstein(&rates[1][..4], share)]
+    }
+}
+
+/// A polynomial by its Bernstein coefficients on [0, 1] (de Casteljau).
+fn bernstein(coefficients: &[f64], at: f64) -> f64 {
+    let mut list = [0.0; 6];
+    let count = coefficients.len();
+    list[..count].copy_from_slice(coefficients);
+    for level in 1..count {
+        for i in 0..count - level {
+            list[i] += at * (list[i + 1] - list[i]);
+        }
+    }
+    list[0]
+}
+
+/// Upper bounds of the shares of the limits on velocity, acceleration and jerk that the quintics between two nodes take:
+/// no polynomial exceeds its Bernstein coefficients.
+pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
+    let mut out = [0.0_f64; 3];
+    for v in 0..limits.joints() {
+        let rates = Quintic::between(a, b, v).rates();
+        for ((share, list), most) in
+            out.iter_mut().zip(&rates).zip([limits.velocity[v], limits.acceleration[v], limits.jerk[v]])
+        {
+            *share = list.iter().fold(*share, |s, c| s.max(c.abs() / most));
+        }
+    }
+    out
+}
+
 /// Least and greatest value of a joint between two nodes.
 pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
     let cubic = Cubic::between(joints, a, b);
@@ -92,6 +158,8 @@ pub(crate) fn range(joints: usize, v: usize, a: &Node, b: &Node) -> (f64, f64) {
 pub(crate) struct Piece {
     /// Time of the trajectory at which it begins (s).
     pub start: f64,
+    /// Time from which on it counts, no earlier than `start` (s).
+    pub counts: f64,
     width: f64,
     joints: usize,
     /// Local times of the nodes (s), the first at `-width`.
@@ -100,14 +168,21 @@ pub(crate) struct Piece {
     states: Vec<f64>,
     /// Accelerations right after the nodes, joint by joint; empty where they follow from the states.
     accelerations: Vec<f64>,
-    /// Places among the nodes that a reader should not miss.
+    /// Places among the nodes that a reader should not miss, in order.
     marks: Vec<usize>,
+    /// Whether quintics join the nodes, which meet the accelerations of both.
+    smooth: bool,
 }
 
 impl Piece {
     /// The motion through `nodes` as it is. The first node is at time 0.
     pub fn plain(start: f64, joints: usize, nodes: &[Node]) -> Self {
         Self::new(start, 0.0, joints, nodes, &[])
+    }
+
+    /// The motion through `nodes` on quintics. The first node is at time 0.
+    pub fn smooth(start: f64, joints: usize, nodes: &[Node], marks: &[usize]) -> Self {
+        Self { smooth: true, ..Self::new(start, 0.0, joints, nodes, marks) }
     }
 
     /// The motion through `nodes`, which ends at rest, averaged over `width`: the first node, at time 0, is where the
@@ -146,7 +221,7 @@ impl Piece {
             states.extend_from_slice(&node.velocity[..joints]);
         }
         let times = nodes.iter().map(|n| n.time).collect();
-        Self { start, width, joints, times, states, accelerations, marks: marks.to_vec() }
+        Self { start, counts: start, width, joints, times, states, accelerations, marks: marks.to_vec(), smooth: false }
     }
 
     /// Number of joints.
@@ -161,8 +236,10 @@ impl Piece {
         nodes > 0
             && (1..=MOST_JOINTS).contains(&joints)
             && self.states.len() == 2 * joints * nodes
+            && !(self.smooth && self.accelerations.is_empty() && nodes > 1)
             && (self.accelerations.is_empty() || self.accelerations.len() == joints * nodes)
-            && finite(&[self.start, self.width])
+            && finite(&[self.start, self.counts, self.width])
+            && self.start <= self.counts
             && self.width >= 0.0
             && [&self.times, &self.states, &self.accelerations].into_iter().all(|list| finite(list))
             && self.times.windows(2).all(|pair| pair[0] <= pair[1])
@@ -190,7 +267,7 @@ impl Piece {
         let mut out = vec![self.start];
         for node in 0..self.times.len() {
             let time = self.time_of(node);
-            let marked = self.marks.contains(&node);
+            let marked = self.marks.binary_search(&node).is_ok();
             let last = out[out.len() - 1];
             if time > last && (marked || (time - last >= spacing && self.end() - time >= 0.5 * spacing)) {
                 out.push(time);
@@ -224,6 +301,15 @@ impl Piece {
             return out;
         }
         let mut cell = self.times.partition_point(|t| *t <= from).saturating_sub(1).min(last);
+        if self.smooth {
+            let (a, b) = (self.node(cell), self.node(cell + 1));
+            let h = b.time - a.time;
+            for v in 0..self.joints {
+                let values = Quintic::between(&a, &b, v).at((to - a.time) / h);
+                [out[0][v], out[1][v], out[2][v]] = [a.position[v] + values[0], values[1], values[2]];
+            }
+            return out;
+        }
         loop {
             let (a, b) = (self.node(cell), self.node(cell + 1));
             let cubic = Cubic::between(self.joints, &a, &b);

@@ -4,7 +4,8 @@
 //! in closed form.
 
 use super::grid::Grid;
-use super::limits::{Limits, START_ROUNDING};
+use super::law::ROUNDING;
+use super::limits::Limits;
 
 /// Coefficients of u smaller than this times that of x say nothing of u.
 const FLAT: f64 = 1e-9;
@@ -96,12 +97,12 @@ impl Bands {
 pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64) -> Option<Vec<f64>> {
     let cells = grid.cells();
     let bands = Bands::new(grid, limits);
-    let mut x = grid.ceilings(limits);
+    let mut x = grid.ceilings(limits, begin);
     x[cells] = 0.0;
     for cell in (0..cells).rev() {
         x[cell] = bands.greatest(cell, x[cell], grid.step(cell), x[cell + 1]);
     }
-    if begin > x[0] * (1.0 + START_ROUNDING).powi(2) {
+    if begin > x[0] * (1.0 + ROUNDING) {
         return None;
     }
     x[0] = begin;

@@ -5,8 +5,8 @@ use super::lead::{Lead, Start, append, leads, turn, unit};
 use super::limits::Limits;
 use super::spline::Spline;
 use super::trajectory::{Builder, Refusal, Trajectory};
-use crate::ProblemError;
 use crate::model::{JointMap, MOST_JOINTS};
+use crate::{Cancel, ProblemError};
 
 /// What a retiming may set beside waypoints and limits.
 #[derive(Debug, Clone, Default)]
@@ -20,17 +20,21 @@ pub struct RetimeOptions {
     pub start_velocity: Option<Vec<f64>>,
     /// Acceleration there (rad/s^2 or m/s^2); none where `None`.
     pub start_acceleration: Option<Vec<f64>>,
+    /// Time of the first waypoint (s).
+    pub start_time: f64,
     /// Position limits (rad or m) that a start under way has to stop within.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
     /// How the speed along the path is found.
     pub method: Method,
+    /// Ends the retiming from another thread, with an error that says so.
+    pub cancel: Option<Cancel>,
 }
 
 /// A motion through waypoints.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Retimed {
-    /// The motion; it begins at time 0.
+    /// The motion; it begins at the start time.
     pub trajectory: Trajectory,
     /// When it passes each waypoint (s). A start under way that does not move towards the second waypoint leaves the
     /// path at first, and joins it there.
@@ -77,6 +81,10 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     if let Some(time) = options.slowest.iter().find(|t| !(0.0..=1e6).contains(*t)) {
         return Err(ProblemError::new("slowest", format!("{time} is not a time from 0 to 1e6 s")));
     }
+    if !(-1e6..=1e6).contains(&options.start_time) {
+        let message = format!("{} is not a time within 1e6 s", options.start_time);
+        return Err(ProblemError::new("start_time", message));
+    }
     let optional =
         |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MOST_JOINTS]), |l| finite(field, l));
     let start = Start {
@@ -88,8 +96,8 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
         None => ([f64::NEG_INFINITY; MOST_JOINTS], [f64::INFINITY; MOST_JOINTS]),
     };
-    let mut builder = Builder::new(*limits, options.method, 0.0);
-    let mut found = leads(&builder, &start, &lower, &upper)
+    let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
+    let mut found = leads(&mut builder, &start, &lower, &upper)
         .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
     let lead = found.swap_remove(0);
     append(&mut builder, &lead, &start);
@@ -99,9 +107,12 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     stops.dedup();
     stops.retain(|s| *s > 0);
     let slowest = |from: usize, to: usize| options.slowest.get(from..to).unwrap_or_default();
-    let mut times = vec![0.0];
+    let mut times = vec![options.start_time];
     let mut from = 0;
-    let refused = |_: Refusal| ProblemError::new("waypoints", "cannot be driven from the velocity at the start");
+    let refused = |refusal: Refusal| match refusal {
+        Refusal::Cancelled => ProblemError::new("retime", "was cancelled"),
+        _ => ProblemError::new("waypoints", "cannot be driven from the velocity at the start"),
+    };
     for stop in stops {
         let tail = &points[from + 1..=stop];
         let mut way = vec![if from == 0 { lead.rest() } else { points[from] }];
@@ -241,6 +252,37 @@ mod tests {
                     prop_assert!(stuck, "{e}");
                 }
             }
+        }
+
+        #[test]
+        fn starts_at_the_limit_are_driven(
+            waypoints in joint_lists(2..6),
+            (velocity, acceleration, jerk) in limit_lists(),
+            speed in prop::collection::vec(prop_oneof![-1.0..1.0f64, Just(1.0), Just(-1.0)], 3),
+            rounding in prop_oneof![Just(1.0), Just(1.0 + 9e-7), Just(1.0 - 1e-9)],
+            single in any::<bool>(),
+            share in 0.0..0.9f64,
+        ) {
+            let limits = Limits::new(&velocity, &acceleration, &jerk).unwrap();
+            let mut start: Vec<f64> = speed.iter().zip(&velocity).map(|(s, v)| s * v * rounding).collect();
+            if single {
+                start = start.iter().map(|v| f64::from(*v as f32)).collect();
+            }
+            let options = RetimeOptions { start_velocity: Some(start), ..RetimeOptions::default() };
+            let out = retime(&waypoints, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            check(&out.trajectory, &limits)?;
+            // From its own samples on, at the waypoints that are left.
+            let now = share * out.trajectory.end();
+            let sample = out.trajectory.sample(now);
+            let mut rest = vec![sample.position];
+            rest.extend(waypoints.iter().zip(&out.times).filter(|(_, t)| **t > now).map(|(w, _)| w.clone()));
+            let options = RetimeOptions {
+                start_velocity: Some(sample.velocity),
+                start_acceleration: Some(sample.acceleration),
+                ..RetimeOptions::default()
+            };
+            let again = retime(&rest, &limits, &options).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            check(&again.trajectory, &limits)?;
         }
 
         #[test]

@@ -20,8 +20,9 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
-    /// The spline of `joints` joints through waypoints. It leaves the first along `tangent`, where that is given; its
-    /// second derivative vanishes at the ends otherwise.
+    /// The spline of `joints` joints through waypoints, whose second derivative vanishes at both ends. It leaves the first
+    /// along `tangent`, where that is given: a motion under way has no acceleration there. In return, the second of more
+    /// than two waypoints is met only nearly.
     pub fn through(joints: usize, waypoints: &[Row], tangent: Option<&Row>) -> Self {
         let mut values: Vec<Row> = Vec::with_capacity(waypoints.len());
         let mut knots: Vec<f64> = Vec::with_capacity(waypoints.len());
@@ -42,7 +43,7 @@ impl Spline {
             }
             knot_of.push(knots.len() - 1);
         }
-        let second = second_derivatives(joints, &knots, &values, tangent);
+        let second = second_derivatives(joints, &knots, &mut values, tangent);
         Self { joints, knots, values, second, knot_of }
     }
 
@@ -82,6 +83,21 @@ impl Spline {
             out[2][v] = a * m0[v] + b * m1[v];
         }
         out
+    }
+
+    /// The third derivative in interval `i`.
+    pub fn third(&self, i: usize) -> Row {
+        let h = self.knots[i + 1] - self.knots[i];
+        let mut out = [0.0; MOST_JOINTS];
+        for v in 0..self.joints {
+            out[v] = (self.second[i + 1][v] - self.second[i][v]) / h;
+        }
+        out
+    }
+
+    /// Greatest second derivative of a joint.
+    pub fn bend(&self) -> f64 {
+        self.second.iter().flat_map(|row| &row[..self.joints]).fold(0.0, |most, m| most.max(m.abs()))
     }
 
     /// Joints at a fraction of interval `i`.
@@ -189,34 +205,48 @@ pub(crate) fn rounded(joints: usize, corners: &[Row], spacing: f64, near: f64) -
     out
 }
 
-/// Second derivatives at the knots of the cubic spline: one tridiagonal sweep for all joints.
-fn second_derivatives(joints: usize, knots: &[f64], y: &[Row], tangent: Option<&Row>) -> Vec<Row> {
+/// Second derivatives at the knots of the cubic spline, zero at both ends: one tridiagonal sweep for all joints. Where a
+/// tangent is given, the second of more than two values gives way to it.
+fn second_derivatives(joints: usize, knots: &[f64], y: &mut [Row], tangent: Option<&Row>) -> Vec<Row> {
     let count = knots.len();
     let mut m = vec![[0.0; MOST_JOINTS]; count];
-    if count < 2 || (count < 3 && tangent.is_none()) {
+    if count < 3 {
         return m;
     }
     let mut upper = vec![0.0; count];
-    if let Some(tangent) = tangent {
-        let h = knots[1] - knots[0];
-        upper[0] = 0.5;
-        for v in 0..joints {
-            m[0][v] = 3.0 * ((y[1][v] - y[0][v]) / h - tangent[v]) / h;
-        }
-    }
     for i in 1..count - 1 {
         let (h0, h1) = (knots[i] - knots[i - 1], knots[i + 1] - knots[i]);
-        let pivot = 2.0 * (h0 + h1) - h0 * upper[i - 1];
+        // With a tangent t, the value at the first knot inside is y0 + t h + m1 h^2 / 6, h the first step.
+        let given = if i <= 2 { tangent } else { None };
+        let first = knots[1] - knots[0];
+        let (mut before, mut pivot) = (h0, 2.0 * (h0 + h1));
+        match (given, i) {
+            (Some(_), 1) => pivot = 3.0 * h0 + 2.0 * h1 + h0 * h0 / h1,
+            (Some(_), _) => before -= first * first / h0,
+            _ => {}
+        }
+        pivot -= before * upper[i - 1];
         upper[i] = h1 / pivot;
         for v in 0..joints {
-            let rhs = 6.0 * ((y[i + 1][v] - y[i][v]) / h1 - (y[i][v] - y[i - 1][v]) / h0);
-            m[i][v] = (rhs - h0 * m[i - 1][v]) / pivot;
+            let along = given.map(|tangent| y[0][v] + tangent[v] * first);
+            let (after, behind) = match (given, along) {
+                (Some(tangent), Some(along)) if i == 1 => ((y[2][v] - along) / h1, tangent[v]),
+                (Some(_), Some(along)) => ((y[3][v] - y[2][v]) / h1, (y[2][v] - along) / h0),
+                _ => ((y[i + 1][v] - y[i][v]) / h1, (y[i][v] - y[i - 1][v]) / h0),
+            };
+            m[i][v] = (6.0 * (after - behind) - before * m[i - 1][v]) / pivot;
         }
     }
-    for i in (0..count - 1).rev() {
+    for i in (1..count - 1).rev() {
         let next = m[i + 1];
         for v in 0..joints {
             m[i][v] -= upper[i] * next[v];
+        }
+    }
+    if let Some(tangent) = tangent {
+        let first = knots[1] - knots[0];
+        for v in 0..joints {
+            y[1][v] = y[0][v] + tangent[v] * first + m[1][v] * first * first / 6.0;
         }
     }
     m
@@ -243,7 +273,7 @@ mod tests {
                 let k = spline.knot_of(w);
                 let i = k.min(spline.intervals() - 1);
                 let x = spline.at(i, (k - i) as f64);
-                assert!(distance(2, &x, point) < 1e-12);
+                assert!(distance(2, &x, point) < if k == 1 && start.is_some() { 0.6 } else { 1e-12 });
             }
             for k in 1..spline.intervals() {
                 let s = spline.knots[k];
@@ -252,6 +282,7 @@ mod tests {
                     assert!(distance(2, &before[d], &after[d]) < 1e-9, "derivative {d} at knot {k}");
                 }
             }
+            assert!(distance(2, &spline.derivatives(0, 0.0)[2], &row(&[0.0, 0.0])) < 1e-12);
             if start.is_some() {
                 assert!(distance(2, &spline.derivatives(0, 0.0)[1], &tangent) < 1e-12);
             }

@@ -1,7 +1,7 @@
 //! Bringing joints under way to rest, each as soon as its own limits allow: what decides whether a start can be planned
 //! from at all.
 
-use super::limits::{Limits, START_ROUNDING};
+use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, range};
 use crate::model::{MOST_JOINTS, Row};
 
@@ -14,6 +14,9 @@ pub struct CannotStop {
     /// What it does at the least.
     pub reason: String,
 }
+
+/// An acceleration is ramped to zero in no less than this (s): shorter ramps are lost in rounding.
+const SHORTEST: f64 = 1e-8;
 
 /// A phase of constant jerk: its duration (s) and the jerk.
 type Phase = (f64, f64);
@@ -113,11 +116,12 @@ pub(crate) fn stop(limits: &Limits, position: &Row, velocity: &Row, acceleration
 /// would gain too much speed by then loses its own at once.
 pub(crate) fn settle(limits: &Limits, position: &Row, velocity: &Row, acceleration: &Row) -> Vec<Node> {
     let joints = 0..limits.joints();
-    let time = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let least = joints.clone().map(|v| acceleration[v].abs() / limits.jerk[v]).fold(0.0, f64::max);
+    let time = if least > 0.0 { least.max(SHORTEST) } else { 0.0 };
     let phases: Vec<_> = joints
         .map(|v| {
             let fits = (velocity[v] + 0.5 * time * acceleration[v]).abs() <= limits.velocity[v];
-            let own = acceleration[v].abs() / limits.jerk[v];
+            let own = if acceleration[v] == 0.0 { 0.0 } else { (acceleration[v].abs() / limits.jerk[v]).max(SHORTEST) };
             settling_in(if fits { time } else { own }, acceleration[v])
         })
         .collect();
@@ -137,18 +141,14 @@ pub(crate) fn can_stop(
     velocity: &Row,
     acceleration: &Row,
 ) -> Result<(), CannotStop> {
-    /// Rounding of positions (rad or m).
-    const SLACK: f64 = 1e-6;
     let fail = |joint, reason| Err(CannotStop { joint, reason });
     for v in 0..limits.joints() {
-        let (now, gain) = (velocity[v], acceleration[v]);
-        // What the velocity comes to while the acceleration is taken away.
-        let next = now + 0.5 * gain * gain.abs() / limits.jerk[v];
-        let speed = now.abs().max(next.abs());
-        if speed > limits.velocity[v] * (1.0 + START_ROUNDING) {
+        let gain = acceleration[v];
+        let speed = limits.settled_speed(v, velocity[v], gain);
+        if !Limits::keeps(speed, limits.velocity[v]) {
             return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
         }
-        if gain.abs() > limits.acceleration[v] * (1.0 + START_ROUNDING) {
+        if !Limits::keeps(gain, limits.acceleration[v]) {
             let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
             return fail(v, reason);
         }
@@ -159,8 +159,8 @@ pub(crate) fn can_stop(
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));
         for pair in motion.windows(2) {
             let (least, most) = range(limits.joints(), v, &pair[0], &pair[1]);
-            if least < low - SLACK || most > high + SLACK {
-                let past = if least < low - SLACK { least } else { most };
+            if least < low - TOLERANCE || most > high + TOLERANCE {
+                let past = if least < low - TOLERANCE { least } else { most };
                 let reason = format!("braking as hard as it can takes it to {past:.4}, past [{low:.4}, {high:.4}]");
                 return fail(v, reason);
             }

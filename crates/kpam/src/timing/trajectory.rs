@@ -5,11 +5,12 @@ use serde::{Deserialize, Serialize};
 use super::law::{Method, drive, stretch};
 use super::limits::Limits;
 use super::motion::{Node, Piece};
+use super::smooth;
 use super::spline::Spline;
 use super::stop;
-use crate::ProblemError;
 use crate::checked::checked_when_read;
 use crate::model::{JointMap, MOST_JOINTS, Row};
+use crate::{Cancel, ProblemError};
 
 /// A timed joint motion of all joints of the robot: cubics in time, averaged over a short window, so that position,
 /// velocity, acceleration and jerk are known exactly at every time.
@@ -19,6 +20,8 @@ pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
+    /// What it keeps to, of the joints that move.
+    limits: Limits,
 }
 
 checked_when_read!(Trajectory);
@@ -45,29 +48,47 @@ pub(crate) enum Refusal {
     TooSharp,
     /// It takes at least this long (s).
     TooLong(f64),
+    /// The caller has cancelled it.
+    Cancelled,
 }
 
 /// What a trajectory is built from.
 #[derive(Debug, Clone)]
 pub(crate) struct Builder {
     limits: Limits,
-    /// Width of the moving average (s), and the limits that a motion keeps to before it.
-    width: f64,
-    before: Limits,
+    /// Width of the moving average (s), and the limits that a motion keeps to before it; none where jerk limits are too
+    /// low for one, and motions have a continuous acceleration of their own.
+    averaged: Option<(f64, Limits)>,
     method: Method,
+    cancel: Option<Cancel>,
     pieces: Vec<Piece>,
     now: f64,
 }
 
 impl Builder {
     pub fn new(limits: Limits, method: Method, start: f64) -> Self {
-        let (width, before) = limits.averaged();
-        Self { limits, width, before, method, pieces: Vec::new(), now: start }
+        Self { limits, averaged: limits.averaged(), method, cancel: None, pieces: Vec::new(), now: start }
+    }
+
+    /// Gives up where the flag is set.
+    pub fn cancelled_by(mut self, cancel: Option<Cancel>) -> Self {
+        self.cancel = cancel;
+        self
+    }
+
+    fn refusal(&self) -> Refusal {
+        if self.cancel.as_ref().is_some_and(Cancel::is_cancelled) { Refusal::Cancelled } else { Refusal::TooSharp }
     }
 
     /// Time so far (s).
     pub fn now(&self) -> f64 {
         self.now
+    }
+
+    /// Widens the limits to a start that keeps them up to rounding.
+    pub fn admit(&mut self, velocity: &Row, acceleration: &Row) {
+        self.limits = self.limits.admitting(velocity, acceleration);
+        self.averaged = self.limits.averaged();
     }
 
     /// Limits of the motion.
@@ -98,14 +119,25 @@ impl Builder {
     pub fn ahead(&self, position: &Row, velocity: &Row) -> Row {
         let mut out = *position;
         for v in 0..self.limits.joints() {
-            out[v] += 0.5 * self.width * velocity[v];
+            out[v] += 0.5 * self.width() * velocity[v];
         }
         out
     }
 
     /// Time (s) in which all joints together come to rest along a line, from a velocity.
     pub fn braking_time(&self, velocity: &Row) -> f64 {
-        (0..self.limits.joints()).map(|v| velocity[v].abs() / self.before.acceleration[v]).fold(0.0, f64::max)
+        match &self.averaged {
+            Some((_, before)) => {
+                let time = |v: usize| velocity[v].abs() / before.acceleration[v];
+                (0..self.limits.joints()).map(time).fold(0.0, f64::max)
+            }
+            None => smooth::along(&self.limits, velocity).ramp_time(1.0),
+        }
+    }
+
+    /// Width (s) of the moving average.
+    fn width(&self) -> f64 {
+        self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
     /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
@@ -118,33 +150,45 @@ impl Builder {
         end: Option<f64>,
         marks: &[usize],
     ) -> Result<Vec<f64>, Refusal> {
-        let (mut nodes, grid) = drive(self.method, &self.before, path, slowest, velocity).ok_or(Refusal::TooSharp)?;
+        let (mut nodes, of_knot) = match &self.averaged {
+            Some((_, before)) => {
+                let (nodes, grid) = drive(self.method, before, path, slowest, velocity, self.cancel.as_ref())
+                    .ok_or_else(|| self.refusal())?;
+                (nodes, grid.station_of)
+            }
+            None => smooth::drive(&self.limits, path, slowest, velocity, self.cancel.as_ref())
+                .ok_or_else(|| self.refusal())?,
+        };
+        let width = self.width();
         let least = nodes[nodes.len() - 1].time;
+        let last = nodes.len() - 1;
         if let Some(end) = end {
             let allowed = end - self.now;
-            if allowed < least + self.width {
-                return Err(Refusal::TooLong(least + self.width));
+            if allowed < least + width {
+                return Err(Refusal::TooLong(least + width));
             }
             let resting = velocity[..self.limits.joints()].iter().all(|v| *v == 0.0);
             if resting && least > 0.0 {
-                stretch(&mut nodes, (allowed - self.width) / least);
+                stretch(&mut nodes, (allowed - width) / least);
             } else if let Some(mut last) = nodes.last().copied() {
                 // A start under way cannot be slowed; the end is waited for.
-                last.time = allowed - self.width;
+                last.time = allowed - width;
                 nodes.push(last);
             }
         }
-        let places: Vec<usize> = marks.iter().map(|w| grid.station_of[path.knot_of(*w)]).collect();
+        let places: Vec<usize> = marks.iter().map(|w| of_knot[path.knot_of(*w)]).collect();
         if nodes.len() < 2 {
             return Ok(vec![self.now; marks.len()]);
         }
-        let piece = Piece::averaged(self.now, self.width, self.limits.joints(), &nodes, &places);
+        let joints = self.limits.joints();
+        let piece = match self.averaged {
+            Some(_) => Piece::averaged(self.now, width, joints, &nodes, &places),
+            None => Piece::smooth(self.now, joints, &nodes, &places),
+        };
         let end = piece.end();
-        let last = grid.stations.len() - 1;
         // What passes at the end is at rest there.
-        let passed =
-            |station: usize| if station == last { end } else { self.now + nodes[station].time + 0.5 * self.width };
-        let times = places.iter().map(|station| passed(*station)).collect();
+        let passed = |node: usize| if node == last { end } else { self.now + nodes[node].time + 0.5 * width };
+        let times = places.iter().map(|node| passed(*node)).collect();
         self.append(piece);
         Ok(times)
     }
@@ -158,7 +202,7 @@ impl Builder {
             times.append(&mut more);
         }
         times.push(self.now);
-        Trajectory { pieces: self.pieces, joints: joints.clone(), times }
+        Trajectory { pieces: self.pieces, joints: joints.clone(), times, limits: self.limits }
     }
 }
 
@@ -166,11 +210,12 @@ impl Trajectory {
     /// What is read is a motion: times that increase, and pieces that follow each other.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
-        let follow = self.pieces.windows(2).all(|pair| pair[0].start <= pair[1].start);
+        let follow = self.pieces.windows(2).all(|pair| pair[0].counts <= pair[1].counts);
         let times = !self.times.is_empty()
             && self.times.iter().all(|t| t.is_finite())
             && self.times.windows(2).all(|pair| pair[0] <= pair[1]);
-        if times && follow && self.joints.is_sound() && self.pieces.iter().all(fits) {
+        let limits = self.limits.is_sound() && self.limits.joints() == self.joints.indices().len();
+        if times && follow && limits && self.joints.is_sound() && self.pieces.iter().all(fits) {
             return Ok(());
         }
         Err(ProblemError::new("trajectory", "is damaged"))
@@ -214,7 +259,8 @@ impl Trajectory {
 
     /// The variables at a time, with their velocities and accelerations.
     pub(crate) fn moving_with_rates(&self, t: f64) -> [Row; 3] {
-        let at = self.pieces.partition_point(|p| p.start <= t).saturating_sub(1);
+        let t = t.max(self.start());
+        let at = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
         match self.pieces.get(at) {
             Some(piece) => piece.at(t),
             None => [self.joints.pick(self.joints.rest()), [0.0; MOST_JOINTS], [0.0; MOST_JOINTS]],
@@ -225,6 +271,35 @@ impl Trajectory {
     #[must_use]
     pub fn positions(&self) -> Vec<Vec<f64>> {
         self.times.iter().map(|t| self.sample(*t).position).collect()
+    }
+
+    /// Limits of the joints that move.
+    pub(crate) fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// How all joints follow from those that move.
+    pub(crate) fn map(&self) -> &JointMap {
+        &self.joints
+    }
+
+    pub(crate) fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// Pieces from a time on; the first counts from there.
+    pub(crate) fn from(&self, t: f64) -> Vec<Piece> {
+        let first = self.pieces.partition_point(|p| p.counts <= t).saturating_sub(1);
+        let mut out: Vec<Piece> = self.pieces.get(first..).unwrap_or_default().to_vec();
+        if let Some(piece) = out.first_mut() {
+            piece.counts = piece.counts.max(t);
+        }
+        out
+    }
+
+    /// A motion of the same joints of other pieces.
+    pub(crate) fn with(&self, pieces: Vec<Piece>, times: Vec<f64>, limits: Limits) -> Self {
+        Self { pieces, joints: self.joints.clone(), times, limits }
     }
 
     /// The moving joints at a time, for checks.

@@ -1,9 +1,9 @@
 //! Does the robot touch anything? The plain question, for many configurations, without contact rules.
 
-use gensim2_geometry::{MovingShapes, Obstacles, Pose, Proximity, Scratch, Target};
+use gensim2_geometry::{Batch, LANES, MovingShapes, Needs, Obstacles, Other, Pose, Scratch, Target};
 use nalgebra::{Point3, center};
 
-use super::movers::is_below;
+use super::compiled::Compiled;
 use super::rules::{Cast, Group};
 use super::{EXACT, Scene};
 use crate::{ProblemError, Role};
@@ -25,12 +25,23 @@ pub struct Nearness {
 /// Checks configurations of a scene's robot: it and what rides on its hand against all bodies and against itself. Links
 /// that no joint moves are left out, and so are pairs that the SRDF disables and what the hand holds against it.
 pub struct Checker<'s> {
+    scene: &'s Scene,
+    world: &'s Compiled,
+    needs: Needs,
+    batch: Batch,
+    suspects: Vec<(usize, Other)>,
+    poses: Vec<Pose>,
+    /// What tells of places, made when that is first asked.
+    full: Option<Full<'s>>,
+}
+
+/// Shapes as they are measured when places are to be told.
+struct Full<'s> {
     cast: Cast<'s>,
     shapes: MovingShapes<'s>,
     obstacles: &'s Obstacles,
-    /// Groups that joints move, and all of them.
-    moving: Vec<usize>,
     all: Vec<usize>,
+    moving: Vec<usize>,
     pairs: Vec<usize>,
     grasps: Vec<Pose>,
     scratch: Scratch,
@@ -38,24 +49,134 @@ pub struct Checker<'s> {
 
 impl<'s> Checker<'s> {
     pub(super) fn new(scene: &'s Scene) -> Self {
+        let world = scene.compiled();
+        Self {
+            scene,
+            world,
+            needs: world.needs(0.0),
+            batch: Batch::default(),
+            suspects: Vec::new(),
+            poses: Vec::new(),
+            full: None,
+        }
+    }
+
+    fn fits(&self, q: &[f64]) -> Result<(), ProblemError> {
+        let joints = self.scene.robot().joints().len();
+        if q.len() != joints {
+            return Err(ProblemError::new("q", format!("has {} entries; the robot has {joints} joints", q.len())));
+        }
+        if let Some(i) = q.iter().position(|v| !v.is_finite()) {
+            return Err(ProblemError::new(format!("q[{i}]"), format!("{} is not finite", q[i])));
+        }
+        Ok(())
+    }
+
+    /// Looks at a configuration; what may come within `reach` (m) is among the suspects.
+    fn place(&mut self, q: &[f64], reach: f64) -> Result<(), ProblemError> {
+        self.fits(q)?;
+        let screen = &self.world.screen;
+        (0..LANES).for_each(|lane| self.batch.set(screen, lane, q));
+        screen.place(&mut self.batch);
+        self.suspects.clear();
+        let suspects = &mut self.suspects;
+        screen.survey(&mut self.batch, &self.needs, reach as f32 + 1e-6, |s| {
+            suspects.push((s.group, s.other));
+            true
+        });
+        if !self.suspects.is_empty() {
+            Compiled::poses(self.scene, q, &mut self.poses);
+        }
+        Ok(())
+    }
+
+    /// Whether anything overlaps at the full joint vector `q`.
+    ///
+    /// # Errors
+    /// `q` has another number of entries than the robot has joints, or one that is not finite.
+    pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
+        self.place(q, 0.0)?;
+        Ok(!self.suspects.iter().all(|(group, other)| self.world.screen.keeps(*group, *other, &self.poses, 0.0)))
+    }
+
+    /// Whether anything overlaps at each of up to [`LANES`] full joint vectors: they are looked at together.
+    ///
+    /// # Errors
+    /// As [`Checker::hits`], of the first that does not fit; more vectors than that.
+    pub fn hits_each(&mut self, rows: &[&[f64]]) -> Result<Vec<bool>, ProblemError> {
+        if rows.len() > LANES {
+            return Err(ProblemError::new("q", format!("has {} rows; {LANES} are looked at together", rows.len())));
+        }
+        for q in rows {
+            self.fits(q)?;
+        }
+        let screen = &self.world.screen;
+        for lane in 0..LANES {
+            if let Some(q) = rows.get(lane).or(rows.first()) {
+                self.batch.set(screen, lane, q);
+            }
+        }
+        let mut hits = vec![false; rows.len()];
+        if rows.is_empty() {
+            return Ok(hits);
+        }
+        screen.place(&mut self.batch);
+        let mut suspects = Vec::new();
+        screen.survey(&mut self.batch, &self.needs, 0.0, |s| {
+            suspects.push(*s);
+            true
+        });
+        for (lane, hit) in hits.iter_mut().enumerate() {
+            // What is no number is not clear.
+            let near: Vec<_> = suspects.iter().filter(|s| s.gap[lane].is_nan() || s.gap[lane] < 0.0).collect();
+            if near.is_empty() {
+                continue;
+            }
+            Compiled::poses(self.scene, rows[lane], &mut self.poses);
+            *hit = !near.iter().all(|s| screen.keeps(s.group, s.other, &self.poses, 0.0));
+        }
+        Ok(hits)
+    }
+
+    /// Smallest signed distance (m) at `q`, `most` where nothing is nearer than that.
+    ///
+    /// # Errors
+    /// As [`Checker::hits`].
+    pub fn distance(&mut self, q: &[f64], most: f64) -> Result<f64, ProblemError> {
+        self.place(q, most)?;
+        let mut least = most;
+        for (group, other) in &self.suspects {
+            least = least.min(self.world.screen.distance(*group, *other, &self.poses, least.max(0.0)));
+        }
+        Ok(least)
+    }
+
+    /// Everything that comes within `reach` (m) at `q`, nearest first; a pair once.
+    ///
+    /// # Errors
+    /// As [`Checker::hits`].
+    pub fn near(&mut self, q: &[f64], reach: f64) -> Result<Vec<Nearness>, ProblemError> {
+        self.place(q, reach)?;
+        if self.suspects.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (scene, world) = (self.scene, self.world);
+        let full = self.full.get_or_insert_with(|| Full::new(scene, world));
+        let mut out = full.near(&self.poses, reach);
+        out.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        Ok(out)
+    }
+}
+
+impl<'s> Full<'s> {
+    fn new(scene: &'s Scene, world: &'s Compiled) -> Self {
         let robot = &**scene.robot();
-        let links = robot.links();
-        let carriers: Vec<usize> = (0..links.len()).filter(|l| links[*l].joint().is_some()).collect();
-        let moves: Vec<bool> = (0..links.len()).map(|l| carriers.iter().any(|c| is_below(robot, l, *c))).collect();
-        let cast =
-            Cast::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |a, b| moves[a] || moves[b]);
-        let is_moving = |g: &usize| match cast.groups[*g] {
-            Group::Link(l) => moves[l],
-            Group::Riding(_) | Group::Moved(_) => moves[robot.hand()],
-        };
+        let judged = world.screen.pairs();
+        let cast = Cast::new(robot, scene.bodies(), |b| b.role == Role::Attached, |_| false, |_, _| true);
         let shapes = MovingShapes::new(cast.groups.iter().map(|g| match g {
-            Group::Link(l) => links[*l].shapes(),
+            Group::Link(l) => robot.links()[*l].shapes(),
             Group::Riding(b) | Group::Moved(b) => &scene.bodies()[*b].shapes,
         }));
-        let judged = |pair: &usize| match cast.pairs[*pair] {
-            (a, b) if matches!(cast.groups[b], Group::Riding(_)) => !cast.holds(a),
-            _ => true,
-        };
         let grasps = cast
             .groups
             .iter()
@@ -65,9 +186,9 @@ impl<'s> Checker<'s> {
             })
             .collect();
         Self {
-            moving: (0..cast.groups.len()).filter(is_moving).collect(),
             all: (0..cast.groups.len()).collect(),
-            pairs: (0..cast.pairs.len()).filter(judged).collect(),
+            moving: (0..cast.groups.len()).filter(|g| !world.carriers[*g].is_empty()).collect(),
+            pairs: (0..cast.pairs.len()).filter(|p| judged.contains(&cast.pairs[*p])).collect(),
             cast,
             shapes,
             obstacles: scene.bodies().obstacles(),
@@ -76,61 +197,18 @@ impl<'s> Checker<'s> {
         }
     }
 
-    /// Visits what comes within `reach` (m) at `q`; `visit` says whether to go on.
-    fn look(
-        &mut self,
-        q: &[f64],
-        reach: f64,
-        mut visit: impl FnMut(&Cast<'s>, &Proximity) -> bool,
-    ) -> Result<bool, ProblemError> {
-        let robot = self.cast.robot;
-        let joints = robot.joints().len();
-        if q.len() != joints {
-            return Err(ProblemError::new("q", format!("has {} entries; the robot has {joints} joints", q.len())));
-        }
-        if let Some(i) = q.iter().position(|v| !v.is_finite()) {
-            return Err(ProblemError::new(format!("q[{i}]"), format!("{} is not finite", q[i])));
-        }
+    fn near(&mut self, links: &[Pose], reach: f64) -> Vec<Nearness> {
+        let hand = links[self.cast.robot.hand()];
         self.shapes.place(&self.all, &mut self.scratch, |poses| {
-            let posed = robot.link_poses(q, poses);
-            debug_assert!(posed.is_ok(), "joint vectors here have an entry for each joint");
-            for group in poses.len()..self.cast.groups.len() {
-                poses.push(poses[robot.hand()] * self.grasps[group]);
+            poses.clear();
+            poses.extend_from_slice(links);
+            for grasp in &self.grasps[links.len()..] {
+                poses.push(hand * grasp);
             }
         });
-        let cast = &self.cast;
-        Ok(self.shapes.near_bodies(
-            &self.moving,
-            self.obstacles,
-            &mut self.scratch,
-            EXACT,
-            |_, _| reach,
-            |p| visit(cast, &p),
-        ) && self.shapes.near_pairs(
-            &cast.pairs,
-            &self.pairs,
-            &mut self.scratch,
-            EXACT,
-            |_| reach,
-            |_, p| visit(cast, &p),
-        ))
-    }
-
-    /// Whether anything overlaps at the full joint vector `q`.
-    ///
-    /// # Errors
-    /// `q` has another number of entries than the robot has joints, or one that is not finite.
-    pub fn hits(&mut self, q: &[f64]) -> Result<bool, ProblemError> {
-        Ok(!self.look(q, 0.0, |_, _| false)?)
-    }
-
-    /// Everything that comes within `reach` (m) at `q`, nearest first; a pair once.
-    ///
-    /// # Errors
-    /// As [`Checker::hits`].
-    pub fn near(&mut self, q: &[f64], reach: f64) -> Result<Vec<Nearness>, ProblemError> {
         let mut out = Vec::new();
-        self.look(q, reach, |cast, p| {
+        let cast = &self.cast;
+        let mut tell = |p: &gensim2_geometry::Proximity| {
             let second = match p.target {
                 Target::Body(b) => cast.bodies[b].name.as_str(),
                 Target::Group(g) => cast.name(g),
@@ -142,21 +220,9 @@ impl<'s> Checker<'s> {
                 point: center(&p.contact.on_first, &p.contact.on_second),
             });
             true
-        })?;
-        out.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        Ok(out)
-    }
-
-    /// Smallest signed distance (m) at `q`, `most` where nothing is nearer than that.
-    ///
-    /// # Errors
-    /// As [`Checker::hits`].
-    pub fn distance(&mut self, q: &[f64], most: f64) -> Result<f64, ProblemError> {
-        let mut least = most;
-        self.look(q, most, |_, p| {
-            least = least.min(p.contact.distance);
-            true
-        })?;
-        Ok(least)
+        };
+        self.shapes.near_bodies(&self.moving, self.obstacles, &mut self.scratch, EXACT, |_, _| reach, |p| tell(&p));
+        self.shapes.near_pairs(&cast.pairs, &self.pairs, &mut self.scratch, EXACT, |_| reach, |_, p| tell(&p));
+        out
     }
 }

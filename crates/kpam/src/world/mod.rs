@@ -4,6 +4,7 @@
 mod bubble;
 mod checker;
 mod clearance;
+mod compiled;
 mod leg;
 mod margins;
 mod movers;
@@ -12,6 +13,8 @@ mod rules;
 mod scene;
 mod sweep;
 mod travel;
+
+use std::time::Instant;
 
 use gensim2_geometry::{Contact, MovingShapes, Obstacles, Pose, Proximity, Scratch, Target, screw_about};
 use nalgebra::{Point3, Translation3};
@@ -25,6 +28,7 @@ use rules::{Carrier, Cast, Compiler, Group, LegWorld};
 
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
+pub(crate) use compiled::Compiled;
 pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
@@ -122,6 +126,7 @@ pub(crate) struct World<'p> {
     checks: u64,
     most_checks: u64,
     cancel: Option<Cancel>,
+    end: Option<Instant>,
 }
 
 impl<'p> World<'p> {
@@ -178,18 +183,25 @@ impl<'p> World<'p> {
             checks: 0,
             most_checks: u64::MAX,
             cancel: None,
+            end: None,
         }
     }
 
-    /// Ends planning after `most_checks` more states, or when the caller cancels it.
-    pub fn limit(&mut self, most_checks: Option<u64>, cancel: Option<Cancel>) {
+    /// Ends planning after `most_checks` more states, at `end`, or when the caller cancels it.
+    pub fn limit(&mut self, most_checks: Option<u64>, end: Option<Instant>, cancel: Option<Cancel>) {
+        self.end = end;
         self.most_checks = most_checks.map_or(u64::MAX, |most| self.checks.saturating_add(most));
         self.cancel = cancel;
     }
 
-    /// Whether planning has to end: the checks are spent, or the caller has cancelled it.
+    /// Whether planning has to end: the checks are spent, the time is up, or the caller has cancelled it.
     pub fn is_over(&self) -> bool {
-        self.is_spent() || self.is_cancelled()
+        self.is_spent() || self.is_late() || self.is_cancelled()
+    }
+
+    /// Whether the time is up.
+    pub fn is_late(&self) -> bool {
+        self.end.is_some_and(|end| Instant::now() >= end)
     }
 
     /// Whether the checks are spent.

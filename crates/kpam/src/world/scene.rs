@@ -9,6 +9,7 @@ use gensim2_geometry::{Convex, Obstacles, Pose, Robot};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use super::compiled::Compiled;
 use super::{Checker, joint_motion};
 use crate::checked::checked_when_read;
 use crate::{Body, KeypointProblem, KeypointProblemBuilder, ObjectJoint, ProblemError, Role, SolverConfig};
@@ -130,6 +131,8 @@ pub struct Scene {
     robot: Arc<Robot>,
     bodies: Bodies,
     joints: Arc<[SceneJoint]>,
+    #[serde(skip)]
+    compiled: Arc<OnceLock<Compiled>>,
 }
 
 checked_when_read!(Scene);
@@ -140,8 +143,17 @@ impl Scene {
     /// # Errors
     /// Names that are not unique, or a joint that moves a body that is not there, or one that another joint moves.
     pub fn new(robot: Arc<Robot>, bodies: Vec<Body>, joints: Vec<SceneJoint>) -> Result<Self, ProblemError> {
-        let scene = Self { robot, bodies: bodies.into(), joints: joints.into() };
+        let scene = Self::of_parts(robot, bodies.into(), joints.into());
         scene.check().map(|()| scene)
+    }
+
+    fn of_parts(robot: Arc<Robot>, bodies: Bodies, joints: Arc<[SceneJoint]>) -> Self {
+        Self { robot, bodies, joints, compiled: Arc::default() }
+    }
+
+    /// The scene ready for quick collision checks: made when first asked for, and shared by clones.
+    pub(crate) fn compiled(&self) -> &Compiled {
+        self.compiled.get_or_init(|| Compiled::new(self))
     }
 
     fn check(&self) -> Result<(), ProblemError> {
@@ -174,7 +186,7 @@ impl Scene {
     pub(crate) fn of(problem: &KeypointProblem) -> Self {
         let moves = problem.bodies.iter().filter(|b| b.role == Role::MovingLink).map(|b| b.name.clone());
         let joint = problem.joint.map(|joint| SceneJoint { name: "joint".to_owned(), joint, moves: moves.collect() });
-        Self { robot: Arc::clone(&problem.robot), bodies: problem.bodies.clone(), joints: joint.into_iter().collect() }
+        Self::of_parts(Arc::clone(&problem.robot), problem.bodies.clone(), joint.into_iter().collect())
     }
 
     /// The robot.
@@ -286,7 +298,7 @@ impl Scene {
             }
             joint
         });
-        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: joints.collect() })
+        Ok(Self::of_parts(Arc::clone(&self.robot), bodies, joints.collect()))
     }
 
     /// The scene with a body elsewhere: in the base frame, or in the hand frame where it is attached.
@@ -296,7 +308,7 @@ impl Scene {
     pub fn with_pose(&self, name: &str, pose: &Pose) -> Result<Self, ProblemError> {
         self.body(name)?;
         let bodies = self.with_bodies(|body| body.name == name, None, |_| *pose)?;
-        Ok(Self { bodies, ..self.clone() })
+        Ok(Self::of_parts(Arc::clone(&self.robot), bodies, Arc::clone(&self.joints)))
     }
 
     /// The scene with a body in the hand at `hand` (base frame): it rides from there on, and no joint moves it.
@@ -308,7 +320,7 @@ impl Scene {
             return Err(ProblemError::new("body", format!("{name:?} is attached already")));
         }
         let bodies = self.with_bodies(|body| body.name == name, Role::Attached, |pose| hand.inverse() * pose)?;
-        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, None) })
+        Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, None)))
     }
 
     /// The scene with an attached body left where the hand at `hand` (base frame) holds it: a rigid obstacle from there
@@ -322,7 +334,7 @@ impl Scene {
         }
         on.map_or(Ok(()), |joint| self.joint(joint).map(|_| ()))?;
         let bodies = self.with_bodies(|body| body.name == name, Role::Rigid, |pose| hand * pose)?;
-        Ok(Self { robot: Arc::clone(&self.robot), bodies, joints: self.carrying(name, on) })
+        Ok(Self::of_parts(Arc::clone(&self.robot), bodies, self.carrying(name, on)))
     }
 
     /// The joints, with a body moved by `joint` alone.

@@ -48,9 +48,18 @@ def to_column(arrow: ModuleType, values: Array) -> Any:
 
 
 def to_array(column: Any, shape: tuple[int, ...]) -> Array:
-    """A column of lists of lists as one array, without a Python object a number."""
+    """A column of lists of lists as one array, without a Python object a number.
+
+    Raises:
+        ValueError: a number is missing, or a list is not as long as the others.
+    """
     found = column.combine_chunks()
-    for _ in shape if shape != (1,) else ():
+    for size in shape if shape != (1,) else ():
+        lengths = found.value_lengths().to_numpy(zero_copy_only=False)
+        if found.null_count or (lengths != size).any():
+            raise ValueError(f"a list is not of {size} values")
         found = found.flatten()
+    if found.null_count:
+        raise ValueError("a value is missing")
     numbers: Array = found.to_numpy(zero_copy_only=False)
     return numbers if shape == (1,) else numbers.reshape(-1, *shape)

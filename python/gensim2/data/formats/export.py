@@ -6,19 +6,20 @@ hundredth of a point cloud's size: with them the data can be rendered with other
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal, get_args
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
-from gensim2.data.formats.frames import Array, Frames, frames_of
+from gensim2.data.formats.frames import Frames, frames_of
+from gensim2.data.formats.manifest import Format, write_manifest
 from gensim2.data.formats.replay_zarr import ZarrWriter
+from gensim2.data.formats.seen_table import SeenTable
 from gensim2.data.formats.to_lerobot import export_lerobot
-from gensim2.data.observation_file import read_observation
+from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.record import DatasetRecord
-from gensim2.data.rendering import observation_path
 from gensim2.data.selection import Selection, some
 from gensim2.data.store import ROWS, DataSet, TaskStore
 from gensim2.data.trajectory import Provenance, write_trajectory
@@ -28,8 +29,6 @@ from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
 
-Format = Literal["maniskill", "lerobot", "zarr"]
-FORMATS: tuple[Format, ...] = get_args(Format)
 NATIVE = "gensim2"
 """Folder of the episodes themselves in an export."""
 
@@ -49,7 +48,7 @@ def export(
 
     Args:
         path: of the data set.
-        out: folder, which must not hold anything yet.
+        out: folder, which must not hold anything yet and lies outside the data set.
         to: ``"maniskill"``: a folder a task, which ManiSkill replays; ``"lerobot"``: v3.0; ``"zarr"``: as the code of
             Diffusion Policy reads it.
         selection: which episodes.
@@ -62,6 +61,7 @@ def export(
         MissingExtraError: the format's library is not installed.
     """
     dataset = DataSet.open(path)
+    check_apart(path, out, "the data set")
     chosen = some(selection or Selection(), dataset, progress)
     count = sum(len(rows) for _, rows in chosen)
     progress.start(f"export to {to}", count)
@@ -69,14 +69,27 @@ def export(
         if to == "maniskill":
             _export_maniskill(dataset, chosen, folder, progress)
         else:
-            frames = _frames(dataset, chosen, observations, progress)
+            seen = SeenTable()
+            frames = _frames(dataset, chosen, observations, seen, progress)
             if to == "lerobot":
                 export_lerobot(frames, folder, robot(dataset.record.scene.robot))
             else:
                 _export_zarr(frames, folder)
             _copy_native(dataset, chosen, folder / NATIVE)
+            seen.write(folder / NATIVE)
         write_card(dataset, [Described.of(store, rows) for store, rows in chosen], folder, to)
+        write_manifest(folder, to, count)
     return count
+
+
+def check_apart(path: Path, out: Path, what: str) -> None:
+    """Refuse a folder to write to that is, or lies in, the one that is read.
+
+    Raises:
+        InputError: it does.
+    """
+    if Path(os.path.realpath(out)).is_relative_to(os.path.realpath(path)):
+        raise InputError(f"lies in {what}", file=out, remedy="choose another folder with --out")
 
 
 def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Progress) -> None:
@@ -98,7 +111,9 @@ def _export_maniskill(dataset: DataSet, chosen: Chosen, out: Path, progress: Pro
             progress.advance()
 
 
-def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Progress) -> Iterator[Frames]:
+def _frames(
+    dataset: DataSet, chosen: Chosen, observations: bool, table: SeenTable, progress: Progress
+) -> Iterator[Frames]:
     """Those of every episode, one at a time.
 
     Raises:
@@ -116,13 +131,16 @@ def _frames(dataset: DataSet, chosen: Chosen, observations: bool, progress: Prog
             if len(seen) > 1:
                 remedy = "finish `gensim2 render` with --resume, or export with --no-observations"
                 raise InputError("some episodes have observations, others none", file=store.folder, remedy=remedy)
-            yield frames_of(recording, profile, sentence, observation)
+            if observation is not None:
+                table.add(store.name, row.index, observation)
+            arrays = None if observation is None else observation.arrays
+            yield frames_of(recording, profile, sentence, arrays)
             progress.advance()
 
 
-def _observed(store: TaskStore, row: LoggedEpisode) -> dict[str, Array] | None:
-    path = observation_path(store, row.index)
-    return read_observation(path, row.episode_digest).arrays if path.exists() else None
+def _observed(store: TaskStore, row: LoggedEpisode) -> ObservedEpisode | None:
+    path = store.observation_path(row.index)
+    return read_observation(path, row.episode_digest) if path.exists() else None
 
 
 def _export_zarr(episodes: Iterator[Frames], out: Path) -> None:

@@ -9,17 +9,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.robots import RobotProfile
+from gensim2.data.formats.columns import column_of
+from gensim2.errors import InputError
+from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, PROPRIOCEPTION, cloud_column
+from gensim2.observations.proprioception import proprioception
+from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
 
 Array = npt.NDArray[Any]
 
-CONTROL_STEPS_PER_SECOND = 20
 FIRST_JOINT = 13
 """Column of the first joint in ManiSkill's states: before it the root's pose (7) and velocities (6)."""
 
-CLOUD, IMAGE, DEPTH = "point_cloud", "image_", "depth_"
-"""Names of observations, the last two before a camera's."""
+EPISODE_COLUMNS = ("state", "action", "reward", "success", "done")
+"""Columns that are an episode's own numbers; an import compares them with the episodes beside an export."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +31,9 @@ class Frames:
 
     Attributes:
         sentence: what was to be done.
-        columns: (T, ...) by name: ``state`` (n float32, all active joints of the robot, rad or m), ``action`` (m + 1
-            float32, targets of the arm's joints, and the gripper from -1 to 1), ``reward`` (float32, 1 where the goal
-            holds after the action), ``success``, ``done`` (bool), and the observations that were made:
-            ``point_cloud`` (N, 3 or 6 float32, x y z in the robot's base frame, m, then red, green, blue from 0 to 1),
-            ``image_<camera>`` (H, W, 3 uint8), ``depth_<camera>`` (H, W uint16, mm).
+        columns: (T, ...) by name: ``action`` (m + 1 float32, targets of the arm's joints, and the gripper from -1 to
+            1), ``reward`` (float32, 1 where the goal holds after the action), ``success``, ``done`` (bool), and what is
+            seen, by the names of :mod:`gensim2.observations.columns`.
     """
 
     sentence: str
@@ -46,15 +47,31 @@ def frames_of(
 
     Args:
         observation: (T + 1, ...) arrays of its file of observations (docs/data.md); the last belongs to no action.
+
+    Raises:
+        InputError: it is of another robot, or its observations are not of its steps.
     """
     steps = recording.steps
-    robot = recording.env_states["articulations"][profile.agent]
+    states = recording.env_states.get("articulations", {}).get(profile.agent)
     joints = len(profile.model.joint_names)
+    if states is None or states.shape[1] != FIRST_JOINT + 2 * joints:
+        raise InputError(f"holds no states of the robot {profile.name}", field=f"articulations.{profile.agent}")
+    if recording.actions.shape[1] != len(profile.arm_joints) + 1:
+        raise InputError(f"has {recording.actions.shape[1]} numbers, not those of {profile.name}", field="actions")
+    own: dict[str, list[Array]] = {name: [] for name in PROPRIOCEPTION}
+    for step in range(steps):
+        positions, velocities = np.split(states[step, FIRST_JOINT : FIRST_JOINT + 2 * joints], 2)
+        command = float(recording.actions[step - 1, -1]) if step else OPEN
+        for name, row in proprioception(profile, positions, velocities, command).items():
+            own[name].append(row)
     seen = {} if observation is None else _seen(observation)
+    for name, values in seen.items():
+        if len(values) != steps + 1:
+            raise InputError(f"has {len(values)} frames of an episode of {steps} steps", field=name)
     return Frames(
         sentence,
         {
-            "state": np.ascontiguousarray(robot[:steps, FIRST_JOINT : FIRST_JOINT + joints]),
+            **{name: np.stack(rows) for name, rows in own.items()},
             "action": recording.actions,
             "reward": recording.rewards,
             "success": recording.success,
@@ -67,13 +84,8 @@ def frames_of(
 def _seen(observation: Mapping[str, Array]) -> dict[str, Array]:
     found: dict[str, Array] = {}
     if (points := observation.get("pointcloud/xyz")) is not None:
-        colours = observation.get("pointcloud/rgb")
-        parts: list[Array] = [points.astype(np.float32)]
-        if colours is not None:
-            parts.append(colours.astype(np.float32) / 255)
-        found[CLOUD] = np.concatenate(parts, axis=-1)
-    for name, values in observation.items():
-        camera, _, what = name.rpartition("/")
-        if camera != "pointcloud" and what in ("rgb", "depth"):
-            found[(IMAGE if what == "rgb" else DEPTH) + camera] = values
+        found[CLOUD] = cloud_column(points, observation.get("pointcloud/rgb"))
+    if (ids := observation.get("pointcloud/segmentation")) is not None:
+        found[CLOUD_SEGMENTATION] = ids
+    found |= {column: values for name, values in observation.items() if (column := column_of(name)) is not None}
     return found

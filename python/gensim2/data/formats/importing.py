@@ -2,60 +2,44 @@
 
 What ManiSkill replays holds everything, and is taken apart again. A LeRobot or zarr folder holds what policies learn
 from; the states stand in the episodes that an export lays beside it, and an import makes sure that both say the same.
+
+An export may come from a stranger. Its folder is looked through and compared with its manifest before anything is
+parsed, all of it in a process of bounded memory; and what is counted is what was read back of the new data set.
 """
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Iterator
-from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
-from pydantic import BaseModel, TypeAdapter
 
-from gensim2.data.attempt_log import LoggedEpisode, log_line
-from gensim2.data.episode_file import read_recording
-from gensim2.data.formats.export import NATIVE, Format
-from gensim2.data.formats.frames import Frames, frames_of
-from gensim2.data.formats.replay_zarr import zarr_frames
+from gensim2.data.formats.columns import formerly_nested
+from gensim2.data.formats.export import NATIVE, check_apart
+from gensim2.data.formats.frames import EPISODE_COLUMNS, Frames, frames_of
+from gensim2.data.formats.manifest import Format, check_format, check_manifest
+from gensim2.data.formats.native import copy_native, read_back
 from gensim2.data.formats.to_lerobot import lerobot_frames
-from gensim2.data.record import DatasetRecord
-from gensim2.data.runfolder import TaskFolder
-from gensim2.data.store import ROWS, DataSet, TaskStore
-from gensim2.data.trajectory import H5_NAME, JSON_NAME
-from gensim2.errors import InputError
-from gensim2.files import new_folder, replacing
+from gensim2.data.formats.trajectory_reading import take_apart
+from gensim2.data.formats.zarr_reading import zarr_frames
+from gensim2.data.store import DataSet
+from gensim2.errors import InputError, WriteError
+from gensim2.files import new_folder
+from gensim2.foreign.process import Bounds, isolated
+from gensim2.foreign.tree import ForeignTree
 from gensim2.progress import NULL_PROGRESS, Progress
-from gensim2.record_files import parse_record, read_record
 from gensim2.robots import robot
-from gensim2.rollout.record import Episode
-from gensim2.rollout.recording import Recording
-from gensim2.tasks.parse import parse_task
 
-_REMEDY = "give a folder that `gensim2 data export` wrote"
-_EPISODE = TypeAdapter(Episode)
+REMEDY = "give a folder that `gensim2 data export` wrote"
 
-
-class _Origin(BaseModel):
-    task: dict[str, Any]
-    strategies: dict[str, dict[str, Any]]
-    dataset: DatasetRecord
-    indices: list[int]
-
-
-class _Trajectory(BaseModel):
-    gensim2: _Origin
-    episodes: list[dict[str, Any]]
+PRELOAD = ("gensim2.data.formats.importing", "zarr")
 
 
 def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROGRESS) -> int:
     """Make a data set of what :func:`~gensim2.data.formats.export.export` wrote; return the number of episodes.
 
-    Its episodes are those that were exported, byte for byte.
+    Its episodes are those that were exported, byte for byte. They are read in a process of their own: a script must
+    call this below ``if __name__ == "__main__":``.
 
     Args:
         path: folder of the export.
@@ -67,90 +51,90 @@ def import_(path: Path, out: Path, of: Format, *, progress: Progress = NULL_PROG
         WriteError: no room is left, or the folder cannot be written to.
         MissingExtraError: the format's library is not installed.
     """
+    check_apart(path, out, "the export")
     with new_folder(out) as folder:
-        if of == "maniskill":
-            return _import_maniskill(path, folder, progress)
-        if not (path / NATIVE).is_dir():
-            raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=_REMEDY)
-        dataset = DataSet.open(path / NATIVE)
-        count = _check(dataset, lerobot_frames(path) if of == "lerobot" else zarr_frames(path), path, progress)
-        shutil.copytree(path / NATIVE, folder, dirs_exist_ok=True)
-        return count
+        sizes = ForeignTree(path).sizes()
+        bounds = Bounds.of(sum(sizes.values()))
+        return isolated(read_export, (path, folder, of), path, bounds, progress, PRELOAD)
 
 
-def _check(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress) -> int:
+def read_export(path: Path, folder: Path, of: Format, progress: Progress) -> int:
+    """Fill a folder with the data set of an export and return the number of episodes; as :func:`import_`, but here.
+
+    Raises:
+        InputError: as there; it names files of the export, for the folder may be gone when it is read.
+    """
+    try:
+        return _read(path, folder, of, progress)
+    except WriteError:
+        raise
+    except InputError as error:
+        if error.file is None or not Path(error.file).is_relative_to(folder):
+            raise
+        there = path if of == "maniskill" else path / NATIVE
+        file = there / Path(error.file).relative_to(folder)
+        raise InputError(error.message, file=file, field=error.field, remedy="export again") from error
+
+
+def _read(path: Path, folder: Path, of: Format, progress: Progress) -> int:
+    tree = ForeignTree(path)
+    sizes = tree.sizes()
+    check_format(path, sizes, of)
+    if of != "maniskill" and not (path / NATIVE).is_dir():
+        raise InputError(f"holds no {NATIVE}/: the states are not there", file=path, remedy=REMEDY)
+    manifest = check_manifest(path, sizes)
+    if manifest is None:
+        progress.message(f"{path} was exported by an older gensim2: its clouds and pictures cannot be compared")
+    if any(formerly_nested(name.split("/")[1]) for name in sizes if name.startswith("data/")):
+        progress.message(f"{path} has the former names of cameras (image_cameras/left): read as image_left")
+    if of == "maniskill":
+        take_apart(tree, sizes, folder, progress)
+        count = sum(1 for _ in read_back(DataSet.open(folder), progress))
+    else:
+        copy_native(path / NATIVE, folder)
+        count = _compare(DataSet.open(folder), lerobot_frames(path) if of == "lerobot" else zarr_frames(path), path)
+    if manifest is not None and manifest.episodes != count:
+        wrong = f"holds {count} episodes, of which {manifest.episodes} were exported"
+        raise InputError(wrong, file=path, remedy="export again")
+    if not count:
+        raise InputError("holds no episode", file=path, remedy=REMEDY)
+    return count
+
+
+def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Progress = NULL_PROGRESS) -> int:
     """Compare an export's frames with the episodes beside it; how many there are.
 
     Raises:
         InputError: they differ.
     """
-    progress.start("compare frames with episodes")
-    count = 0
-    for ours, theirs in zip_longest(_own(dataset), found):
-        same = ours is not None and theirs is not None and ours.sentence == theirs.sentence
-        if not same or any(not np.array_equal(theirs.columns[name], each) for name, each in ours.columns.items()):
-            message = f"episode {count} is not that of {NATIVE}/: one of them was changed"
-            raise InputError(message, file=path, remedy="export again")
-        count += 1
-        progress.advance()
-    return count
-
-
-def _own(dataset: DataSet) -> Iterator[Frames]:
     profile = robot(dataset.record.scene.robot)
-    for name in dataset.tasks:
-        store = dataset.task(name)
-        sentence = store.spec().description
-        for row in store.rows():
-            recording = store.read(row).recording
-            assert recording is not None
-            yield frames_of(recording, profile, sentence)
-
-
-def _import_maniskill(path: Path, out: Path, progress: Progress) -> int:
-    folders = sorted(file.parent for file in path.glob(f"*/{JSON_NAME}"))
-    if not folders:
-        raise InputError(f"holds no */{JSON_NAME}", file=path, remedy=_REMEDY)
-    record: DatasetRecord | None = None
     count = 0
-    for folder in folders:
-        document = read_record(folder / JSON_NAME, _Trajectory, _REMEDY)
-        origin = document.gensim2
-        record = record or origin.dataset
-        if record != origin.dataset:
-            raise InputError("is of another data set than the tasks before it", file=folder, field="gensim2.dataset")
-        if len(origin.indices) != len(document.episodes):
-            raise InputError("is not as long as episodes", file=folder / JSON_NAME, field="gensim2.indices")
-        store = TaskStore(out / folder.name)
-        spec = parse_task(origin.task, str(folder / JSON_NAME))
-        files = TaskFolder(store.folder)
-        files.write_task(spec)
-        files.write_strategies(origin.strategies)
-        progress.start(f"import {folder.name}", len(document.episodes))
-        rows = []
-        for index, episode, recording in _episodes(folder, document):
-            rows.append(LoggedEpisode.of(episode, index, store.add(index, episode, recording)))
-            progress.advance()
-        with replacing(store.folder / ROWS) as file, file.open("wb") as stream:
-            stream.writelines(log_line(row) for row in rows)
-        count += len(rows)
-    assert record is not None
-    DataSet(out, record).save()
+    for store, row, stored in read_back(dataset, progress):
+        assert stored.recording is not None  # of what was read back it always is
+        theirs = next(found, None)
+        try:
+            ours = frames_of(stored.recording, profile, store.spec().description)
+        except InputError as error:
+            file = store.path(row.index)
+            raise InputError(error.message, file=path / NATIVE / store.name / file.name, field=error.field) from error
+        if theirs is None or (wrong := _difference(ours, theirs)):
+            said = "is not there" if theirs is None else f"is not that of {NATIVE}/: {wrong}"
+            raise InputError(f"episode {count} {said}: one of them was changed", file=path, remedy="export again")
+        count += 1
+    if next(found, None) is not None:
+        wrong = f"episode {count} is not that of {NATIVE}/, which holds {count}: one of them was changed"
+        raise InputError(wrong, file=path, remedy="export again")
     return count
 
 
-def _episodes(folder: Path, document: _Trajectory) -> Iterator[tuple[int, Episode, Recording]]:
-    try:
-        with h5py.File(folder / H5_NAME, "r") as file:
-            for number, (index, entry) in enumerate(zip(document.gensim2.indices, document.episodes, strict=True)):
-                content = json.dumps(entry.get("episode")).encode()
-                episode = parse_record(content, _EPISODE, folder / JSON_NAME, _REMEDY, f"episodes.{number}.episode")
-                recorded = {
-                    "seed": entry["episode_seed"],
-                    "control_mode": entry["control_mode"],
-                    "reset_options": entry["reset_kwargs"]["options"],
-                    "instances": entry["instances"],
-                }
-                yield index, episode, read_recording(file[f"traj_{number}"], recorded)
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", file=folder / H5_NAME, remedy=_REMEDY) from error
+def _difference(ours: Frames, theirs: Frames) -> str | None:
+    """What differs, if anything; of what episodes do not hold (clouds, pictures) only that it has all frames."""
+    if ours.sentence != theirs.sentence:
+        return "the sentence"
+    for name in EPISODE_COLUMNS:
+        values = ours.columns[name]
+        other = theirs.columns.get(name)
+        if other is None or other.dtype != values.dtype or not np.array_equal(other, values):
+            return name
+    steps = len(ours.columns["action"])
+    return next((name for name, values in theirs.columns.items() if len(values) != steps), None)

@@ -26,6 +26,7 @@ from gensim2.data.formats.arrow_columns import arrow_modules, column_type, to_co
 from gensim2.data.formats.lerobot_statistics import Totals, thinned
 from gensim2.errors import InputError, MissingExtraError
 from gensim2.files import replacing, write_json
+from gensim2.foreign.names import checked_name
 
 VERSION = "v3.0"
 FILE_BYTES = 100 * 2**20
@@ -73,12 +74,12 @@ class LeRobotWriter:
 
     Args:
         root: folder, which must not hold a data set yet.
-        features: by name; dots, no slashes.
+        features: by name: dots, no slashes, which LeRobot's editing tools refuse.
         fps: frames a second.
         robot: type of the robot, a word.
 
     Raises:
-        InputError: there is something in ``root`` already.
+        InputError: there is something in ``root`` already, or a feature's name has a slash.
         MissingExtraError: pyarrow is not installed.
     """
 
@@ -86,6 +87,8 @@ class LeRobotWriter:
         self._arrow, self._parquet = arrow_modules()
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
+        for name in features:
+            checked_name(name, field="features")
         self._root, self._features, self._fps, self._robot = root, dict(features), fps, robot
         self._tasks: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []

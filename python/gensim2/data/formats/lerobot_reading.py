@@ -2,19 +2,48 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.data.formats.arrow_columns import arrow_modules, to_array
-from gensim2.data.formats.lerobot import INDEX_NAME, VERSION
+from gensim2.data.formats.lerobot import INDEX_NAME, INDICES, VERSION
 from gensim2.errors import InputError
+from gensim2.foreign.library import read_by_library
+from gensim2.foreign.tree import ForeignTree
+from gensim2.record_files import parse_record
 
 Array = npt.NDArray[Any]
+
+MOST_INFO = 16 * 2**20  # bytes of meta/info.json
+MOST_ROWS = 10_000_000  # frames of a row group, which is read at once
+MOST_GROUP = 2**30  # bytes of one, unpacked
+MOST_TASKS = 1_000_000
+
+REMEDY = "give a LeRobot data set of version 3.0"
+
+_FILE = re.compile(r"data/chunk-\d{3,9}/file-\d{3,9}\.parquet")
+
+
+class _Feature(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    dtype: Annotated[str, Field(max_length=20)]
+    shape: Annotated[list[Annotated[int, Field(ge=1, le=2**24)]], Field(max_length=4)]
+
+
+class _Version(BaseModel):
+    codebase_version: str
+
+
+class _Info(BaseModel):
+    codebase_version: Literal["v3.0"]
+    features: Annotated[dict[str, _Feature], Field(max_length=1000)]
 
 
 def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
@@ -23,36 +52,79 @@ def read_lerobot(root: Path) -> Iterator[tuple[str, dict[str, Array]]]:
     Numbers come as (T,), everything else as (T, *shape).
 
     Raises:
-        InputError: it is no LeRobot data set of version 3.0.
+        InputError: it is no LeRobot data set of version 3.0, or it is damaged.
         MissingExtraError: pyarrow is not installed.
     """
     arrow, parquet = arrow_modules()
-    info = _read_info(root / "meta" / "info.json")
-    shapes = {name: tuple(each["shape"]) for name, each in info["features"].items() if each["dtype"] != "video"}
-    try:
-        tasks = parquet.read_table(root / "meta" / "tasks.parquet").to_pydict()
-        sentences = dict(zip(tasks["task_index"], tasks[INDEX_NAME], strict=True))
-        for path in sorted((root / "data").glob("*/*.parquet")):
-            file = parquet.ParquetFile(path)
-            for group in range(file.num_row_groups):
-                table = file.read_row_group(group)
-                columns = {name: to_array(table[name], shape) for name, shape in shapes.items()}
-                for number in np.unique(columns["episode_index"]):  # others may put several into a row group
-                    rows = columns["episode_index"] == number
-                    yield sentences[int(columns["task_index"][rows][0])], {n: v[rows] for n, v in columns.items()}
-    except (KeyError, ValueError, OSError, arrow.ArrowException) as error:
-        raise InputError(f"is no LeRobot data set that can be read: {error}", file=root) from error
+    tree = ForeignTree(root)
+    info = _read_info(tree)
+    shapes = {name: tuple(each.shape) for name, each in info.features.items() if each.dtype != "video"}
+    for name in INDICES:
+        if shapes.get(name) != (1,):
+            raise InputError("is not one number a frame", file=root / _INFO, field=f"features.{name}", remedy=REMEDY)
+    files = [name for name in tree.sizes() if _FILE.fullmatch(name)]
+    sentences = _sentences(parquet, tree.inside(_TASKS))
+    for name in sorted(files):
+        path = root / name
+        with read_by_library(path, REMEDY):
+            file = parquet.ParquetFile(path, memory_map=False)
+            _check_schema(arrow, file.schema_arrow, info.features, path)
+        for group in range(file.metadata.num_row_groups):
+            with read_by_library(path, REMEDY):
+                columns = _row_group(file, group, shapes, path)
+            for number in np.unique(columns["episode_index"]):  # others may put several into a row group
+                rows = columns["episode_index"] == number
+                task = int(columns["task_index"][rows][0])
+                if task not in sentences:
+                    raise InputError(f"names a task {task} that is not there", file=path, field="task_index")
+                yield sentences[task], {each: values[rows] for each, values in columns.items()}
 
 
-def _read_info(path: Path) -> dict[str, Any]:
+_INFO, _TASKS = "meta/info.json", "meta/tasks.parquet"
+
+
+def _read_info(tree: ForeignTree) -> _Info:
+    path, remedy = tree.path / _INFO, "give the folder that holds meta/"
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-        version, features = info["codebase_version"], info["features"]
-        if not isinstance(features, dict):
-            raise TypeError
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("is no LeRobot data set", file=path, remedy="give the folder that holds meta/") from error
+        content = tree.read(_INFO, MOST_INFO)
+        version = parse_record(content, TypeAdapter(_Version), path, remedy).codebase_version
+    except InputError as error:
+        raise InputError(f"is no LeRobot data set: {error.message}", file=path, remedy=remedy) from error
     if version != VERSION:
         remedy = "convert it with LeRobot's own script"
         raise InputError(f"is {version}, not {VERSION}", file=path, field="codebase_version", remedy=remedy)
-    return dict(info)
+    return parse_record(content, TypeAdapter(_Info), path, remedy)
+
+
+def _sentences(parquet: Any, path: Path) -> dict[int, str]:
+    """Sentence by index."""
+    with read_by_library(path, REMEDY, "is no list of tasks that can be read"):
+        file = parquet.ParquetFile(path)
+        if file.metadata.num_rows > MOST_TASKS:
+            raise InputError(f"has over {MOST_TASKS} tasks", file=path, remedy=REMEDY)
+        tasks = file.read().to_pydict()
+        numbers, sentences = tasks["task_index"], tasks[INDEX_NAME]
+        if not all(isinstance(each, str) for each in sentences):
+            raise InputError("holds a task that is no sentence", file=path, remedy=REMEDY)
+        return dict(zip(map(int, numbers), sentences, strict=True))
+
+
+def _check_schema(arrow: Any, schema: Any, features: dict[str, _Feature], path: Path) -> None:
+    """Refuse columns that are not what ``meta/info.json`` says: numbers, or lists of lists of them."""
+    for name, feature in features.items():
+        if feature.dtype == "video":
+            continue
+        kind = schema.field(name).type
+        for _ in feature.shape if tuple(feature.shape) != (1,) else ():
+            kind = kind.value_type
+        if kind != arrow.type_for_alias(feature.dtype):
+            raise InputError(f"holds {kind}, not {feature.dtype}", file=path, field=name, remedy=REMEDY)
+
+
+def _row_group(file: Any, group: int, shapes: dict[str, tuple[int, ...]], path: Path) -> dict[str, Array]:
+    told = file.metadata.row_group(group)
+    if not 0 <= told.num_rows <= MOST_ROWS or told.total_byte_size > MOST_GROUP:
+        wrong = f"has {told.num_rows} rows of {told.total_byte_size} bytes in one group"
+        raise InputError(wrong, file=path, field=f"row group {group}", remedy=REMEDY)
+    table = file.read_row_group(group, columns=list(shapes), use_threads=False)
+    return {name: to_array(table[name], shape) for name, shape in shapes.items()}

@@ -4,12 +4,13 @@
     meta/episode_ends   (episodes,) int64: number of frames up to and with each episode
     meta/task           (episodes,) int64: index into the group's attribute ``tasks``, sentences
 
-Zarr format 2, which readers of both major versions of the library open. One episode is in memory at a time.
+Zarr format 2, which readers of both major versions of the library open. One episode is in memory at a time. How one is
+read back stands in ``zarr_reading``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
@@ -17,8 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.data.formats.frames import Frames
 from gensim2.errors import InputError, MissingExtraError
+from gensim2.foreign.names import checked_name
 
 CHUNK_BYTES = 2**20
 """Size of a chunk before compression."""
@@ -39,7 +40,7 @@ class ZarrWriter:
     """
 
     def __init__(self, root: Path) -> None:
-        zarr = _zarr()
+        zarr = zarr_module()
         if root.exists() and any(root.iterdir()):
             raise InputError("is not empty", file=root, remedy="give another folder")
         self._root = root
@@ -63,16 +64,17 @@ class ZarrWriter:
 
         Args:
             task: its sentence.
-            frames: (T, ...) by key, the same keys and shapes in every episode.
+            frames: (T, ...) by key, the same keys and shapes in every episode; no key has a slash, which zarr and the
+                replay buffer of Diffusion Policy take for a folder.
 
         Raises:
-            InputError: a key is missing or new, or has another shape.
+            InputError: a key is missing or new, has another shape, or is no name.
         """
         if self._arrays and frames.keys() != self._arrays.keys():
             raise InputError(f"has {sorted(frames)}, not {sorted(self._arrays)}", field="frames")
         for key, values in frames.items():
             if key not in self._arrays:
-                self._arrays[key] = self._created(key, values)
+                self._arrays[key] = self._created(checked_name(key, field="frames"), values)
             array = self._arrays[key]
             if values.shape[1:] != array.shape[1:]:
                 raise InputError(f"has the shape {values.shape[1:]}, not {array.shape[1:]}", field=key)
@@ -91,33 +93,12 @@ class ZarrWriter:
         )
 
 
-def zarr_frames(root: Path) -> Iterator[Frames]:
-    """Yield the episodes of such a folder, pictures included.
+def zarr_module() -> ModuleType:
+    """``zarr``.
 
     Raises:
-        InputError: it is none, or is damaged.
-        MissingExtraError: zarr is not installed.
+        MissingExtraError: it is not installed.
     """
-    zarr = _zarr()
-    try:
-        group = zarr.open_group(root, mode="r")
-        ends, tasks = group["meta/episode_ends"][:], group["meta/task"][:]
-        sentences, data = list(group.attrs["tasks"]), dict(group["data"].arrays())
-        if len(ends) != len(tasks):
-            raise ValueError("meta/episode_ends and meta/task differ in length")
-    except (KeyError, ValueError, TypeError, OSError) as error:
-        raise InputError(f"is no zarr data set of gensim2: {error}", file=root) from error
-    begin = 0
-    for end, task in zip(ends.tolist(), tasks.tolist(), strict=True):
-        try:
-            columns = {name: array[begin:end] for name, array in data.items()}
-        except (RuntimeError, ValueError, OSError) as error:  # a chunk was cut: each compressor has an error of its own
-            raise InputError(f"frames {begin} to {end} cannot be read: {error}", file=root) from error
-        yield Frames(str(sentences[task]), columns)
-        begin = end
-
-
-def _zarr() -> ModuleType:
     try:
         import zarr
     except ImportError as error:

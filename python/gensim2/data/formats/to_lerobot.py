@@ -1,31 +1,24 @@
-"""What the columns of frames are called in LeRobot's data sets, there and back."""
+"""Frames as a LeRobot data set, there and back."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gensim2.data.formats.frames import CLOUD, CONTROL_STEPS_PER_SECOND, DEPTH, IMAGE, Array, Frames
+from gensim2.data.formats.columns import column_in_lerobot, lerobot_name
+from gensim2.data.formats.frames import Array, Frames
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
 from gensim2.data.formats.lerobot_reading import read_lerobot
+from gensim2.observations.columns import CLOUD, GRIPPER, IMAGE, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import RobotProfile
-
-_NAMES = {
-    "state": "observation.state",
-    "action": "action",
-    CLOUD: "observation.points",
-    "reward": "next.reward",
-    "success": "next.success",
-    "done": "next.done",
-}
-_IMAGES = "observation.images."
 
 
 def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile) -> None:
     """Write episodes as a LeRobot data set.
 
     Args:
-        episodes: at least one, all with the same columns; depth pictures, for which LeRobot has no place, are left out.
+        episodes: at least one, all with the same columns; depth and segmentation, for which LeRobot has no place, are
+            left out.
         out: folder.
         profile: of the robot.
 
@@ -33,15 +26,24 @@ def export_lerobot(episodes: Iterator[Frames], out: Path, profile: RobotProfile)
         InputError: episodes differ in their columns.
         MissingExtraError: pyarrow is not installed.
     """
-    names = {"state": profile.model.joint_names, "action": (*profile.arm_joints, "gripper")}
+    joints = profile.model.joint_names
+    names: dict[str, Sequence[str]] = {
+        STATE: joints,
+        VELOCITY: joints,
+        TOOL_POSE: ("x", "y", "z", "qw", "qx", "qy", "qz"),
+        GRIPPER: ("width", "command"),
+        "action": (*profile.arm_joints, "gripper"),
+    }
     writer: LeRobotWriter | None = None
     for frames in episodes:
-        columns = {name: values for name, values in frames.columns.items() if not name.startswith(DEPTH)}
+        columns = {theirs: name for name in frames.columns if (theirs := lerobot_name(name)) is not None}
         if writer is None:
-            features = {_name(name): _feature(name, values, names.get(name)) for name, values in columns.items()}
-            writer = LeRobotWriter(out, features, fps=CONTROL_STEPS_PER_SECOND, robot=profile.name)
-        shaped = {_name(name): values if values.ndim > 1 else values[:, None] for name, values in columns.items()}
-        writer.add(frames.sentence, shaped)
+            features = {
+                theirs: _feature(name, frames.columns[name], names.get(name)) for theirs, name in columns.items()
+            }
+            writer = LeRobotWriter(out, features, fps=profile.control_hz, robot=profile.name)
+        shaped = {theirs: frames.columns[name] for theirs, name in columns.items()}
+        writer.add(frames.sentence, {name: v if v.ndim > 1 else v[:, None] for name, v in shaped.items()})
     if writer is not None:
         writer.finish()
 
@@ -53,14 +55,9 @@ def lerobot_frames(root: Path) -> Iterator[Frames]:
         InputError: it is no LeRobot data set of this version.
         MissingExtraError: pyarrow is not installed.
     """
-    ours = {theirs: name for name, theirs in _NAMES.items()}
     for sentence, columns in read_lerobot(root):
-        known = {ours[name]: values for name, values in columns.items() if name in ours}
-        yield Frames(sentence, known)
-
-
-def _name(name: str) -> str:
-    return _IMAGES + name.removeprefix(IMAGE) if name.startswith(IMAGE) else _NAMES[name]
+        named = {column_in_lerobot(name): values for name, values in columns.items()}
+        yield Frames(sentence, {name: values for name, values in named.items() if name is not None})
 
 
 def _feature(name: str, values: Array, names: Sequence[str] | None) -> Feature:

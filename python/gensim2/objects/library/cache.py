@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import io
 import json
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from filelock import FileLock
 
 import gensim2
 from gensim2.errors import InputError
@@ -50,14 +50,15 @@ DAMAGE = (
 # What every prepared object passes through; a source adds its own modules.
 SHARED_MODULES = (
     "gensim2.objects.library.cache",
+    "gensim2.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.prepare",
     "gensim2.objects.model",
     "gensim2.objects.physics",
     "gensim2.objects.placement",
+    "gensim2.objects.region",
     "gensim2.objects.shapes",
     "gensim2.objects.types",
-    "gensim2.robots.panda",  # in front of which objects stand
 )
 
 
@@ -168,8 +169,7 @@ def folder_once(key: str, make: Callable[[Path], None]) -> Path:
 
 def _replace_damaged(entry: Path, folder: Path) -> None:
     """Rename ``entry`` to ``folder``, unless another process has made a whole one by now."""
-    with (cache_dir() / "objects.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with FileLock(cache_dir() / "objects.lock"):
         if _is_whole(folder):
             return
         if os.path.lexists(folder):

@@ -21,7 +21,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import reprlib
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -35,6 +34,7 @@ import numpy.typing as npt
 from trimesh.triangles import closest_point
 
 from gensim2.errors import InputError
+from gensim2.foreign.names import RULE, is_name
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import generate
@@ -46,7 +46,6 @@ from gensim2.objects.library.meshes import MeshReader
 from gensim2.objects.library.prepare import EFFORT_LIMIT, VELOCITY_LIMIT, numbers, rpy_from_matrix
 from gensim2.objects.library.released import LICENSE
 from gensim2.objects.library.urdf import (
-    LONGEST_NAME,
     MOVABLE,
     URDF,
     UrdfJoint,
@@ -63,7 +62,6 @@ Array = npt.NDArray[np.float64]
 OTHER_SIZE = 0.3  # m, longest side of an object of a class that is not generated
 CONTINUOUS_RANGE = (0.0, math.pi / 2)
 PUSHED = ("_move", "_push")  # how the names of classes end whose objects are pushed from behind
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.json")
 
 
@@ -118,9 +116,8 @@ def import_object(
             name; or the object is there already.
     """
     for field, word in (("class", asset_class), ("name", name)):
-        if not NAME.fullmatch(word) or len(word) > LONGEST_NAME:
-            remedy = f"up to {LONGEST_NAME} letters, digits, _ - and ."
-            raise InputError(f"{reprlib.repr(word)} cannot name a folder", field=field, remedy=remedy)
+        if not is_name(word):
+            raise InputError(f"{reprlib.repr(word)} cannot name a folder", field=field, remedy=RULE)
     if scale != "auto" and not (math.isfinite(scale) and scale > 0):
         raise InputError(f"must be a positive number, is {scale}", field="scale")
     model = _Source(source, asset_class, joint)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.foreign.tree import Reference, shortened
 from gensim2.objects.errors import AssetError, MissingFileError
-from gensim2.objects.library.folder import ObjectFolder, Reference, shortened
+from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.objfile import read_obj
 from gensim2.objects.library.urdf import URDF, MeshElement
 from gensim2.objects.shapes import Mesh, transform

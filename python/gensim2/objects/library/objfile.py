@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.foreign.tree import Reference
 from gensim2.objects.errors import MissingFileError
-from gensim2.objects.library.folder import ObjectFolder, Reference
+from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.shapes import Look, Mesh
 
 Array = npt.NDArray[np.float64]

@@ -19,7 +19,6 @@ from gensim2.objects.physics import GRAVITY, Inertial, class_rule, inertial, joi
 from gensim2.objects.placement import place
 from gensim2.objects.shapes import Look, Mesh, hull_mesh
 from gensim2.objects.types import Instance, MovingJoint
-from gensim2.robots import robot
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -174,7 +173,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
 def prepare(model: Model, folder: Path) -> Instance:
     """Write ``mobility.urdf`` with its meshes into ``folder`` and return the instance that stands for it."""
     rule = class_rule(model.asset_class)
-    placement = place(model, rule, robot())
+    placement = place(model, rule)
     body, moving = (inertial(part.hulls, rule.density) for part in (model.body, model.moving))
     R_world_root = placement.rotation
     gravity = (R_world_root @ model.T_root_link[:3, :3]).T @ GRAVITY

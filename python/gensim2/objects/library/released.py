@@ -57,6 +57,7 @@ HULL_MODULES = (
 )
 READER_MODULES = (
     *HULL_MODULES,
+    "gensim2.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
     "gensim2.objects.library.keypoints",

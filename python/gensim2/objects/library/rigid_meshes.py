@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.foreign.tree import shortened
 from gensim2.objects.errors import AssetError, MissingFileError
 from gensim2.objects.library.cache import cached_hulls, file_name
-from gensim2.objects.library.folder import ObjectFolder, shortened
+from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.meshes import listed
 from gensim2.objects.library.objfile import MOST_MESH, read_obj
 from gensim2.objects.library.released import within

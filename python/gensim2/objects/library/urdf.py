@@ -245,6 +245,88 @@ def mesh_elements(urdf: Urdf, link: str, kind: str) -> list[MeshElement]:
     return found
 
 
+@dataclass(frozen=True)
+class Primitive:
+    """A shape without a file.
+
+    Attributes:
+        kind: ``box`` (size: its three sides), ``cylinder`` (radius, length along z) or ``sphere`` (radius).
+        size: m.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class VisualElement:
+    """What is shown of a link.
+
+    Attributes:
+        shape: file name of a mesh, or a primitive.
+        T: (4, 4) in the link's frame.
+        scale: (3,) of a mesh.
+        rgba: (4,) where the material has a colour.
+    """
+
+    shape: str | Primitive
+    T: Array
+    scale: Array
+    rgba: Array | None
+
+
+_PRIMITIVES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),)}
+
+
+def visual_elements(urdf: Urdf, link: str) -> list[VisualElement]:
+    """What is shown of a link: meshes, boxes, cylinders and spheres.
+
+    Raises:
+        AssetError: one is something else, or a number is none.
+    """
+    found = []
+    for element in urdf.links[link].findall("visual"):
+        field = f"link {link}: visual"
+        T = _origin(element.find("origin"), urdf.file, f"{field}.origin")
+        mesh = element.find("geometry/mesh")
+        scale = np.ones(3)
+        shape: str | Primitive
+        if mesh is not None and mesh.get("filename"):
+            shape = str(mesh.get("filename"))
+            scale = _numbers(mesh.get("scale"), urdf.file, f"{field}: mesh.scale", 3, "1 1 1")
+        else:
+            shape = _primitive(element, urdf.file, field)
+        found.append(VisualElement(shape, T, scale, _color(urdf, element, field)))
+    return found
+
+
+def _primitive(element: ET.Element, file: Path, field: str) -> Primitive:
+    for kind, numbers in _PRIMITIVES.items():
+        shape = element.find(f"geometry/{kind}")
+        if shape is not None:
+            sizes = [
+                float(each)
+                for name, count in numbers
+                for each in _numbers(shape.get(name), file, f"{field}: {kind}.{name}", count)
+            ]
+            if min(sizes) <= 0.0:
+                raise AssetError("must be positive", file=file, field=f"{field}: {kind}")
+            return Primitive(kind, tuple(sizes))
+    raise AssetError("is no mesh file, box, cylinder or sphere", file=file, field=field)
+
+
+def _color(urdf: Urdf, element: ET.Element, field: str) -> Array | None:
+    """Colour of the element's material; a primitive may also name one of the robot's (meshes bring their own)."""
+    material = element.find("material")
+    if material is None:
+        return None
+    paint = material.find("color")
+    if paint is None and element.find("geometry/mesh") is None:
+        named = (each for each in urdf.root.findall("material") if each.get("name") == material.get("name"))
+        paint = next((color for each in named if (color := each.find("color")) is not None), None)
+    return None if paint is None else _numbers(paint.get("rgba"), urdf.file, f"{field}: material.color", 4)
+
+
 def movable_joint(urdf: Urdf) -> UrdfJoint:
     """The one joint that moves.
 

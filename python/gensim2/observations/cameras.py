@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gensim2.observations import Camera
+from gensim2.observations.camera import Camera
 from gensim2.robots import RobotProfile
 
 TARGET = (-0.1, 0.0, 0.15)
@@ -25,8 +25,10 @@ NEAR, FAR = 0.01, 10.0
 
 def observation_cameras(profile: RobotProfile) -> tuple[Camera, ...]:
     """The cameras in the robot's base frame."""
-    base = np.array(profile.base_position)
+    base, turn = np.array(profile.base_position), profile.T_world_base[:3, :3].T
     return tuple(
-        Camera.looking(name, place - base, TARGET - base, width=PIXELS, height=PIXELS, fov=FIELD_OF_VIEW)
+        Camera.looking(
+            name, turn @ (place - base), turn @ (TARGET - base), width=PIXELS, height=PIXELS, fov=FIELD_OF_VIEW
+        )
         for name, place in PLACES.items()
     )

@@ -1,0 +1,105 @@
+"""What do a collision check and a plan cost among points, beside the boxes that the points cover?
+
+    python benchmarks/clouds.py [--points 500 2000 10000 20000 50000] [--queries 20]
+
+A shelf and a table of boxes; points drawn evenly over their faces, of 5 mm radius. The same joint-to-joint queries are
+planned among the boxes and among the points, in turn. Prints CPU milliseconds to build the scene, microseconds a check
+(a batch of 4,000 configurations), the median of plans in milliseconds, and that over the one among boxes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+import gensim2_kpam as kpam
+from gensim2 import robots
+from gensim2.seeding import rng
+
+Array = np.ndarray
+
+#: Middle and half extents (m) of each box, base frame.
+BOXES = [
+    ([0.6, 0.0, -0.03], [0.5, 0.8, 0.02]),
+    ([0.75, 0.0, 0.35], [0.2, 0.5, 0.01]),
+    ([0.75, 0.0, 0.75], [0.2, 0.5, 0.01]),
+    ([0.75, 0.5, 0.37], [0.2, 0.01, 0.38]),
+    ([0.75, -0.5, 0.37], [0.2, 0.01, 0.38]),
+]
+START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.04, 0.04])
+RADIUS = 0.005
+
+
+def _at(place: list[float]) -> Array:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return pose
+
+
+def strewn(count: int, draw: np.random.Generator) -> Array:
+    """Points (count, 3) spread evenly over the faces of the boxes."""
+    half = np.array([h for _, h in BOXES])
+    faces = np.stack([half[:, 1] * half[:, 2], half[:, 0] * half[:, 2], half[:, 0] * half[:, 1]], axis=1)
+    pick = draw.choice(faces.size, size=count, p=faces.ravel() / faces.sum())
+    box, axis = pick // 3, pick % 3
+    local = draw.uniform(-1, 1, (count, 3))
+    local[np.arange(count), axis] = np.sign(local[np.arange(count), axis])
+    return np.array([m for m, _ in BOXES])[box] + local * half[box]
+
+
+def spent(work: Callable[[], object]) -> float:
+    """CPU seconds."""
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+
+
+def built(robot: kpam.Robot, body: kpam.Body) -> None:
+    """Make a scene and what it checks with."""
+    kpam.Scene(robot, [body]).in_collision(START)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, nargs="+", default=[500, 2000, 10_000, 20_000, 50_000])
+    parser.add_argument("--queries", type=int, default=20)
+    options = parser.parse_args(arguments)
+    robot = robots.robot("panda").model
+    draw = rng(0, "clouds", 0)
+    rigid = [kpam.Body(f"box {k}", "rigid", [kpam.Shape.box(h)], _at(m)) for k, (m, h) in enumerate(BOXES)]
+    boxes = kpam.Scene(robot, rigid)
+    goals: list[Array] = []
+    while len(goals) < options.queries:
+        q = np.concatenate([draw.uniform(robot.lower[:7], robot.upper[:7]), [0.04, 0.04]])
+        if boxes.distance(q, 0.1) > 0.03:
+            goals.append(q)
+    rows = np.concatenate([draw.uniform(robot.lower[:7], robot.upper[:7], (4000, 7)), np.full((4000, 2), 0.04)], axis=1)
+
+    def figures(scene: kpam.Scene) -> tuple[float, float, int]:
+        check = statistics.median(spent(lambda: scene.in_collision(rows)) for _ in range(3)) / len(rows)
+        plans = [scene.plan_to(START, goal) for goal in goals]
+        return 1e6 * check, statistics.median(p.cpu_ms for p in plans), sum(p.status == "solved" for p in plans)
+
+    check, plan, solved = figures(boxes)
+    print(f"{'boxes':>8}: check {check:6.2f} us, plan {plan:7.2f} ms, {solved} of {len(goals)}")
+    for count in options.points:
+        points = strewn(count, draw)
+        body = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, RADIUS)], np.eye(4))
+        build = statistics.median(spent(partial(built, robot, body)) for _ in range(5))
+        check, among, solved = figures(kpam.Scene(robot, [body]))
+        print(
+            f"{count:8d}: built in {1e3 * build:6.2f} ms, check {check:6.2f} us, plan {among:7.2f} ms "
+            f"({among / plan:.2f} times boxes), {solved} of {len(goals)}"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

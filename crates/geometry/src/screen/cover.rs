@@ -1,0 +1,204 @@
+//! Balls that together contain a convex shape: few of them, none reaching far out of it.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::{Aabb, Convex};
+
+/// A ball in some frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Ball {
+    pub center: Point3<f64>,
+    pub radius: f64,
+}
+
+/// Most balls of one shape.
+const MAX_BALLS: usize = 20;
+/// Balls that reach out of the shape by less than this (m) are not split.
+const SLOP: f64 = 0.004;
+/// Rounds of the search for the smallest ball around points (Badoiu and Clarkson).
+const ROUNDS: usize = 48;
+/// Directions in which it is looked how far a ball reaches out of the shape.
+const LOOKS: usize = 48;
+
+/// Smallest ball found around points, grown by `radius`.
+pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
+    let bounds = Aabb::around(points, 0.0);
+    let mut center = nalgebra::center(&bounds.min, &bounds.max);
+    let furthest = |from: &Point3<f64>| {
+        points.iter().fold((0.0, *from), |best, p| {
+            let d = (p - from).norm_squared();
+            if d > best.0 { (d, *p) } else { best }
+        })
+    };
+    let mut best = Ball { center, radius: furthest(&center).0.sqrt() };
+    for round in 1..=ROUNDS {
+        let (_, far) = furthest(&center);
+        center += (far - center) / (round + 1) as f64;
+        let reach = furthest(&center).0.sqrt();
+        if reach < best.radius {
+            best = Ball { center, radius: reach };
+        }
+    }
+    best.radius += radius;
+    best
+}
+
+/// What of a hull lies in a box: its surface there, and all corners of that part.
+struct Cell {
+    bounds: Aabb,
+    surface: Vec<Vec<Point3<f64>>>,
+    corners: Vec<Point3<f64>>,
+    ball: Ball,
+    slop: f64,
+}
+
+/// A hull as faces (outward unit normal and offset) and triangles.
+struct Hull {
+    faces: Vec<(Vector3<f64>, f64)>,
+    looks: Vec<Vector3<f64>>,
+}
+
+impl Hull {
+    fn height(&self, p: &Point3<f64>) -> f64 {
+        self.faces.iter().map(|(n, d)| n.dot(&p.coords) - d).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    fn cell(&self, bounds: Aabb, surface: Vec<Vec<Point3<f64>>>) -> Option<Cell> {
+        let mut corners: Vec<Point3<f64>> = surface.iter().flatten().copied().collect();
+        for i in 0..8 {
+            let pick = |k: usize, low: f64, high: f64| if i & (1 << k) == 0 { low } else { high };
+            let corner = Point3::new(
+                pick(0, bounds.min.x, bounds.max.x),
+                pick(1, bounds.min.y, bounds.max.y),
+                pick(2, bounds.min.z, bounds.max.z),
+            );
+            if self.height(&corner) <= 1e-9 {
+                corners.push(corner);
+            }
+        }
+        if corners.is_empty() {
+            return None;
+        }
+        let ball = ball_around(&corners, 0.0);
+        let slop = self.looks.iter().map(|u| self.height(&(ball.center + u * ball.radius))).fold(0.0, f64::max);
+        Some(Cell { bounds, surface, corners, ball, slop })
+    }
+
+    /// Both halves of a cell, split across an axis in the middle of what it holds.
+    fn halves(&self, cell: &Cell, axis: usize) -> Vec<Cell> {
+        let held = Aabb::around(&cell.corners, 0.0);
+        let at = 0.5 * (held.min[axis] + held.max[axis]);
+        [false, true]
+            .into_iter()
+            .filter_map(|above| {
+                let mut bounds = cell.bounds;
+                if above {
+                    bounds.min[axis] = at;
+                } else {
+                    bounds.max[axis] = at;
+                }
+                let surface =
+                    cell.surface.iter().map(|polygon| clipped(polygon, axis, at, above)).filter(|p| !p.is_empty());
+                self.cell(bounds, surface.collect())
+            })
+            .collect()
+    }
+}
+
+/// The part of a polygon on one side of a plane across an axis.
+fn clipped(polygon: &[Point3<f64>], axis: usize, at: f64, above: bool) -> Vec<Point3<f64>> {
+    let inside = |p: &Point3<f64>| if above { p[axis] >= at } else { p[axis] <= at };
+    let mut out = Vec::with_capacity(polygon.len() + 2);
+    for (i, p) in polygon.iter().enumerate() {
+        let next = &polygon[(i + 1) % polygon.len()];
+        if inside(p) {
+            out.push(*p);
+        }
+        if inside(p) != inside(next) {
+            let mut crossing = p + (next - p) * ((at - p[axis]) / (next[axis] - p[axis]));
+            crossing[axis] = at;
+            out.push(crossing);
+        }
+    }
+    out
+}
+
+/// Balls that together contain a shape.
+pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
+    let points = shape.points();
+    if let [a, b] = points {
+        return along_segment(a, b, shape.radius());
+    }
+    let whole = || vec![ball_around(points, shape.radius())];
+    if points.len() < 4 {
+        return whole();
+    }
+    let Ok((vertices, triangles)) = parry3d_f64::transformation::try_convex_hull(points) else { return whole() };
+    let middle = vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
+    let mut faces: Vec<(Vector3<f64>, f64)> = Vec::with_capacity(triangles.len());
+    let mut surface = Vec::with_capacity(triangles.len());
+    for [i, j, k] in triangles {
+        let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
+        surface.push(vec![a, b, c]);
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16) else { continue };
+        let normal = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
+        let offset = vertices.iter().map(|p| normal.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
+        if !faces.iter().any(|(n, d)| n.dot(&normal) > 1.0 - 1e-9 && (d - offset).abs() < 1e-9) {
+            faces.push((normal, offset));
+        }
+    }
+    let hull = Hull { faces, looks: directions(LOOKS) };
+    let Some(first) = hull.cell(Aabb::around(&vertices, 0.0), surface) else { return whole() };
+    let mut cells = vec![first];
+    while cells.len() < MAX_BALLS {
+        let Some(worst) = (0..cells.len()).max_by(|a, b| cells[*a].slop.total_cmp(&cells[*b].slop)) else { break };
+        if cells[worst].slop <= SLOP {
+            break;
+        }
+        let worst = cells.swap_remove(worst);
+        let score = |halves: &[Cell]| halves.iter().map(|c| c.slop).fold(0.0, f64::max);
+        let best = (0..3)
+            .map(|axis| hull.halves(&worst, axis))
+            .filter(|halves| !halves.is_empty())
+            .min_by(|a, b| score(a).total_cmp(&score(b)));
+        match best {
+            Some(halves) => cells.extend(halves),
+            None => {
+                cells.push(worst);
+                break;
+            }
+        }
+    }
+    let radius = shape.radius();
+    cells.iter().map(|c| Ball { center: c.ball.center, radius: c.ball.radius + radius }).collect()
+}
+
+/// Balls along the segment in the middle of a capsule.
+fn along_segment(a: &Point3<f64>, b: &Point3<f64>, radius: f64) -> Vec<Ball> {
+    let length = (b - a).norm();
+    // Balls so far apart reach out of the capsule by little.
+    let step = (2.0 * (2.0 * radius * SLOP + SLOP * SLOP).sqrt()).max(length / MAX_BALLS as f64).max(1e-9);
+    let parts = (length / step).ceil().clamp(1.0, MAX_BALLS as f64) as usize;
+    let half = 0.5 * length / parts as f64;
+    (0..parts)
+        .map(|k| {
+            // The caps lie before the first and beyond the last part.
+            let reach = if k == 0 || k + 1 == parts { half + radius } else { half.hypot(radius) };
+            Ball { center: a + (b - a) * ((k as f64 + 0.5) / parts as f64), radius: reach }
+        })
+        .collect()
+}
+
+/// Unit directions spread evenly (a Fibonacci lattice).
+pub(crate) fn directions(count: usize) -> Vec<Vector3<f64>> {
+    let golden = std::f64::consts::PI * (1.0 + 5f64.sqrt());
+    (0..count)
+        .map(|i| {
+            let step = i as f64 + 0.5;
+            let z = 1.0 - 2.0 * step / count as f64;
+            let (sin, cos) = (golden * step).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            Vector3::new(r * cos, r * sin, z)
+        })
+        .collect()
+}

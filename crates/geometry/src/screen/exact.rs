@@ -1,0 +1,211 @@
+//! Distances in full, of single pairs that a screen could not clear.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use wide::f32x8;
+
+use super::points::PointGrid;
+use super::solid::Solid;
+use crate::distance::{Reach, keeps_apart};
+use crate::{Aabb, Convex, Corners, Pose, signed_distance};
+
+/// A convex part of what moves with a link, in the link's frame.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    shape: Convex,
+    corners: Corners,
+    bounds: Aabb,
+    /// Its faces, for points.
+    solid: Solid,
+}
+
+impl Piece {
+    pub fn of(shape: Convex) -> Self {
+        let (corners, bounds) = (Corners::of(shape.points()), shape.aabb_at(&Pose::identity()));
+        Self { solid: Solid::of(&shape), corners, bounds, shape }
+    }
+}
+
+#[derive(Debug, Clone)]
+struct Placed {
+    points: Vec<nalgebra::Point3<f64>>,
+    bounds: Aabb,
+    center: nalgebra::Point3<f64>,
+    radius: f64,
+}
+
+/// Shapes to be measured in full.
+#[derive(Debug, Clone, Default)]
+pub struct Measure {
+    /// Shapes of each group in its link's frame, and that link.
+    groups: Vec<(usize, Arc<[Piece]>)>,
+    elements: Vec<Placed>,
+}
+
+impl Measure {
+    pub(super) fn new(groups: Vec<(usize, Arc<[Piece]>)>) -> Self {
+        Self { groups, elements: Vec::new() }
+    }
+
+    pub(super) fn add(&mut self, shape: &Convex) {
+        self.elements.push(Placed {
+            points: shape.points().to_vec(),
+            bounds: shape.aabb_at(&Pose::identity()),
+            center: *shape.center(),
+            radius: shape.radius(),
+        });
+    }
+
+    /// Visits the shapes of a group whose boxes come within `reach` of an element, in the link's frame where that is
+    /// cheaper to move.
+    fn near_element(
+        &self,
+        group: usize,
+        e: usize,
+        poses: &[Pose],
+        reach: f64,
+        mut visit: impl FnMut((&Corners, f64), (&Corners, f64), Vector3<f64>) -> bool,
+    ) -> bool {
+        let (link, pieces) = &self.groups[group];
+        let (pose, element) = (&poses[*link], &self.elements[e]);
+        let mut moved: Option<Corners> = None;
+        pieces.iter().all(|piece| {
+            let bounds = piece.shape.aabb_at(pose);
+            if bounds.distance_squared(&element.bounds) > reach.max(0.0).powi(2) {
+                return true;
+            }
+            let toward = element.center - pose * piece.shape.center();
+            let here = moved.get_or_insert_with(|| {
+                let mut out = Corners::default();
+                out.place(&element.points, &pose.inverse());
+                out
+            });
+            visit((&piece.corners, piece.shape.radius()), (here, element.radius), pose.rotation.inverse() * toward)
+        })
+    }
+
+    pub(super) fn keeps_from(&self, group: usize, e: usize, poses: &[Pose], apart: f64) -> bool {
+        self.near_element(group, e, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
+    }
+
+    pub(super) fn distance(&self, group: usize, e: usize, poses: &[Pose], reach: f64) -> f64 {
+        let mut least = reach;
+        self.near_element(group, e, poses, reach, |a, b, mut toward| {
+            if let Some(contact) = signed_distance(a, b, &mut toward, least.max(0.0)) {
+                least = least.min(contact.distance);
+            }
+            true
+        });
+        least
+    }
+
+    fn near_group(
+        &self,
+        (a, b): (usize, usize),
+        poses: &[Pose],
+        reach: f64,
+        mut visit: impl FnMut((&Corners, f64), (&Corners, f64), Vector3<f64>) -> bool,
+    ) -> bool {
+        let ((one, mine), (two, theirs)) = (&self.groups[a], &self.groups[b]);
+        let (first, second) = (&poses[*one], &poses[*two]);
+        let way = first.inverse() * second;
+        let mut moved = Corners::default();
+        theirs.iter().all(|other| {
+            let bounds = other.shape.aabb_at(&way);
+            let mut ready = false;
+            mine.iter().all(|piece| {
+                if piece.bounds.distance_squared(&bounds) > reach.max(0.0).powi(2) {
+                    return true;
+                }
+                if !ready {
+                    moved.place(other.shape.points(), &way);
+                    ready = true;
+                }
+                let toward = way * other.shape.center() - piece.shape.center();
+                visit((&piece.corners, piece.shape.radius()), (&moved, other.shape.radius()), toward)
+            })
+        })
+    }
+
+    pub(super) fn pair_keeps(&self, pair: (usize, usize), poses: &[Pose], apart: f64) -> bool {
+        self.near_group(pair, poses, apart, |a, b, toward| keeps_apart(a, b, &toward, apart) == Reach::Beyond)
+    }
+
+    pub(super) fn pair_distance(&self, pair: (usize, usize), poses: &[Pose], reach: f64) -> f64 {
+        let mut least = reach;
+        self.near_group(pair, poses, reach, |a, b, mut toward| {
+            if let Some(contact) = signed_distance(a, b, &mut toward, least.max(0.0)) {
+                least = least.min(contact.distance);
+            }
+            true
+        });
+        least
+    }
+
+    /// Visits the points of a cloud that a group's shapes may come within `reach` of, in the link's frame.
+    fn near_cloud(
+        &self,
+        group: usize,
+        cloud: &PointGrid,
+        poses: &[Pose],
+        reach: f64,
+        mut visit: impl FnMut(&Piece, &Corners) -> bool,
+    ) -> bool {
+        let (link, pieces) = &self.groups[group];
+        let pose = &poses[*link];
+        let back = pose.inverse();
+        let m = back.rotation.matrix().cast::<f32>();
+        let t = back.translation.vector.cast::<f32>();
+        let within = reach.max(0.0) + cloud.radius;
+        // Single precision decides only what is surely further.
+        let limit = f32x8::splat(within as f32 + 1e-4);
+        let mut one = Corners::default();
+        pieces.iter().all(|piece| {
+            let bounds = piece.shape.aabb_at(pose).grown(within);
+            cloud.within(&bounds, |points| {
+                let here = [0, 1, 2].map(|i| {
+                    points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + f32x8::splat(t[i])
+                });
+                let near = piece.solid.distance(&here);
+                if super::all_at_least(near, limit) {
+                    return true;
+                }
+                let (near, limit) = (near.to_array(), limit.to_array());
+                (0..super::LANES).filter(|l| near[*l] < limit[*l]).all(|l| {
+                    let at = nalgebra::Point3::new(
+                        f64::from(points[0].to_array()[l]),
+                        f64::from(points[1].to_array()[l]),
+                        f64::from(points[2].to_array()[l]),
+                    );
+                    one.place(&[at], &back);
+                    visit(piece, &one)
+                })
+            })
+        })
+    }
+
+    pub(super) fn keeps_from_cloud(&self, group: usize, cloud: &PointGrid, poses: &[Pose], apart: f64) -> bool {
+        self.near_cloud(group, cloud, poses, apart, |piece, point| {
+            let toward = point.middle() - piece.shape.center();
+            keeps_apart((&piece.corners, piece.shape.radius()), (point, cloud.radius), &toward, apart) == Reach::Beyond
+        })
+    }
+
+    pub(super) fn cloud_distance(&self, group: usize, cloud: &PointGrid, poses: &[Pose], reach: f64) -> f64 {
+        let mut least = reach;
+        self.near_cloud(group, cloud, poses, reach, |piece, point| {
+            let mut toward = point.middle() - piece.shape.center();
+            if let Some(contact) = signed_distance(
+                (&piece.corners, piece.shape.radius()),
+                (point, cloud.radius),
+                &mut toward,
+                least.max(0.0),
+            ) {
+                least = least.min(contact.distance);
+            }
+            true
+        });
+        least
+    }
+}

@@ -1,0 +1,211 @@
+//! Forward kinematics of eight joint vectors at a time, in single precision.
+
+use nalgebra::{Matrix3, Vector3};
+use wide::{f32x8, i32x8};
+
+use super::solid::Points;
+use crate::{JointKind, Pose, Robot};
+
+/// A rigid transform in each of eight lanes: rotation by rows, and translation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Frames {
+    pub r: [[f32x8; 3]; 3],
+    pub t: Points,
+}
+
+impl Frames {
+    fn of(pose: &Pose) -> Self {
+        let m = pose.rotation.matrix();
+        let splat = |v: f64| f32x8::splat(v as f32);
+        Self {
+            r: [0, 1, 2].map(|i| [0, 1, 2].map(|j| splat(m[(i, j)]))),
+            t: [0, 1, 2].map(|i| splat(pose.translation.vector[i])),
+        }
+    }
+
+    #[inline(always)]
+    pub fn point(&self, p: &[f32; 3]) -> Points {
+        let [x, y, z] = self.direction(p);
+        [x + self.t[0], y + self.t[1], z + self.t[2]]
+    }
+
+    #[inline(always)]
+    pub fn direction(&self, p: &[f32; 3]) -> Points {
+        let [x, y, z] = [f32x8::splat(p[0]), f32x8::splat(p[1]), f32x8::splat(p[2])];
+        let r = &self.r;
+        [
+            r[0][0] * x + r[0][1] * y + r[0][2] * z,
+            r[1][0] * x + r[1][1] * y + r[1][2] * z,
+            r[2][0] * x + r[2][1] * y + r[2][2] * z,
+        ]
+    }
+
+    #[inline(always)]
+    fn then(&self, fixed: &Fixed) -> Self {
+        let mut r = [[f32x8::ZERO; 3]; 3];
+        for i in 0..3 {
+            for j in 0..3 {
+                r[i][j] = self.r[i][0] * fixed.r[0][j] + self.r[i][1] * fixed.r[1][j] + self.r[i][2] * fixed.r[2][j];
+            }
+        }
+        Self { r, t: self.point(&fixed.t) }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Fixed {
+    r: [[f32; 3]; 3],
+    t: [f32; 3],
+}
+
+/// How a joint turns what it carries: `A + sin B + cos C`.
+#[derive(Debug, Clone)]
+enum Motion {
+    None,
+    Revolute { joint: usize, a: [[f32; 3]; 3], b: [[f32; 3]; 3], c: [[f32; 3]; 3] },
+    Prismatic { joint: usize, axis: [f32; 3] },
+}
+
+#[derive(Debug, Clone)]
+struct Step {
+    parent: Option<usize>,
+    origin: Fixed,
+    motion: Motion,
+}
+
+/// The tree of a robot in single precision.
+#[derive(Debug, Clone)]
+pub(crate) struct Posing {
+    steps: Vec<Step>,
+    /// Links that have to be placed.
+    wanted: Vec<bool>,
+}
+
+fn rows(m: &Matrix3<f64>) -> [[f32; 3]; 3] {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)] as f32))
+}
+
+impl Posing {
+    /// That of a robot; only `needed` links and what they hang on are placed.
+    pub fn new(robot: &Robot, needed: impl Fn(usize) -> bool) -> Self {
+        let links = robot.links();
+        let mut wanted: Vec<bool> = (0..links.len()).map(needed).collect();
+        for l in (0..links.len()).rev() {
+            if let (true, Some(p)) = (wanted[l], links[l].parent()) {
+                wanted[p] = true;
+            }
+        }
+        let steps = links.iter().map(|link| {
+            let origin = Fixed {
+                r: rows(link.origin().rotation.matrix()),
+                t: [0, 1, 2].map(|i| link.origin().translation.vector[i] as f32),
+            };
+            let motion = link.joint().map_or(Motion::None, |joint| {
+                let axis: Vector3<f64> = *robot.joints()[joint].axis();
+                match robot.joints()[joint].kind() {
+                    JointKind::Prismatic => Motion::Prismatic { joint, axis: [0, 1, 2].map(|i| axis[i] as f32) },
+                    JointKind::Revolute => {
+                        let outer = axis * axis.transpose();
+                        Motion::Revolute {
+                            joint,
+                            a: rows(&outer),
+                            b: rows(&axis.cross_matrix()),
+                            c: rows(&(Matrix3::identity() - outer)),
+                        }
+                    }
+                }
+            });
+            Step { parent: link.parent(), origin, motion }
+        });
+        Self { steps: steps.collect(), wanted }
+    }
+
+    /// Writes the pose of every link that is needed in each lane; `q` has one entry a joint.
+    pub fn place(&self, q: &[f32x8], out: &mut Vec<Frames>) {
+        out.clear();
+        let base = Frames::of(&Pose::identity());
+        for (step, wanted) in self.steps.iter().zip(&self.wanted) {
+            if !wanted {
+                out.push(base);
+                continue;
+            }
+            let frame = step.parent.map_or(base, |p| out[p].then(&step.origin));
+            out.push(match &step.motion {
+                Motion::None => frame,
+                Motion::Prismatic { joint, axis } => {
+                    let way = frame.direction(axis);
+                    let value = q[*joint];
+                    let t = frame.t;
+                    Frames { r: frame.r, t: [t[0] + way[0] * value, t[1] + way[1] * value, t[2] + way[2] * value] }
+                }
+                Motion::Revolute { joint, a, b, c } => {
+                    let (sin, cos) = sin_cos(q[*joint]);
+                    let mut turn = [[f32x8::ZERO; 3]; 3];
+                    for i in 0..3 {
+                        for j in 0..3 {
+                            turn[i][j] = f32x8::splat(a[i][j]) + sin * b[i][j] + cos * c[i][j];
+                        }
+                    }
+                    let mut r = [[f32x8::ZERO; 3]; 3];
+                    for i in 0..3 {
+                        for j in 0..3 {
+                            r[i][j] =
+                                frame.r[i][0] * turn[0][j] + frame.r[i][1] * turn[1][j] + frame.r[i][2] * turn[2][j];
+                        }
+                    }
+                    Frames { r, t: frame.t }
+                }
+            });
+        }
+    }
+
+    /// Largest distance (m) that link origins can have from the base, joints within `reach` (m) of prismatic travel.
+    pub fn size(&self, reach: impl Fn(usize) -> f64) -> f64 {
+        self.steps
+            .iter()
+            .map(|step| {
+                let t = step.origin.t;
+                let slide = match step.motion {
+                    Motion::Prismatic { joint, .. } => reach(joint),
+                    _ => 0.0,
+                };
+                f64::from(t[0].hypot(t[1]).hypot(t[2])) + slide
+            })
+            .sum()
+    }
+}
+
+/// Sine and cosine by plain sums and products, so that every machine gives the same bits: reduced to an eighth of a
+/// turn in three steps (Cody and Waite), then Cephes' polynomials.
+#[inline(always)]
+fn sin_cos(x: f32x8) -> (f32x8, f32x8) {
+    let whole = (x * std::f32::consts::FRAC_2_PI).round_int();
+    let turns = f32x8::from_i32x8(whole);
+    let y = ((x - turns * 1.570_312_5) - turns * 4.837_513e-4) - turns * 7.549_79e-8;
+    let z = y * y;
+    let sin = y + y * z * (f32x8::splat(-1.666_665_5e-1) + z * (f32x8::splat(8.332_161e-3) - z * 1.951_529_6e-4));
+    let cos = f32x8::ONE - z * 0.5
+        + z * z * (f32x8::splat(4.166_664_6e-2) + z * (f32x8::splat(-1.388_731_6e-3) + z * 2.443_315_7e-5));
+    // The quarter decides which of the two is which, and the signs: by arithmetic, without branches.
+    let odd = f32x8::from_i32x8(whole & i32x8::ONE);
+    let late = f32x8::ONE - f32x8::from_i32x8((whole >> 1) & i32x8::ONE) * 2.0;
+    let even = f32x8::ONE - odd;
+    // 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s).
+    ((sin * even + cos * odd) * late, (cos * even - sin * odd) * late)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sine_and_cosine_are_those_of_the_library() {
+        for k in -4000..4000 {
+            let x = k as f32 * 0.004_7;
+            let (s, c) = sin_cos(f32x8::splat(x));
+            let (ws, wc) = f64::from(x).sin_cos();
+            assert!((f64::from(s.to_array()[3]) - ws).abs() < 3e-7, "{x}");
+            assert!((f64::from(c.to_array()[5]) - wc).abs() < 3e-7, "{x}");
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Lower bounds of the distance of points to convex obstacles, eight points at a time.
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use wide::f32x8;
+
+use super::Sphere;
+use crate::Convex;
+
+/// Most faces by which a hull is judged.
+const MAX_FACES: usize = 28;
+/// Faces whose normals are nearer to each other than this (cosine) count as one.
+const SAME_FACE: f64 = 0.985;
+/// Relative error of single-precision sums of a few terms.
+const ROUNDING: f64 = 1e-6;
+
+/// Three coordinates of eight points.
+pub(crate) type Points = [f32x8; 3];
+
+/// A convex obstacle in the form in which points are quickly measured against it; it contains the shape it stands for.
+#[derive(Debug, Clone)]
+pub(crate) enum Solid {
+    /// Rounded box: middle, axes as rows, half extents.
+    Cuboid { center: [f32; 3], axes: [[f32; 3]; 3], half: [f32; 3], radius: f32 },
+    /// Cylinder: middle, axis, half of its length.
+    Cylinder { center: [f32; 3], axis: [f32; 3], half: f32, radius: f32 },
+    /// Capsule (a ball where the length is 0): one end, direction, length.
+    Capsule { end: [f32; 3], axis: [f32; 3], length: f32, radius: f32 },
+    /// Hull: outward normals and offsets.
+    Hull { faces: Vec<[f32; 4]>, radius: f32 },
+}
+
+fn single(v: &Vector3<f64>) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
+#[inline(always)]
+fn dot(a: &[f32; 3], b: &Points) -> f32x8 {
+    b[0] * a[0] + b[1] * a[1] + b[2] * a[2]
+}
+
+#[inline(always)]
+fn from(p: &Points, c: &[f32; 3]) -> Points {
+    [p[0] - f32x8::splat(c[0]), p[1] - f32x8::splat(c[1]), p[2] - f32x8::splat(c[2])]
+}
+
+#[inline(always)]
+pub(crate) fn length(v: &Points) -> f32x8 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+impl Solid {
+    /// The tightest of its forms for a shape in the base frame.
+    pub fn of(shape: &Convex) -> Self {
+        let points = shape.points();
+        let size = points.iter().map(|p| p.coords.norm()).fold(1.0, f64::max);
+        // Rounding to single precision stays inside.
+        let radius = (shape.radius() + ROUNDING * size) as f32;
+        match points {
+            [p] => return Self::Capsule { end: single(&p.coords), axis: [1.0, 0.0, 0.0], length: 0.0, radius },
+            [a, b] => {
+                let way = b - a;
+                let axis = way.try_normalize(1e-12).unwrap_or_else(Vector3::x);
+                return Self::Capsule {
+                    end: single(&a.coords),
+                    axis: single(&axis),
+                    length: way.norm() as f32,
+                    radius,
+                };
+            }
+            _ => {}
+        }
+        cuboid(points, radius).or_else(|| cylinder(points, radius)).unwrap_or_else(|| hull(points, radius))
+    }
+
+    /// Lower bound of the distance (m) of each point.
+    #[inline]
+    pub fn distance(&self, p: &Points) -> f32x8 {
+        match self {
+            Self::Cuboid { center, axes, half, radius } => to_cuboid(p, center, axes, half, *radius),
+            Self::Cylinder { center, axis, half, radius } => to_cylinder(p, center, axis, *half, *radius),
+            Self::Capsule { end, axis, length, radius } => to_capsule(p, end, axis, *length, *radius),
+            Self::Hull { faces, radius } => to_hull(p, faces, *radius),
+        }
+    }
+
+    /// Least lower bound of the distance (m) of balls: their middles, and their radii.
+    #[inline]
+    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> f32x8 {
+        match self {
+            Self::Cuboid { center, axes, half, radius } => {
+                over(centers, balls, |p| to_cuboid(p, center, axes, half, *radius))
+            }
+            Self::Cylinder { center, axis, half, radius } => {
+                over(centers, balls, |p| to_cylinder(p, center, axis, *half, *radius))
+            }
+            Self::Capsule { end, axis, length, radius } => {
+                over(centers, balls, |p| to_capsule(p, end, axis, *length, *radius))
+            }
+            Self::Hull { faces, radius } => over(centers, balls, |p| to_hull(p, faces, *radius)),
+        }
+    }
+}
+
+#[inline(always)]
+fn over(centers: &[Points], balls: &[Sphere], distance: impl Fn(&Points) -> f32x8) -> f32x8 {
+    let mut least = f32x8::splat(f32::MAX);
+    for (center, ball) in centers.iter().zip(balls) {
+        least = least.fast_min(distance(center) - f32x8::splat(ball.radius));
+    }
+    least
+}
+
+#[inline(always)]
+fn to_cuboid(p: &Points, center: &[f32; 3], axes: &[[f32; 3]; 3], half: &[f32; 3], radius: f32) -> f32x8 {
+    let zero = f32x8::ZERO;
+    let v = from(p, center);
+    let q = [
+        dot(&axes[0], &v).abs() - f32x8::splat(half[0]),
+        dot(&axes[1], &v).abs() - f32x8::splat(half[1]),
+        dot(&axes[2], &v).abs() - f32x8::splat(half[2]),
+    ];
+    let outside = [q[0].fast_max(zero), q[1].fast_max(zero), q[2].fast_max(zero)];
+    let inside = q[0].fast_max(q[1]).fast_max(q[2]).fast_min(zero);
+    length(&outside) + inside - f32x8::splat(radius)
+}
+
+#[inline(always)]
+fn to_cylinder(p: &Points, center: &[f32; 3], axis: &[f32; 3], half: f32, radius: f32) -> f32x8 {
+    let zero = f32x8::ZERO;
+    let v = from(p, center);
+    let along = dot(axis, &v);
+    let across = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
+    let (a, b) = (along.abs() - f32x8::splat(half), length(&across) - f32x8::splat(radius));
+    let (x, y) = (a.fast_max(zero), b.fast_max(zero));
+    (x * x + y * y).sqrt() + a.fast_max(b).fast_min(zero)
+}
+
+#[inline(always)]
+fn to_capsule(p: &Points, end: &[f32; 3], axis: &[f32; 3], long: f32, radius: f32) -> f32x8 {
+    let v = from(p, end);
+    let along = dot(axis, &v).fast_max(f32x8::ZERO).fast_min(f32x8::splat(long));
+    let way = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
+    length(&way) - f32x8::splat(radius)
+}
+
+#[inline(always)]
+fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> f32x8 {
+    let mut highest = f32x8::splat(f32::MIN);
+    for [x, y, z, d] in faces {
+        highest = highest.fast_max(p[0] * *x + p[1] * *y + p[2] * *z - f32x8::splat(*d));
+    }
+    highest - f32x8::splat(radius)
+}
+
+/// The box that eight points are the corners of.
+fn cuboid(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
+    if points.len() != 8 {
+        return None;
+    }
+    let center = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / 8.0;
+    let ways: Vec<Vector3<f64>> = points[1..].iter().map(|p| p - points[0]).collect();
+    let size = ways.iter().map(Vector3::norm).fold(0.0, f64::max);
+    let near = |v: f64| v.abs() < 1e-6 * size;
+    for i in 0..7 {
+        for j in i + 1..7 {
+            if !near(ways[i].dot(&ways[j]) / size) {
+                continue;
+            }
+            for k in j + 1..7 {
+                let square = near(ways[i].dot(&ways[k]) / size) && near(ways[j].dot(&ways[k]) / size);
+                let opposite = points[0].coords + 0.5 * (ways[i] + ways[j] + ways[k]) - center;
+                if !(square && near(opposite.norm())) {
+                    continue;
+                }
+                let mut axes = [[0.0; 3]; 3];
+                let mut half = [0.0; 3];
+                for (row, edge) in [ways[i], ways[j], ways[k]].iter().enumerate() {
+                    let axis = edge.try_normalize(1e-12)?;
+                    axes[row] = single(&axis);
+                    // All corners are inside, whatever the rounding.
+                    half[row] = points.iter().map(|p| axis.dot(&(p.coords - center)).abs()).fold(0.0, f64::max) as f32;
+                }
+                return Some(Solid::Cuboid { center: single(&center), axes, half, radius });
+            }
+        }
+    }
+    None
+}
+
+/// The cylinder around a regular prism of many sides.
+fn cylinder(points: &[Point3<f64>], radius: f32) -> Option<Solid> {
+    if points.len() < 24 {
+        return None;
+    }
+    let center = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let spread = points.iter().fold(Matrix3::zeros(), |sum, p| {
+        let v = p.coords - center;
+        sum + v * v.transpose()
+    });
+    let size = points.iter().map(|p| (p.coords - center).norm()).fold(0.0, f64::max);
+    for column in SymmetricEigen::new(spread).eigenvectors.column_iter() {
+        let axis: Vector3<f64> = column.into();
+        let reach = |p: &Point3<f64>| {
+            let v = p.coords - center;
+            let along = axis.dot(&v);
+            (along.abs(), (v - axis * along).norm())
+        };
+        let (half, round) = reach(&points[0]);
+        let regular = |p: &Point3<f64>| {
+            let (a, b) = reach(p);
+            (a - half).abs() < 1e-6 * size && (b - round).abs() < 1e-6 * size
+        };
+        if points.iter().all(regular) {
+            let grown = radius + (1e-6 * size) as f32;
+            return Some(Solid::Cylinder {
+                center: single(&center),
+                axis: single(&axis),
+                half: half as f32 + grown,
+                radius: round as f32 + grown,
+            });
+        }
+    }
+    None
+}
+
+/// The largest faces of a hull; each bounds it whichever are left out.
+fn hull(points: &[Point3<f64>], radius: f32) -> Solid {
+    let offset = |n: &Vector3<f64>| points.iter().map(|p| n.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
+    let mut found: Vec<(f64, Vector3<f64>)> = Vec::new();
+    let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    if points.len() >= 4
+        && let Ok((vertices, triangles)) = parry3d_f64::transformation::try_convex_hull(points)
+    {
+        for [i, j, k] in triangles {
+            let [a, b, c] = [vertices[i as usize], vertices[j as usize], vertices[k as usize]];
+            let cross = (b - a).cross(&(c - a));
+            let Some(normal) = cross.try_normalize(1e-16) else { continue };
+            let normal = if normal.dot(&(a.coords - middle)) < 0.0 { -normal } else { normal };
+            match found.iter_mut().find(|(_, n)| n.dot(&normal) > SAME_FACE) {
+                Some((area, _)) => *area += cross.norm(),
+                None => found.push((cross.norm(), normal)),
+            }
+        }
+    } else if let [a, b, c, ..] = points
+        && let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-16)
+    {
+        found.extend([(1.0, normal), (1.0, -normal)]);
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            found.extend((to - from).cross(&normal).try_normalize(1e-16).map(|n| (1.0, n)));
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(MAX_FACES - 6);
+    for k in 0..3 {
+        found.extend([(0.0, Vector3::ith(k, 1.0)), (0.0, Vector3::ith(k, -1.0))]);
+    }
+    let faces = found.iter().map(|(_, n)| {
+        let [x, y, z] = single(n);
+        [x, y, z, offset(n) as f32]
+    });
+    Solid::Hull { faces: faces.collect(), radius }
+}

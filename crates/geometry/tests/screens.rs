@@ -1,0 +1,129 @@
+//! What a screen says is never more than the distance measured by brute force.
+
+use gensim2_geometry::{
+    Batch, Convex, Corners, Cover, Joint, LANES, Link, Needs, Other, Pose, Riders, Robot, Screen, signed_distance,
+};
+use nalgebra::{Point3, Rotation3, Vector3};
+use proptest::prelude::*;
+
+fn hull(rough: &[[f64; 3]]) -> Convex {
+    Convex::hull(&rough.iter().map(|p| Point3::from(*p)).collect::<Vec<_>>()).unwrap()
+}
+
+fn pose(at: [f64; 3], turn: [f64; 3]) -> Pose {
+    Pose::from_parts(Vector3::from(at).into(), Rotation3::new(Vector3::from(turn)))
+}
+
+/// Three links: a box on the base, a rough hull and a capsule beyond.
+fn arm(rough: &[[f64; 3]]) -> Robot {
+    let cuboid = Convex::cuboid([0.06, 0.05, 0.15], &pose([0.0, 0.0, 0.15], [0.1, 0.0, 0.0])).unwrap();
+    let rod = Convex::capsule(0.03, 0.2, &pose([0.1, 0.0, 0.0], [0.0, 1.2, 0.0])).unwrap();
+    Robot::builder("arm")
+        .link(Link::base("base"))
+        .link(
+            Link::below("base", "one")
+                .moved_by(Joint::revolute("a", Vector3::z()).limits(-3.0, 3.0).velocity(1.0))
+                .shape(cuboid),
+        )
+        .link(
+            Link::below("one", "two")
+                .at(pose([0.0, 0.0, 0.4], [0.3, 0.2, 0.0]))
+                .moved_by(Joint::revolute("b", Vector3::new(0.3, 1.0, 0.2)).limits(-3.0, 3.0).velocity(1.0))
+                .shape(hull(rough)),
+        )
+        .link(
+            Link::below("two", "three")
+                .at(pose([0.3, 0.0, 0.1], [0.0, 0.4, 0.0]))
+                .moved_by(Joint::prismatic("c", Vector3::x()).limits(-0.2, 0.2).velocity(1.0))
+                .shape(rod),
+        )
+        .build("three")
+        .unwrap()
+}
+
+fn brute(a: &Convex, at: &Pose, b: &Convex) -> f64 {
+    let moved = a.moved(at);
+    let (p, q) = (Corners::of(moved.points()), Corners::of(b.points()));
+    signed_distance((&p, moved.radius()), (&q, b.radius()), &mut (b.center() - moved.center()), 100.0).unwrap().distance
+}
+
+fn coordinates(reach: f64) -> impl Strategy<Value = [f64; 3]> {
+    prop::array::uniform3(-reach..reach)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn bounds_are_never_above_distances(
+        rough in prop::collection::vec(coordinates(0.12), 5..30),
+        q in prop::collection::vec((-3.0..3.0f64, -30.0..30.0f64, -0.2..0.2f64), LANES),
+        places in prop::collection::vec((coordinates(0.9), coordinates(3.0)), 6),
+        loose in prop::collection::vec(coordinates(0.2), 5..40),
+        cloud in prop::collection::vec(coordinates(0.8), 40..200),
+    ) {
+        let robot = arm(&rough);
+        let at: Vec<Pose> = places.iter().map(|(t, r)| pose(*t, *r)).collect();
+        let none = Pose::identity();
+        let balls: Vec<Convex> = cloud.iter().map(|p| Convex::ball(0.01, Point3::from(*p)).unwrap()).collect();
+        let bodies: Vec<(Vec<Convex>, Pose)> = vec![
+            (vec![Convex::cuboid([0.3, 0.1, 0.02], &none).unwrap()], at[0]),
+            (vec![Convex::cylinder(0.05, 0.3, &none).unwrap()], at[1]),
+            (vec![Convex::capsule(0.05, 0.3, &none).unwrap()], at[2]),
+            (vec![Convex::ball(0.1, Point3::origin()).unwrap(), hull(&loose)], at[3]),
+            (vec![hull(&loose[..3])], at[4]),
+            (balls, at[5]),
+        ];
+        let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+        let pairs = vec![(1, 3)];
+        let screen =
+            Screen::new(&robot, &Cover::of(&robot), &groups, pairs, bodies.iter().map(|(s, p)| (s.as_slice(), p)));
+        let mut batch = Batch::default();
+        for (lane, (a, b, c)) in q.iter().enumerate() {
+            batch.set(&screen, lane, &[*a, *b, *c]);
+        }
+        screen.place(&mut batch);
+        let needs = Needs { bodies: vec![0.01; 4 * bodies.len()], pairs: vec![0.02] };
+        let reach = 0.1_f32;
+        let mut said = vec![vec![[f64::from(reach); LANES]; bodies.len() + 1]; 4];
+        screen.survey(&mut batch, &needs, reach, |s| {
+            let body = screen.body(s.other).unwrap_or(bodies.len());
+            for lane in 0..LANES {
+                let least = &mut said[s.group][body][lane];
+                *least = least.min(f64::from(s.gap[lane]));
+            }
+            true
+        });
+        let mut poses = Vec::new();
+        for (lane, (a, b, c)) in q.iter().enumerate() {
+            robot.link_poses(&[*a, *b, *c], &mut poses).unwrap();
+            let mut elements = 0;
+            for (body, (shapes, stands)) in bodies.iter().enumerate() {
+                for group in 1..4 {
+                    let own = &robot.links()[group].shapes()[0];
+                    let each = shapes.iter().map(|s| brute(own, &poses[group], &s.moved(stands)));
+                    let wanted = each.fold(f64::INFINITY, f64::min);
+                    // Of what overlaps nothing is said but that it is not clear.
+                    prop_assert!(said[group][body][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{body} {group}");
+                    // What measures single pairs says the same as brute force.
+                    for keep in [0.0, 0.01, 0.05] {
+                        let others: Vec<Other> = if body == 5 { vec![Other::Cloud(0)] } else {
+                            (elements..elements + shapes.len()).map(Other::Element).collect()
+                        };
+                        let kept = others.iter().all(|o| screen.keeps(group, *o, &poses, keep));
+                        prop_assert!(kept == (wanted >= keep) || (wanted - keep).abs() < 1e-6, "{body} {wanted} {keep}");
+                        let far = others.iter().map(|o| screen.distance(group, *o, &poses, keep));
+                        let far = far.fold(f64::INFINITY, f64::min);
+                        prop_assert!(wanted < 0.0 || (far - wanted.min(keep)).abs() < 1e-6, "{body} {far} {wanted}");
+                    }
+                }
+                if body != 5 {
+                    elements += shapes.len();
+                }
+            }
+            let (one, two) = (&robot.links()[1].shapes()[0], &robot.links()[3].shapes()[0]);
+            let wanted = brute(one, &poses[1], &two.moved(&poses[3]));
+            prop_assert!(said[1][bodies.len()][lane] <= wanted.max(0.0) - 0.02 + 1e-9);
+            prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01) == (wanted >= 0.01));
+        }
+    }
+}

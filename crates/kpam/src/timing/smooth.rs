@@ -1,0 +1,233 @@
+//! From a path to a motion in time that lies on it exactly and keeps limits on velocity, acceleration and jerk: S-curves
+//! along straight paths, a third-order optimum along others. For jerk limits too low for averaging.
+
+use super::law::ROUNDING;
+use super::limits::Limits;
+use super::motion::{Node, peaks};
+use super::profile::{Along, Pace, at_place};
+use super::spline::Spline;
+use super::third_order::{Course, Station, fastest};
+use crate::Cancel;
+use crate::model::{MOST_JOINTS, Row};
+
+/// Cells of a path of few waypoints, beside those near its ends; at least so many between two waypoints.
+const CELLS: f64 = 72.0;
+const LEAST: f64 = 3.0;
+/// Parts of the first ramp of acceleration that the first cell is, in length, and growth of those that follow.
+const RAMP: f64 = 8.0;
+const GROWTH: f64 = 1.6;
+/// Share of the limits aimed at, since they are imposed at stations and kept between them.
+const AIM: f64 = 0.998;
+/// Rounds in which cells that exceed a limit get less of it, and how much longer the whole may take instead.
+const ROUNDS: usize = 5;
+const NEGLIGIBLE: f64 = 1.004;
+/// A path whose curve lies this near to a line (rad or m) is straight.
+const STRAIGHT: f64 = 1e-10;
+
+/// The fastest motion found along a path from `velocity` along its tangent, without acceleration there, to rest: nodes
+/// joined by quintics, and the node at each knot. `None` where the path cannot be followed from that velocity.
+pub(crate) fn drive(
+    limits: &Limits,
+    path: &Spline,
+    slowest: &[f64],
+    velocity: &Row,
+    cancel: Option<&Cancel>,
+) -> Option<(Vec<Node>, Vec<usize>)> {
+    let n = limits.joints();
+    let knots = &path.knots;
+    if path.length() == 0.0 {
+        let still = velocity[..n].iter().all(|v| *v == 0.0);
+        let node = Node { time: 0.0, position: path.at(0, 0.0), velocity: *velocity, acceleration: None };
+        return still.then(|| (vec![node], vec![0; knots.len()]));
+    }
+    let tangent = path.derivatives(0, 0.0)[1];
+    let square: f64 = tangent[..n].iter().map(|t| t * t).sum();
+    let begin = (velocity[..n].iter().zip(&tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
+    let paces = paces(path, slowest);
+    let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
+    if straight && paces.windows(2).all(|pair| pair[0] == pair[1]) {
+        return along_line(limits, path, paces[0], begin);
+    }
+    curved(limits, path, &paces, begin, cancel)
+}
+
+/// Greatest ds/dt on each interval between knots, by the least time that intervals between waypoints may take.
+fn paces(path: &Spline, slowest: &[f64]) -> Vec<f64> {
+    let mut least = vec![0.0_f64; path.intervals()];
+    for (w, time) in slowest.iter().enumerate().take(path.waypoints().saturating_sub(1)) {
+        if path.knot_of(w + 1) > path.knot_of(w) {
+            least[path.knot_of(w)] += time;
+        }
+    }
+    let pace =
+        |(i, time): (usize, &f64)| if *time > 0.0 { (path.knots[i + 1] - path.knots[i]) / time } else { f64::INFINITY };
+    least.iter().enumerate().map(pace).collect()
+}
+
+/// Limits of s where all joints move at their rates of `slope` to it.
+pub(crate) fn along(limits: &Limits, slope: &Row) -> Along {
+    let least = |row: &Row| (0..limits.joints()).map(|v| row[v] / slope[v].abs()).fold(f64::INFINITY, f64::min);
+    Along { velocity: least(&limits.velocity), acceleration: least(&limits.acceleration), jerk: least(&limits.jerk) }
+}
+
+/// A motion along a straight path: an S-curve.
+fn along_line(limits: &Limits, path: &Spline, pace: f64, begin: f64) -> Option<(Vec<Node>, Vec<usize>)> {
+    let slope = path.derivatives(0, 0.0)[1];
+    let mut most = along(limits, &slope);
+    most.velocity = most.velocity.min(pace);
+    let profile = most.profile(path.length(), begin)?;
+    let mut states: Vec<Pace> = profile.clone();
+    let inner = path.knots.len() - 1;
+    states.extend(path.knots[1..inner].iter().map(|s| at_place(&profile, *s)));
+    states.sort_by(|a, b| a.time.total_cmp(&b.time));
+    states.dedup_by(|b, a| b.time - a.time < 1e-9);
+    if let Some(last) = states.last_mut() {
+        (last.s, last.speed, last.gain) = (path.length(), 0.0, 0.0);
+    }
+    let nodes: Vec<Node> =
+        states.iter().map(|pace| node(limits.joints(), path, interval_of(path, pace.s), pace)).collect();
+    let node_of =
+        |s: f64| (0..states.len()).min_by(|a, b| (states[*a].s - s).abs().total_cmp(&(states[*b].s - s).abs()));
+    let knots = path.knots.iter().filter_map(|s| node_of(*s)).collect();
+    Some((nodes, knots))
+}
+
+fn interval_of(path: &Spline, s: f64) -> usize {
+    path.knots.partition_point(|k| *k <= s).saturating_sub(1).min(path.intervals() - 1)
+}
+
+/// The motion at a state on the path.
+fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
+    let [position, first, second] = path.derivatives(interval, pace.s);
+    let [mut velocity, mut acceleration] = [[0.0; MOST_JOINTS]; 2];
+    for v in 0..joints {
+        velocity[v] = first[v] * pace.speed;
+        acceleration[v] = first[v] * pace.gain + second[v] * pace.speed * pace.speed;
+    }
+    Node { time: pace.time, position, velocity, acceleration: Some(acceleration) }
+}
+
+/// Places of stations, ever closer towards both ends, and the station of each knot.
+fn stations(limits: &Limits, path: &Spline) -> (Vec<(usize, f64)>, Vec<usize>) {
+    let whole = path.length();
+    let near = |interval: usize, s: f64| {
+        let most = along(limits, &path.derivatives(interval, s)[1]);
+        let ramp = most.acceleration.powi(3) / (6.0 * most.jerk * most.jerk);
+        let inside = path.knots[interval + 1] - path.knots[interval];
+        (ramp.min(whole / 12.0) / RAMP).min(0.5 * (whole / CELLS).min(inside / LEAST))
+    };
+    let last = path.intervals() - 1;
+    let ends = [near(0, 0.0), near(last, whole)];
+    let mut places = Vec::new();
+    let mut of_knot = Vec::with_capacity(path.knots.len());
+    for i in 0..=last {
+        of_knot.push(places.len());
+        let (from, to) = (path.knots[i], path.knots[i + 1]);
+        let largest = (whole / CELLS).min((to - from) / LEAST);
+        let mut at = from;
+        loop {
+            places.push((i, at));
+            // As large as the distance from both ends admits.
+            let grown = |from_end: f64, first: f64| first + (GROWTH - 1.0) * from_end;
+            let left = (whole - at - ends[1]).max(0.0);
+            let wish = largest.min(grown(at, ends[0])).min(ends[1].max(left * (1.0 - 1.0 / GROWTH)));
+            if to - at <= 1.3 * wish.max(1e-12 * whole) {
+                break;
+            }
+            // The last cell of the path is as long as wished.
+            at = if i == last && left <= wish {
+                whole - ends[1]
+            } else {
+                (at + wish).min(if i == last { whole - ends[1] } else { to - 0.3 * wish })
+            };
+        }
+    }
+    of_knot.push(places.len());
+    places.push((last, whole));
+    (places, of_knot)
+}
+
+/// A motion along a path that bends.
+fn curved(
+    limits: &Limits,
+    path: &Spline,
+    paces: &[f64],
+    begin: f64,
+    cancel: Option<&Cancel>,
+) -> Option<(Vec<Node>, Vec<usize>)> {
+    let n = limits.joints();
+    let (places, of_knot) = stations(limits, path);
+    let list: Vec<Station> = places
+        .iter()
+        .map(|(i, s)| {
+            let [_, first, second] = path.derivatives(*i, *s);
+            Station { s: *s, first, second, third: path.third(*i) }
+        })
+        .collect();
+    // A start that is faster than the pace brakes to it.
+    let slowing = 0.5 * along(limits, &list[0].first).acceleration;
+    let pace: Vec<f64> = places
+        .iter()
+        .map(|(i, s)| {
+            let before = if *s == path.knots[*i] && *i > 0 { paces[i - 1] } else { f64::INFINITY };
+            paces[*i].min(before).max((begin * begin - 2.0 * slowing * s).max(0.0).sqrt())
+        })
+        .collect();
+    let mut shares = vec![[AIM; 2]; list.len() - 1];
+    let mut nodes = Vec::new();
+    let mut factor = 1.0;
+    for _ in 0..ROUNDS {
+        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin, cancel })?;
+        nodes = places.iter().zip(&found).map(|((i, _), pace)| node(n, path, *i, pace)).collect::<Vec<Node>>();
+        factor = 1.0_f64;
+        let mut kept = true;
+        for cell in 0..shares.len() {
+            let [fast, hard, sharp] = peaks(limits, &nodes[cell], &nodes[cell + 1]);
+            factor = factor.max(fast).max(hard.sqrt()).max(sharp.cbrt());
+            for (share, peak) in shares[cell].iter_mut().zip([hard.max(fast * fast), sharp]) {
+                if peak > 1.0 + ROUNDING {
+                    *share *= 0.999 / peak;
+                    kept = false;
+                }
+            }
+            kept &= fast <= 1.0 + ROUNDING;
+        }
+        if kept {
+            return Some((nodes, of_knot));
+        }
+        if begin == 0.0 && factor < NEGLIGIBLE {
+            break;
+        }
+    }
+    if begin > 0.0 {
+        return None;
+    }
+    super::law::stretch(&mut nodes, factor);
+    Some((nodes, of_knot))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(values: [f64; 3]) -> Row {
+        let mut out = [0.0; MOST_JOINTS];
+        out[..3].copy_from_slice(&values);
+        out
+    }
+
+    #[test]
+    fn a_path_that_hardly_bends_takes_little_longer_than_a_straight_one() {
+        for (acceleration, jerk) in [(10.0, 300.0), (5.0, 50.0), (2.0, 10.0)] {
+            let limits = Limits::new(&[2.0; 3], &[acceleration; 3], &[jerk; 3]).unwrap();
+            let time = |bend: f64| {
+                let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
+                let path = Spline::through(3, &waypoints, None);
+                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS], None).unwrap();
+                nodes[nodes.len() - 1].time
+            };
+            let (straight, bent) = (time(0.0), time(1e-4));
+            assert!((bent / straight - 1.0).abs() < 0.02, "{bent} {straight} at ({acceleration}, {jerk})");
+        }
+    }
+}

@@ -1,0 +1,483 @@
+//! Time-optimal speed along a path under velocity, acceleration and jerk limits, on the path exactly.
+//!
+//! x(s) = (ds/dt)^2 is a quadratic spline over the stations with one coefficient c a cell, so that x and the second
+//! derivative w = d²s/dt² = x'/2 are continuous and linear in c, and so is each joint's acceleration q' w + q'' x. Its
+//! jerk is (q' w' + 3 q'' w + q''' x) sqrt(x). An interior-point method with a logarithmic barrier minimises the time; each row holds
+//! three neighbouring coefficients, so that its Newton steps are Cholesky factorisations of five diagonals. At rest, the
+//! first and last cells are driven at a constant jerk of s, which ties their coefficients to the next ones.
+
+use super::limits::Limits;
+use super::profile::{Along, Pace, at_place};
+use crate::Cancel;
+use crate::model::Row;
+
+/// A place on the path, with the third derivative of the cell that follows.
+#[derive(Debug, Clone)]
+pub(crate) struct Station {
+    pub s: f64,
+    pub first: Row,
+    pub second: Row,
+    pub third: Row,
+}
+
+/// A path of which the greatest speed is sought.
+pub(crate) struct Course<'a> {
+    pub limits: &'a Limits,
+    pub stations: &'a [Station],
+    /// Greatest ds/dt at each station, beside what the limits say.
+    pub pace: &'a [f64],
+    /// Shares of acceleration and jerk limits to be used on each cell.
+    pub shares: &'a [[f64; 2]],
+    /// ds/dt at the start; d²s/dt² is 0 there.
+    pub begin: f64,
+    pub cancel: Option<&'a Cancel>,
+}
+
+/// Greatest share of the time that the barrier may cost; it costs a twentieth of that.
+const GAP: f64 = 0.06;
+/// Factor by which the weight of the time grows, and most Newton steps at one weight and in all.
+const GROWTH: f64 = 12.0;
+const STEPS: usize = 12;
+const MOST_STEPS: usize = 120;
+/// Points and weights of Gauss and Legendre on [0, 1] (8 points).
+const POINTS: [f64; 4] =
+    [0.183_434_642_495_649_8, 0.525_532_409_916_329, 0.796_666_477_413_626_7, 0.960_289_856_497_536_3];
+const WEIGHTS: [f64; 4] =
+    [0.362_683_783_378_362, 0.313_706_645_877_887_3, 0.222_381_034_453_374_48, 0.101_228_536_290_376_26];
+
+/// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
+#[derive(Clone, Copy)]
+struct Form {
+    at: usize,
+    of: [f64; 3],
+}
+
+impl Form {
+    fn value(&self, c: &[f64]) -> f64 {
+        self.of.iter().zip(&c[self.at..]).map(|(f, c)| f * c).sum()
+    }
+}
+
+/// |row| sqrt(x) <= limit where the station of `x` is given, |row| <= limit otherwise.
+struct Bound {
+    row: Form,
+    limit: f64,
+    x: Option<usize>,
+}
+
+struct Problem {
+    cells: usize,
+    steps: Vec<f64>,
+    /// x at each station but the first and last.
+    x: Vec<Form>,
+    w: Vec<Form>,
+    ceilings: Vec<f64>,
+    bounds: Vec<Bound>,
+    /// The time is the sum of factors over roots of linear forms: steps and x at the middle of cells.
+    times: Vec<(Form, f64)>,
+    /// The first and last c are these shares of their neighbours, plus `fixed` at the first.
+    ends: [f64; 2],
+    fixed: f64,
+}
+
+impl Problem {
+    fn new(course: &Course<'_>) -> Self {
+        let (limits, stations) = (course.limits, course.stations);
+        let cells = stations.len() - 1;
+        let n = limits.joints();
+        let steps: Vec<f64> = stations.windows(2).map(|p| p[1].s - p[0].s).collect();
+        let moving = course.begin > 0.0;
+        let end = |near: f64, next: f64| 0.5 * near / (next + 1.5 * near);
+        let last = cells - 1;
+        let ends = [if moving { 0.0 } else { end(steps[0], steps[1]) }, end(steps[last], steps[last - 1])];
+        let blank = Form { at: 0, of: [0.0; 3] };
+        let (mut x, mut w) = (vec![blank; cells + 1], vec![blank; cells + 1]);
+        for k in 1..cells {
+            let both = steps[k - 1] + steps[k];
+            x[k] = Form { at: k - 1, of: [steps[k] / both, steps[k - 1] / both, 0.0] };
+            w[k] = Form { at: k - 1, of: [-1.0 / both, 1.0 / both, 0.0] };
+        }
+        let mut ceilings = vec![f64::INFINITY; cells + 1];
+        for (k, station) in stations.iter().enumerate() {
+            let speed = (0..n).map(|v| limits.velocity[v] / station.first[v].abs()).fold(course.pace[k], f64::min);
+            ceilings[k] = speed * speed;
+        }
+        // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
+        for (cell, near, at_end) in [(0, 1, false), (last, last, true)] {
+            if at_end || !moving {
+                let jerk = (0..n)
+                    .map(|v| {
+                        let slope = stations[cell].first[v].abs().max(stations[cell + 1].first[v].abs());
+                        course.shares[cell][1] * limits.jerk[v] / slope
+                    })
+                    .fold(f64::INFINITY, f64::min);
+                ceilings[near] = ceilings[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
+            }
+        }
+        let mut out = Self {
+            cells,
+            steps,
+            x,
+            w,
+            ceilings,
+            bounds: Vec::new(),
+            times: Vec::new(),
+            ends,
+            fixed: course.begin * course.begin,
+        };
+        out.collect(course, moving);
+        // The end cells take 3 Δs / sqrt(x).
+        out.times.push((out.x[last], 3.0 * out.steps[last]));
+        if !moving {
+            out.times.push((out.x[1], 3.0 * out.steps[0]));
+        }
+        out
+    }
+
+    /// Rows of acceleration at stations and of jerk at both ends of cells.
+    fn collect(&mut self, course: &Course<'_>, moving: bool) {
+        let (limits, stations) = (course.limits, course.stations);
+        let n = limits.joints();
+        for k in 1..self.cells {
+            let share = course.shares[k - 1][0].min(course.shares[k][0]);
+            let (x, w) = (self.x[k], self.w[k]);
+            for v in 0..n {
+                let (first, second) = (stations[k].first[v], stations[k].second[v]);
+                let of = [0, 1, 2].map(|i| first * w.of[i] + second * x.of[i]);
+                self.bounds.push(Bound { row: Form { at: k - 1, of }, limit: share * limits.acceleration[v], x: None });
+            }
+        }
+        // Where it starts under way, x and w are known at the start: forms of the first coefficient alone.
+        for cell in usize::from(!moving)..self.cells - 1 {
+            let step = self.steps[cell];
+            let at = cell.saturating_sub(1);
+            let shifted = |form: &Form| {
+                let mut of = [0.0; 3];
+                for i in 0..3 {
+                    if form.at + i >= at && form.at + i < at + 3 {
+                        of[form.at + i - at] += form.of[i];
+                    }
+                }
+                of
+            };
+            let own = cell - at;
+            let mut start = shifted(&self.x[cell]);
+            let end = shifted(&self.x[cell + 1]);
+            if cell == 0 {
+                start = [1.0, 0.0, 0.0];
+            }
+            let mut change = [0, 1, 2].map(|i| (start[i] + end[i]) / (step * step));
+            change[own] -= 2.0 / (step * step);
+            let mut middle = [0, 1, 2].map(|i| 0.25 * (start[i] + end[i]));
+            middle[own] += 0.5;
+            self.times.push((Form { at, of: middle }, step));
+            for (k, x) in [(cell, start), (cell + 1, end)] {
+                if k == 0 {
+                    continue;
+                }
+                let w = shifted(&self.w[k]);
+                for v in 0..n {
+                    let [first, second] = [stations[k].first[v], stations[k].second[v]];
+                    let third = stations[cell].third[v];
+                    let of = [0, 1, 2].map(|i| first * change[i] + 3.0 * second * w[i] + third * x[i]);
+                    let limit = course.shares[cell][1] * limits.jerk[v];
+                    self.bounds.push(Bound { row: Form { at, of }, limit, x: Some(k) });
+                }
+            }
+        }
+    }
+
+    /// All coefficients from those that are free.
+    fn spread(&self, c: &mut [f64]) {
+        let last = self.cells - 1;
+        c[0] = self.fixed + self.ends[0] * c[1];
+        c[last] = self.ends[1] * c[last - 1];
+    }
+
+    /// Greatest shares of the limits on velocity (of x), acceleration and jerk.
+    fn usage(&self, c: &[f64]) -> [f64; 3] {
+        let mut out = [0.0_f64; 3];
+        for k in 1..self.cells {
+            out[0] = out[0].max(self.x[k].value(c) / self.ceilings[k]);
+        }
+        for bound in &self.bounds {
+            let value = bound.row.value(c).abs() / bound.limit;
+            match bound.x {
+                None => out[1] = out[1].max(value),
+                Some(k) => out[2] = out[2].max(value * self.x[k].value(c).max(0.0).sqrt()),
+            }
+        }
+        out
+    }
+
+    /// Weighted time plus barrier; `None` outside. `slack` widens the limits.
+    fn merit(&self, c: &[f64], weight: f64, slack: f64) -> Option<f64> {
+        let mut out = 0.0;
+        let mut product = 1.0_f64;
+        // Logarithms of products: one for many rows.
+        let mut log = |value: f64| {
+            if value <= 0.0 || value.is_nan() {
+                return false;
+            }
+            product *= value;
+            if !(1e-200..1e200).contains(&product) {
+                out -= product.ln();
+                product = 1.0;
+            }
+            true
+        };
+        if c.iter().any(|v| *v <= 0.0) {
+            return None;
+        }
+        for k in 1..self.cells {
+            if self.ceilings[k].is_finite() && !log(slack - self.x[k].value(c) / self.ceilings[k]) {
+                return None;
+            }
+        }
+        let roots = self.roots(c);
+        for bound in &self.bounds {
+            let value = bound.row.value(c) / bound.limit * bound.x.map_or(1.0, |k| roots[k]);
+            if !(log(slack - value) && log(slack + value)) {
+                return None;
+            }
+        }
+        out -= product.ln();
+        let time: f64 = self.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum();
+        Some(out + weight * time)
+    }
+
+    fn roots(&self, c: &[f64]) -> Vec<f64> {
+        (0..=self.cells).map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt() }).collect()
+    }
+
+    /// The Newton step of the free coefficients, and the decrement.
+    fn newton(&self, c: &[f64], weight: f64, slack: f64) -> Option<(Vec<f64>, f64)> {
+        let cells = self.cells;
+        let mut gradient = vec![0.0; cells];
+        let mut band = vec![[0.0; 3]; cells];
+        let mut add = |at: usize, of: &[f64; 3], slope: f64, bend: f64| {
+            for i in 0..3 {
+                if of[i] != 0.0 {
+                    gradient[at + i] += slope * of[i];
+                    for k in i..3 {
+                        band[at + i][k - i] += bend * of[i] * of[k];
+                    }
+                }
+            }
+        };
+        for k in 1..cells {
+            if self.ceilings[k].is_finite() {
+                let room = slack - self.x[k].value(c) / self.ceilings[k];
+                let slope = 1.0 / (room * self.ceilings[k]);
+                add(k - 1, &self.x[k].of, slope, slope * slope);
+            }
+        }
+        let roots = self.roots(c);
+        for bound in &self.bounds {
+            let at = bound.row.at;
+            let mut value = bound.row.value(c) / bound.limit;
+            let mut of = bound.row.of.map(|f| f / bound.limit);
+            if let Some(k) = bound.x {
+                let (x, root) = (self.x[k], roots[k]);
+                for i in 0..3 {
+                    let share = if at + i >= x.at && at + i < x.at + 3 { x.of[at + i - x.at] } else { 0.0 };
+                    of[i] = root * of[i] + 0.5 * value / root * share;
+                }
+                value *= root;
+            }
+            let (below, above) = ((slack - value).recip(), (slack + value).recip());
+            add(at, &of, below - above, below * below + above * above);
+        }
+        for (form, step) in &self.times {
+            let middle = form.value(c);
+            let root = middle.sqrt().recip();
+            let slope = -0.5 * weight * step * root / middle;
+            add(form.at, &form.of, slope, 1.5 * -slope / middle);
+        }
+        self.tie(&mut gradient, &mut band);
+        let step = solve(&mut band[1..cells - 1], &gradient[1..cells - 1])?;
+        let decrement = -step.iter().zip(&gradient[1..]).map(|(d, g)| d * g).sum::<f64>();
+        Some((step, decrement))
+    }
+
+    /// Takes the coefficients of the ends into those that they are tied to.
+    fn tie(&self, gradient: &mut [f64], band: &mut [[f64; 3]]) {
+        let last = self.cells - 1;
+        let [first, end] = self.ends;
+        gradient[1] += first * gradient[0];
+        let [own, next, over] = band[0];
+        band[1][0] += first * (2.0 * next + first * own);
+        band[1][1] += first * over;
+        gradient[last - 1] += end * gradient[last];
+        let (own, next) = (band[last][0], band[last - 1][1]);
+        band[last - 1][0] += end * (2.0 * next + end * own);
+        if last >= 2 {
+            let over = band[last - 2][2];
+            band[last - 2][1] += end * over;
+        }
+    }
+}
+
+/// Solves a system of five diagonals for minus the right side; `None` where it is not positive definite.
+fn solve(band: &mut [[f64; 3]], right: &[f64]) -> Option<Vec<f64>> {
+    let n = band.len();
+    let mut out: Vec<f64> = right.iter().map(|r| -r).collect();
+    for i in 0..n {
+        let pivot = band[i][0];
+        if pivot <= 0.0 || pivot.is_nan() {
+            return None;
+        }
+        let [one, two] = [band[i][1] / pivot, band[i][2] / pivot];
+        if i + 1 < n {
+            band[i + 1][0] -= one * band[i][1];
+            band[i + 1][1] -= one * band[i][2];
+            out[i + 1] -= one * out[i];
+        }
+        if i + 2 < n {
+            band[i + 2][0] -= two * band[i][2];
+            out[i + 2] -= two * out[i];
+        }
+        out[i] /= pivot;
+        (band[i][1], band[i][2]) = (one, two);
+    }
+    for i in (0..n).rev() {
+        let mut value = out[i];
+        if i + 1 < n {
+            value -= band[i][1] * out[i + 1];
+        }
+        if i + 2 < n {
+            value -= band[i][2] * out[i + 2];
+        }
+        out[i] = value;
+    }
+    Some(out)
+}
+
+/// The fastest course over the stations to rest at the last, as states at the stations; `None` where none was found from
+/// the speed at the start.
+pub(crate) fn fastest(course: &Course<'_>) -> Option<Vec<Pace>> {
+    let problem = Problem::new(course);
+    let mut c = begin(&problem, course)?;
+    let moving = course.begin > 0.0;
+    let mut slack = if moving { 1.1 * worst(&problem, &c).max(1.0) } else { 1.0 };
+    let count = (2 * problem.bounds.len() + problem.cells) as f64;
+    let time = |c: &[f64]| problem.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum::<f64>();
+    let mut weight = 0.1 * count / time(&c);
+    let mut left = MOST_STEPS;
+    loop {
+        for _ in 0..STEPS {
+            if course.cancel.is_some_and(Cancel::is_cancelled) {
+                return None;
+            }
+            // Where rounding ends the descent, the course so far stands: it is within the limits.
+            let Some((step, decrement)) = problem.newton(&c, weight, slack) else {
+                left = 0;
+                break;
+            };
+            if decrement < 1e-2 || left == 0 {
+                break;
+            }
+            left -= 1;
+            let before = problem.merit(&c, weight, slack)?;
+            let mut length = 1.0;
+            let moved = loop {
+                let mut next = c.clone();
+                next[1..].iter_mut().zip(&step).for_each(|(c, d)| *c += length * d);
+                problem.spread(&mut next);
+                match problem.merit(&next, weight, slack) {
+                    Some(after) if after <= before - 0.1 * length * decrement => break Some(next),
+                    _ if length < 1e-4 => break None,
+                    _ => length *= 0.5,
+                }
+            };
+            match moved {
+                Some(next) => c = next,
+                None => break,
+            }
+        }
+        if slack > 1.0 {
+            // A start under way: the limits are narrowed as the motion comes to keep them.
+            let next = (1.02 * worst(&problem, &c)).max(1.0);
+            if next >= slack || left == 0 {
+                return None;
+            }
+            slack = next;
+            continue;
+        }
+        if left == 0 || count / weight < GAP * time(&c) {
+            return Some(paces(&problem, course, &c));
+        }
+        weight *= GROWTH;
+    }
+}
+
+/// Greatest factor by which limits would have to be wider.
+fn worst(problem: &Problem, c: &[f64]) -> f64 {
+    problem.usage(c).into_iter().fold(0.0, f64::max)
+}
+
+/// A slow course to begin with: an S-curve within limits that hold all along the path.
+fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
+    let whole = course.stations.last()?.s;
+    let limits = course.limits;
+    let mut most = Along { velocity: f64::INFINITY, acceleration: f64::INFINITY, jerk: f64::INFINITY };
+    for (station, pace) in course.stations.iter().zip(course.pace) {
+        most.velocity = most.velocity.min(*pace);
+        for v in 0..limits.joints() {
+            let [first, second, third] = [station.first[v], station.second[v], station.third[v]].map(f64::abs);
+            let (velocity, acceleration, jerk) = (limits.velocity[v], limits.acceleration[v], limits.jerk[v]);
+            let speed = (velocity / first).min((0.5 * acceleration / second).sqrt()).min((0.3 * jerk / third).cbrt());
+            most.velocity = most.velocity.min(speed);
+            most.acceleration = most.acceleration.min(0.5 * acceleration / first);
+            most.jerk = most.jerk.min(0.4 * jerk / first);
+        }
+    }
+    let mut c: Vec<f64> = if course.begin > 0.0 {
+        let end = |s: f64| (1.0 - s / whole).powf(4.0 / 3.0);
+        course.stations.windows(2).map(|pair| problem.fixed * end(0.5 * (pair[0].s + pair[1].s))).collect()
+    } else {
+        let profile = most.profile(whole, 0.0)?;
+        course.stations.windows(2).map(|pair| at_place(&profile, 0.5 * (pair[0].s + pair[1].s)).speed.powi(2)).collect()
+    };
+    problem.spread(&mut c);
+    if course.begin > 0.0 {
+        return Some(c);
+    }
+    let [velocity, acceleration, jerk] = problem.usage(&c);
+    let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0));
+    c.iter_mut().for_each(|c| *c *= factor);
+    Some(c)
+}
+
+/// States at the stations.
+fn paces(problem: &Problem, course: &Course<'_>, c: &[f64]) -> Vec<Pace> {
+    let last = problem.cells;
+    let mut out = vec![Pace { time: 0.0, s: 0.0, speed: course.begin, gain: 0.0 }];
+    for k in 1..=last {
+        let (s, step) = (course.stations[k].s, problem.steps[k - 1]);
+        let (mut x, mut w) = (0.0, 0.0);
+        if k < last {
+            (x, w) = (problem.x[k].value(c), problem.w[k].value(c));
+        }
+        let before = out[k - 1];
+        let time = if k == last {
+            3.0 * step / before.speed
+        } else if before.speed == 0.0 {
+            3.0 * step / x.sqrt()
+        } else {
+            let (from, middle) = (before.speed * before.speed, c[k - 1]);
+            let slow = |u: f64| {
+                let v = 1.0 - u;
+                (v * v * from + 2.0 * u * v * middle + u * u * x).sqrt().recip()
+            };
+            let sum: f64 = POINTS
+                .iter()
+                .zip(WEIGHTS)
+                .map(|(p, weight)| 0.5 * weight * (slow(0.5 - 0.5 * p) + slow(0.5 + 0.5 * p)))
+                .sum();
+            step * sum
+        };
+        out.push(Pace { time: before.time + time, s, speed: x.sqrt(), gain: w });
+    }
+    out
+}

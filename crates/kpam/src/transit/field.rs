@@ -1,0 +1,188 @@
+//! Where a robot is free: configurations and straight edges, eight configurations at a time, and in full where that
+//! cannot tell.
+
+use std::time::Instant;
+
+use gensim2_geometry::{Batch, LANES, Needs, Pose, Suspect};
+
+use crate::model::{MOST_JOINTS, Model, Row};
+use crate::world::Compiled;
+use crate::{Cancel, Scene};
+
+/// Distances (weighted, m) between the configurations of an edge that are looked at.
+pub(super) const RESOLUTION: f64 = 0.05;
+
+/// Lower bounds of gaps below this (m) mostly mean that something overlaps.
+const DEEP: f32 = -0.02;
+
+/// When a search ends early.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Ending {
+    pub cancel: Option<Cancel>,
+    pub deadline: Option<Instant>,
+    pub max_checks: Option<u64>,
+}
+
+/// A scene as one search sees it.
+pub(super) struct Field<'s> {
+    pub scene: &'s Scene,
+    pub world: &'s Compiled,
+    pub model: &'s Model,
+    /// What has to be kept.
+    pub needs: Needs,
+    /// How far the robot's furthest points move with each variable, in the mean (m): the metric of the search.
+    pub weights: Row,
+    pub resolution: f64,
+    /// Configurations looked at.
+    pub checks: u64,
+    ending: Ending,
+    batch: Batch,
+    suspects: Vec<Suspect>,
+    poses: Vec<Pose>,
+    q: Vec<f64>,
+    rows: [Row; LANES],
+}
+
+impl<'s> Field<'s> {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
+        let world = scene.compiled();
+        let mut weights = [0.0; MOST_JOINTS];
+        for driven in model.map().driven() {
+            weights[driven.variable] += driven.factor.abs() * scene.robot().cover().levers()[driven.joint];
+        }
+        Self {
+            scene,
+            world,
+            model,
+            needs,
+            weights,
+            resolution: RESOLUTION,
+            checks: 0,
+            ending,
+            batch: Batch::default(),
+            suspects: Vec::new(),
+            poses: Vec::new(),
+            q: Vec::new(),
+            rows: [[0.0; MOST_JOINTS]; LANES],
+        }
+    }
+
+    /// Whether the search has to end.
+    pub fn is_over(&self) -> bool {
+        self.ending.max_checks.is_some_and(|most| self.checks >= most) || self.is_cancelled() || self.is_late()
+    }
+
+    pub fn is_cancelled(&self) -> bool {
+        self.ending.cancel.as_ref().is_some_and(Cancel::is_cancelled)
+    }
+
+    /// Whether the deadline has passed.
+    pub fn is_late(&self) -> bool {
+        self.ending.deadline.is_some_and(|end| Instant::now() >= end)
+    }
+
+    /// Weighted length (m) of a straight edge.
+    pub fn length(&self, a: &Row, b: &Row) -> f64 {
+        (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// One of the first `count` rows that is not free, if any.
+    fn blocked(&mut self, count: usize) -> Option<usize> {
+        self.checks += count as u64;
+        let world = self.world;
+        for lane in 0..LANES {
+            // Lanes that are left over look at what another looks at.
+            self.model.map().positions(&self.rows[if lane < count { lane } else { 0 }], &mut self.q);
+            self.batch.set(&world.screen, lane, &self.q);
+        }
+        world.screen.place(&mut self.batch);
+        self.suspects.clear();
+        let Self { batch, suspects, poses, q, rows, needs, scene, model, .. } = self;
+        let mut keeps = |s: &Suspect, lane: usize| {
+            model.map().positions(&rows[lane], q);
+            Compiled::poses(scene, q, poses);
+            world.screen.keeps(s.group, s.other, poses, world.screen.needed(needs, s.group, s.other))
+        };
+        let mut hit = None;
+        world.screen.survey(batch, needs, 0.0, |s| {
+            suspects.push(*s);
+            // What seems to lie deep inside is measured at once.
+            let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);
+            hit = (s.gap[deepest] <= DEEP && !keeps(s, deepest)).then_some(deepest);
+            hit.is_none()
+        });
+        if hit.is_some() || suspects.is_empty() {
+            return hit;
+        }
+        // What looks deepest is likeliest to hit.
+        let deepest = |s: &Suspect| s.gap[..count].iter().copied().fold(f32::INFINITY, f32::min);
+        self.suspects.sort_by(|a, b| deepest(a).total_cmp(&deepest(b)));
+        let mut posed = usize::MAX;
+        for s in self.suspects.iter() {
+            let apart = world.screen.needed(&self.needs, s.group, s.other);
+            for lane in 0..count {
+                // What is no number is not clear.
+                if s.gap[lane] >= 0.0 {
+                    continue;
+                }
+                if posed != lane {
+                    self.model.map().positions(&self.rows[lane], &mut self.q);
+                    Compiled::poses(self.scene, &self.q, &mut self.poses);
+                    posed = lane;
+                }
+                if !world.screen.keeps(s.group, s.other, &self.poses, apart) {
+                    return Some(lane);
+                }
+            }
+        }
+        None
+    }
+
+    /// A configuration of a curve that is not free, by its number, if any of them is not.
+    pub fn blocked_at(&mut self, curve: &[Row]) -> Option<usize> {
+        let batches = curve.len().div_ceil(LANES);
+        for batch in 0..batches {
+            let mut count = 0;
+            for (row, x) in self.rows.iter_mut().zip(curve.iter().skip(batch).step_by(batches)) {
+                *row = *x;
+                count += 1;
+            }
+            if let Some(lane) = self.blocked(count) {
+                return Some(batch + lane * batches);
+            }
+        }
+        None
+    }
+
+    /// Whether configurations along the straight edge from `a`, which is free, to `b` are free, that included. They are
+    /// spread over the whole edge first, then ever closer.
+    pub fn is_edge_free(&mut self, a: &Row, b: &Row) -> bool {
+        let steps = ((self.length(a, b) / self.resolution).ceil() as usize).max(1);
+        let batches = steps.div_ceil(LANES);
+        let n = self.model.n();
+        for batch in 0..batches {
+            let mut count = 0;
+            // Every batch has members all along the edge, the last configuration among those of the first.
+            let mut k = steps - batch;
+            loop {
+                let share = k as f64 / steps as f64;
+                let row = &mut self.rows[count];
+                *row = *b;
+                if k < steps {
+                    for v in 0..n {
+                        row[v] = a[v] + (b[v] - a[v]) * share;
+                    }
+                }
+                count += 1;
+                if k <= batches || count == LANES {
+                    break;
+                }
+                k -= batches;
+            }
+            if self.blocked(count).is_some() {
+                return false;
+            }
+        }
+        true
+    }
+}

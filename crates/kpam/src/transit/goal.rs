@@ -1,0 +1,221 @@
+//! Where a motion is to end, and the joint vectors that bring a link there.
+
+use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+use super::{TransitOptions, finite, within_limits};
+use crate::body::rigid;
+use crate::free_space::Draws;
+use crate::model::{MOST_JOINTS, Model, Row};
+use crate::{ProblemError, Scene};
+
+/// Where a motion is to end.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum Goal {
+    /// At one of these joint vectors, each one entry a joint.
+    Joints(Vec<Vec<f64>>),
+    /// With a link at a pose in the base frame; the hand where none is named.
+    Pose {
+        /// Where the link is to be.
+        pose: Pose,
+        /// Name of the link.
+        link: Option<String>,
+    },
+}
+
+/// Most joint vectors that are found for a pose.
+pub const MAX_SOLUTIONS: usize = 256;
+/// Joint vectors that a pose as a goal is taken for.
+const GOALS: usize = 16;
+/// Places from which solutions are looked for, a solution asked for.
+const STARTS: usize = 8;
+/// Rounds of the search from one place.
+const ROUNDS: usize = 60;
+/// A pose is met within this (m and rad).
+const MET: f64 = 1e-7;
+/// Solutions nearer to each other than this (rad or m) are one.
+const SAME: f64 = 0.05;
+
+impl Goal {
+    /// Joint vectors that are goals, as variables; none where a pose cannot be reached.
+    pub(super) fn joints(
+        &self,
+        scene: &Scene,
+        model: &Model,
+        q_start: &[f64],
+        options: &TransitOptions,
+    ) -> Result<Vec<Row>, ProblemError> {
+        match self {
+            Self::Joints(list) => {
+                if list.is_empty() {
+                    return Err(ProblemError::new("goal", "must hold at least one joint vector"));
+                }
+                list.iter()
+                    .enumerate()
+                    .map(|(k, q)| {
+                        let field = format!("goal[{k}]");
+                        if q.len() != q_start.len() {
+                            let message = format!("has {} entries; the robot has {} joints", q.len(), q_start.len());
+                            return Err(ProblemError::new(field, message));
+                        }
+                        finite(&field, q)?;
+                        let x = model.unwound(&model.pick(q), &model.start());
+                        within_limits(model, &field, &x).map(|()| x)
+                    })
+                    .collect()
+            }
+            Self::Pose { pose, link } => rows(scene, model, pose, link.as_deref(), GOALS, options.seed),
+        }
+    }
+}
+
+/// Distinct joint vectors (one entry a joint) that bring a link, the hand where none is named, to a pose in the base
+/// frame: at most `most`, nearest to `q_start` first; joints that do not move the hand stay as there. Where the arm is
+/// redundant they are samples. Obstacles are left out.
+///
+/// # Errors
+/// A pose that is not rigid, an unknown link, a start that does not fit, or a number of solutions out of range.
+pub fn solutions(
+    scene: &Scene,
+    pose: &Pose,
+    link: Option<&str>,
+    q_start: &[f64],
+    most: usize,
+    seed: usize,
+) -> Result<Vec<Vec<f64>>, ProblemError> {
+    if !(1..=MAX_SOLUTIONS).contains(&most) {
+        return Err(ProblemError::new("most", format!("must be 1 to {MAX_SOLUTIONS}, not {most}")));
+    }
+    finite("q_start", q_start)?;
+    let model = Model::new(scene.robot(), q_start)?;
+    let found = rows(scene, &model, pose, link, most, seed)?;
+    Ok(found
+        .iter()
+        .map(|x| {
+            let mut q = Vec::new();
+            model.map().positions(x, &mut q);
+            q
+        })
+        .collect())
+}
+
+fn rows(
+    scene: &Scene,
+    model: &Model,
+    pose: &Pose,
+    link: Option<&str>,
+    most: usize,
+    seed: usize,
+) -> Result<Vec<Row>, ProblemError> {
+    rigid("pose", pose)?;
+    let robot = &**scene.robot();
+    let unknown = |name: &str| ProblemError::new("link", format!("{name:?} is not a link of {:?}", robot.name()));
+    let link = match link {
+        Some(name) => robot.link_index(name).ok_or_else(|| unknown(name))?,
+        None => robot.hand(),
+    };
+    let chain = robot.chain_to(link).ok_or_else(|| unknown("?"))?;
+    let mut search = Search { chain: &chain, model, goal: *pose, q: Vec::new(), frames: ChainFrames::default() };
+    let mut draws = Draws::of(0x696b_696b, seed);
+    let start = model.start();
+    let mut found: Vec<Row> = Vec::new();
+    for k in 0..STARTS * most {
+        let mut x = start;
+        if k > 0 {
+            for (v, value) in x.iter_mut().enumerate().take(model.n()) {
+                let (low, high) = model.range(v);
+                *value = low + (high - low) * draws.unit();
+            }
+        }
+        let Some(x) = search.from(&x) else { continue };
+        let x = model.unwound(&x, &start);
+        let apart = |other: &Row| (0..model.n()).map(|v| (other[v] - x[v]).abs()).fold(0.0, f64::max);
+        if found.iter().all(|other| apart(other) > SAME) {
+            found.push(x);
+        }
+        if found.len() == most {
+            break;
+        }
+    }
+    let way = |x: &Row| (0..model.n()).map(|v| (x[v] - start[v]).powi(2)).sum::<f64>();
+    found.sort_by(|a, b| way(a).total_cmp(&way(b)));
+    Ok(found)
+}
+
+struct Search<'a> {
+    chain: &'a Chain,
+    model: &'a Model,
+    goal: Pose,
+    q: Vec<f64>,
+    frames: ChainFrames,
+}
+
+impl Search<'_> {
+    /// What is left to the goal: shift (m) and turn (rad), base frame.
+    fn left(&mut self, x: &Row) -> Vector6<f64> {
+        self.model.map().positions(x, &mut self.q);
+        let placed = self.chain.forward(&self.q, &mut self.frames);
+        debug_assert!(placed.is_ok(), "a model's map has an entry for each joint of its robot");
+        let tip = &self.frames.tip;
+        let shift = self.goal.translation.vector - tip.translation.vector;
+        let turn = rotation_log(&(self.goal.rotation * tip.rotation.inverse()));
+        Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
+    }
+
+    /// Levenberg and Marquardt's way from a place to the goal within the limits; `None` where it does not get there.
+    fn from(&mut self, x: &Row) -> Option<Row> {
+        let n = self.model.n();
+        let (mut x, mut damping) = (*x, 1e-2);
+        let mut left = self.left(&x);
+        for _ in 0..ROUNDS {
+            if left.amax() < MET {
+                return Some(x);
+            }
+            let mut columns = [Vector6::zeros(); MOST_JOINTS];
+            for (i, joint) in self.chain.joint_indices().enumerate() {
+                let tip = self.frames.tip.translation.vector;
+                let Some(driven) = self.model.map().driven().iter().find(|d| d.joint == joint) else { continue };
+                let axis = self.frames.axes[i];
+                let (linear, angular) = match self.chain.kind(i)? {
+                    JointKind::Revolute => (axis.cross(&(tip - self.frames.origins[i])), axis),
+                    JointKind::Prismatic => (axis, Vector3::zeros()),
+                };
+                let column = &mut columns[driven.variable];
+                for k in 0..3 {
+                    column[k] += driven.factor * linear[k];
+                    column[k + 3] += driven.factor * angular[k];
+                }
+            }
+            // Joints at a limit that would leave it stand still.
+            let mut normal = Matrix6::identity() * (damping * left.norm_squared().min(1.0) + 1e-10);
+            let pull = |v: usize, force: &Vector6<f64>| columns[v].dot(force);
+            let free: Vec<bool> = (0..n)
+                .map(|v| {
+                    let way = pull(v, &left);
+                    !((x[v] <= self.model.lower[v] && way < 0.0) || (x[v] >= self.model.upper[v] && way > 0.0))
+                })
+                .collect();
+            for v in (0..n).filter(|v| free[*v]) {
+                normal += columns[v] * columns[v].transpose();
+            }
+            let force = normal.cholesky()?.solve(&left);
+            let mut next = x;
+            for v in (0..n).filter(|v| free[*v]) {
+                next[v] = (x[v] + pull(v, &force)).clamp(self.model.lower[v], self.model.upper[v]);
+            }
+            let then = self.left(&next);
+            if then.norm() < left.norm() {
+                (x, left) = (next, then);
+                damping = (0.3 * damping).max(1e-9);
+            } else {
+                damping *= 10.0;
+                if damping > 1e6 {
+                    return None;
+                }
+                left = self.left(&x);
+            }
+        }
+        None
+    }
+}

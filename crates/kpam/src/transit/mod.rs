@@ -1,0 +1,423 @@
+//! Free motions from one joint vector to others: several goals at once, everything kept at a distance, timed and proven
+//! free all along.
+
+mod field;
+mod goal;
+mod rounding;
+mod shorten;
+mod sweep;
+mod tree;
+
+use std::time::{Duration, Instant};
+
+use gensim2_geometry::{Needs, Other};
+
+use crate::model::{MOST_JOINTS, Model, Row};
+use crate::options::LimitSet;
+use crate::timing::{Builder, Limits, Method, Spline};
+use crate::world::{Compiled, TOUCH};
+use crate::{Cancel, Options, ProblemError, Scene, Trajectory};
+
+use field::{Ending, Field, RESOLUTION};
+pub use goal::{Goal, MAX_SOLUTIONS, solutions};
+use rounding::Rounding;
+use sweep::Sweep;
+
+/// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
+const CURVED: f64 = 1e-3;
+/// Most searches.
+const TRIES: usize = 200;
+/// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
+/// longer one, find what one long search would miss (Luby, Sinclair and Zuckerman, 1993).
+const SHORTEST: usize = 1000;
+/// Edges are looked at this many times finer at the most.
+const FINEST: f64 = 8.0;
+/// How many times finer the edges that are left are looked at once more.
+const FINER: f64 = 4.0;
+
+/// What a motion to a goal may set.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct TransitOptions {
+    /// Distance (m) that everything keeps all along, 5 mm unless told. A pair that is nearer at the start or at a goal
+    /// keeps the distance that it has there.
+    pub margin: f64,
+    /// Most samples of a search.
+    pub samples: usize,
+    /// Which samples are drawn.
+    pub seed: usize,
+    /// Share of the velocity limits.
+    pub velocity_scale: f64,
+    /// Share of the acceleration and jerk limits.
+    pub acceleration_scale: f64,
+    /// Acceleration and jerk limits of an arm that is known.
+    pub limits: Option<LimitSet>,
+    /// Velocity limits (rad/s or m/s), one entry a joint; the URDF's where there are none.
+    pub velocity_limits: Option<Vec<f64>>,
+    /// Acceleration limits (rad/s^2 or m/s^2), one entry a joint; those of `limits` where there are none.
+    pub acceleration_limits: Option<Vec<f64>>,
+    /// Jerk limits (rad/s^3 or m/s^3), likewise.
+    pub jerk_limits: Option<Vec<f64>>,
+    /// Ends the search after so many configurations.
+    pub max_checks: Option<u64>,
+    /// Ends the search after so long; without one, the same question has the same answer.
+    pub deadline: Option<Duration>,
+    /// Ends the search from another thread.
+    pub cancel: Option<Cancel>,
+}
+
+impl Default for TransitOptions {
+    fn default() -> Self {
+        Self {
+            margin: 0.005,
+            samples: 100_000,
+            seed: 0,
+            velocity_scale: 1.0,
+            acceleration_scale: 1.0,
+            limits: None,
+            velocity_limits: None,
+            acceleration_limits: None,
+            jerk_limits: None,
+            max_checks: None,
+            deadline: None,
+            cancel: None,
+        }
+    }
+}
+
+/// Two things that are near each other at an end of a motion.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Approached {
+    /// Link or held body, and body or link.
+    pub bodies: [String; 2],
+    /// Signed distance (m).
+    pub distance: f64,
+}
+
+/// A motion found: timed, and proven to keep its distances all along.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Motion {
+    /// The motion; it begins at time 0.
+    pub trajectory: Trajectory,
+    /// Number of the goal at which it ends.
+    pub goal: usize,
+    /// Corners of the way that it follows, one entry a joint each.
+    pub corners: Vec<Vec<f64>>,
+    /// Pairs that are nearer than the margin at the start or at that goal, with the distance that they keep.
+    pub nearer: Vec<Approached>,
+    /// Configurations that were looked at.
+    pub checks: u64,
+}
+
+/// Why there is no motion.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum NoMotion {
+    /// Something overlaps at the start.
+    StartBlocked(Approached),
+    /// Something overlaps at every goal; at the first, this.
+    GoalsBlocked(Approached),
+    /// No goal can be reached: no joint values within the limits bring the link there.
+    Unreachable,
+    /// The samples or checks are spent; there may be a motion. What was in the way of the last that was timed.
+    NotFound(Option<Approached>),
+    /// The time is up; there may be a motion.
+    Late,
+    /// The caller cancelled it.
+    Cancelled,
+}
+
+impl std::fmt::Display for NoMotion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let told = |a: &Approached| format!("{} and {} ({:.1} mm)", a.bodies[0], a.bodies[1], 1e3 * a.distance);
+        match self {
+            Self::StartBlocked(a) => write!(f, "at the start, {} overlap", told(a)),
+            Self::GoalsBlocked(a) => write!(f, "at every goal something overlaps: {}", told(a)),
+            Self::Unreachable => write!(f, "no joint values within the limits bring the link to the goal"),
+            Self::NotFound(None) => write!(f, "the search was spent without a free motion; there may be one"),
+            Self::NotFound(Some(a)) => {
+                write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
+            }
+            Self::Late => write!(f, "the time was up before a free motion was found"),
+            Self::Cancelled => write!(f, "planning was cancelled"),
+        }
+    }
+}
+
+/// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
+/// that do not move the hand stay where they are.
+///
+/// # Errors
+/// A start, goals or options that do not fit, by field.
+pub fn plan_to(
+    scene: &Scene,
+    q_start: &[f64],
+    goal: &Goal,
+    options: &TransitOptions,
+) -> Result<Result<Motion, NoMotion>, ProblemError> {
+    let begun = Instant::now();
+    options.check()?;
+    let robot = scene.robot();
+    finite("q_start", q_start)?;
+    let model = Model::new(robot, q_start)?;
+    let start = model.start();
+    within_limits(&model, "q_start", &start)?;
+    let goals = goal.joints(scene, &model, q_start, options)?;
+    if goals.is_empty() {
+        return Ok(Err(NoMotion::Unreachable));
+    }
+    let ending = Ending {
+        cancel: options.cancel.clone(),
+        deadline: options.deadline.map(|d| begun + d),
+        max_checks: options.max_checks,
+    };
+    let asked = options.limits();
+    asked.check(robot, &model)?;
+    let limits = Limits::asked(&model, &asked);
+    Ok(Transit { scene, model: &model, options, start, goals, ending, limits }.plan())
+}
+
+struct Transit<'a> {
+    scene: &'a Scene,
+    model: &'a Model,
+    options: &'a TransitOptions,
+    start: Row,
+    goals: Vec<Row>,
+    ending: Ending,
+    limits: Limits,
+}
+
+/// What an end of a motion is nearer to than the margin: group, what, and distance.
+type Close = Vec<(usize, Other, f64)>;
+
+impl Transit<'_> {
+    fn plan(self) -> Result<Motion, NoMotion> {
+        let world = self.scene.compiled();
+        let margin = self.options.margin;
+        let told = |(group, other, distance): &(usize, Other, f64)| Approached {
+            bodies: world.named(self.scene, *group, *other),
+            distance: *distance,
+        };
+        let overlap = |close: &Close| close.iter().find(|c| c.2 < 0.0).map(told);
+        let at_start = self.close(&self.start);
+        if let Some(hit) = overlap(&at_start) {
+            return Err(NoMotion::StartBlocked(hit));
+        }
+        let mut open: Vec<(usize, Row, Close)> = Vec::new();
+        let mut blocked = None;
+        for (k, goal) in self.goals.iter().enumerate() {
+            let close = self.close(goal);
+            match overlap(&close) {
+                Some(hit) => blocked = blocked.or(Some(hit)),
+                None => open.push((k, *goal, close)),
+            }
+        }
+        if let (true, Some(hit)) = (open.is_empty(), blocked) {
+            return Err(NoMotion::GoalsBlocked(hit));
+        }
+        let limits = &self.limits;
+        let mut pace = [0.0; MOST_JOINTS];
+        for v in 0..self.model.n() {
+            pace[v] = 1.0 / limits.velocity[v].min(1e3);
+        }
+        let nearer = |closes: &[&Close], clearance: f64| {
+            let mut needs = world.needs(clearance);
+            for (group, other, distance) in closes.iter().copied().flatten() {
+                // Screens say nothing of overlaps: touching is the least that can be asked for.
+                let need = (distance - TOUCH).min(clearance).max(0.0);
+                let place = match world.screen.body(*other) {
+                    Some(body) => &mut needs.bodies[group * world.screen.bodies() + body],
+                    None => match other {
+                        Other::Pair(pair) => &mut needs.pairs[*pair],
+                        Other::Element(_) | Other::Cloud(_) => continue,
+                    },
+                };
+                *place = place.min(need);
+            }
+            needs
+        };
+        let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
+        let goals: Vec<Row> = open.iter().map(|g| g.1).collect();
+        let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
+        let (mut left, mut breach) = (self.options.samples, None);
+        for attempt in 0..TRIES {
+            let samples = left.min(SHORTEST * luby(attempt + 1));
+            let seed = self.options.seed + attempt;
+            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
+                left -= samples;
+                if left == 0 || field.is_over() {
+                    break;
+                }
+                // What lies beyond the margin is a wish.
+                field.needs = nearer(&all, margin + 0.2 * CURVED);
+                continue;
+            };
+            let last = path[path.len() - 1];
+            let Some((number, _, close)) = open.iter().find(|g| g.1 == last) else { break };
+            shorten::shorten(&mut field, &mut path, &pace, seed);
+            let usual = field.resolution;
+            field.resolution = usual / FINER;
+            let stands = path.windows(2).all(|edge| field.is_edge_free(&edge[0], &edge[1]));
+            field.resolution = usual;
+            if stands {
+                let needs = nearer(&[&at_start, close], margin);
+                match self.timed(&mut field, &path, &needs, limits) {
+                    Ok(trajectory) => {
+                        let mut near: Vec<Approached> = at_start.iter().chain(close).map(told).collect();
+                        near.sort_by(|a, b| a.bodies.cmp(&b.bodies).then(a.distance.total_cmp(&b.distance)));
+                        near.dedup_by(|b, a| a.bodies == b.bodies);
+                        let corners = path.iter().map(|x| self.full(x)).collect();
+                        return Ok(Motion { trajectory, goal: *number, corners, nearer: near, checks: field.checks });
+                    }
+                    Err(found) => breach = found.or(breach),
+                }
+            }
+            if field.is_over() {
+                break;
+            }
+            field.resolution = (0.5 * field.resolution).max(RESOLUTION / FINEST);
+        }
+        Err(match () {
+            () if field.is_cancelled() => NoMotion::Cancelled,
+            () if field.is_late() => NoMotion::Late,
+            () => NoMotion::NotFound(breach),
+        })
+    }
+
+    fn full(&self, x: &Row) -> Vec<f64> {
+        let mut q = Vec::new();
+        self.model.map().positions(x, &mut q);
+        q
+    }
+
+    /// Everything that is nearer than the margin in a configuration.
+    fn close(&self, x: &Row) -> Close {
+        let world = self.scene.compiled();
+        let reach = self.options.margin + CURVED;
+        let needs = world.needs(0.0);
+        let (q, mut poses, mut batch) = (self.full(x), Vec::new(), gensim2_geometry::Batch::default());
+        (0..gensim2_geometry::LANES).for_each(|lane| batch.set(&world.screen, lane, &q));
+        world.screen.place(&mut batch);
+        let mut seen = Vec::new();
+        world.screen.survey(&mut batch, &needs, reach as f32 + 1e-6, |s| {
+            seen.push((s.group, s.other));
+            true
+        });
+        Compiled::poses(self.scene, &q, &mut poses);
+        seen.into_iter()
+            .filter_map(|(group, other)| {
+                let distance = world.screen.distance(group, other, &poses, reach);
+                (distance < reach).then_some((group, other, distance))
+            })
+            .collect()
+    }
+
+    /// The motion along corners: rounded as widely as it stays free, else stopping at each corner. What is in the way
+    /// where neither will do.
+    fn timed(
+        &self,
+        field: &mut Field<'_>,
+        corners: &[Row],
+        needs: &Needs,
+        limits: &Limits,
+    ) -> Result<Trajectory, Option<Approached>> {
+        let n = self.model.n();
+        let mut acceleration = vec![0.0; self.scene.robot().joints().len()];
+        for driven in self.model.map().driven() {
+            acceleration[driven.joint] = driven.factor.abs() * limits.acceleration[driven.variable];
+        }
+        let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
+        let rest = [0.0; MOST_JOINTS];
+        let mut breach = None;
+        let mut rounding = Rounding::new(corners);
+        while let Some(path) = rounding.next(field, n, self.model) {
+            let mut builder = Builder::new(*limits, Method::default(), 0.0);
+            if builder.push(&path, &[], &rest, None, &[]).is_err() {
+                break;
+            }
+            let trajectory = builder.build(self.model.map());
+            let found = sweep.breach(&trajectory);
+            field.checks += std::mem::take(&mut sweep.checks);
+            match found {
+                None => return Ok(trajectory),
+                Some(found) => breach = Some(found),
+            }
+            if corners.len() < 3 {
+                return Err(breach);
+            }
+            rounding.tighten();
+        }
+        let mut builder = Builder::new(*limits, Method::default(), 0.0);
+        let straight = |edge: &[Row]| Spline::through(n, edge, None);
+        if corners.windows(2).all(|edge| builder.push(&straight(edge), &[], &rest, None, &[]).is_ok()) {
+            let trajectory = builder.build(self.model.map());
+            let found = sweep.breach(&trajectory);
+            field.checks += sweep.checks;
+            return found.map_or(Ok(trajectory), |found| Err(Some(found)));
+        }
+        Err(breach)
+    }
+}
+
+impl TransitOptions {
+    /// What it asks of timing, as a problem's options say it.
+    fn limits(&self) -> Options {
+        Options {
+            velocity_scale: self.velocity_scale,
+            acceleration_scale: self.acceleration_scale,
+            limits: self.limits,
+            velocity_limits: self.velocity_limits.clone(),
+            acceleration_limits: self.acceleration_limits.clone(),
+            jerk_limits: self.jerk_limits.clone(),
+            ..Options::default()
+        }
+    }
+
+    fn check(&self) -> Result<(), ProblemError> {
+        let fail = |field: &str, message: String| Err(ProblemError::new(field, message));
+        if !(0.0..=0.1).contains(&self.margin) {
+            return fail("margin", format!("must lie in 0 to 0.1 m, not {}", self.margin));
+        }
+        Ok(())
+    }
+}
+
+/// Element `i`, from 1, of 1, 1, 2, 1, 1, 2, 4, 1, ...
+fn luby(i: usize) -> usize {
+    let size = (i + 1).next_power_of_two();
+    if size == i + 1 { size / 2 } else { luby(i + 1 - size / 2) }
+}
+
+/// Refuses joint vectors that are not finite.
+fn finite(field: &str, q: &[f64]) -> Result<(), ProblemError> {
+    match q.iter().position(|v| !v.is_finite()) {
+        Some(i) => Err(ProblemError::new(format!("{field}[{i}]"), format!("{} is not finite", q[i]))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses variables outside their limits; rounding is forgiven.
+fn within_limits(model: &Model, field: &str, x: &Row) -> Result<(), ProblemError> {
+    const SLACK: f64 = 1e-6;
+    for v in 0..model.n() {
+        let (low, high) = (model.lower[v], model.upper[v]);
+        if !(x[v] >= low - SLACK && x[v] <= high + SLACK) {
+            let place = format!("{field}[{}]", model.map().indices()[v]);
+            return Err(ProblemError::new(place, format!("{} is outside the limits [{low}, {high}]", x[v])));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::luby;
+
+    #[test]
+    fn restarts_are_lubys() {
+        let first: Vec<usize> = (1..=15).map(luby).collect();
+        assert_eq!(first, [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8]);
+    }
+}

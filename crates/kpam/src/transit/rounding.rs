@@ -1,0 +1,94 @@
+//! Smooth curves near the corners of a way: wide about each where that is free, tighter where it is not.
+
+use super::field::Field;
+use crate::model::{Model, Row};
+use crate::timing::{Spline, distance};
+
+/// Spacing of waypoints (rad or m) at first: the curve bends about as far before and after a corner as they are apart.
+const WIDEST: f64 = 0.6;
+/// Tighter than this no corner is driven: stops are quicker.
+const TIGHTEST: f64 = 0.02;
+/// Spacing of configurations that are looked at (rad or m).
+const LOOKS: f64 = 0.05;
+
+/// Curves through a way, tighter from one to the next.
+pub(super) struct Rounding<'c> {
+    corners: &'c [Row],
+    /// Spacing of waypoints on each edge.
+    spacing: Vec<f64>,
+}
+
+impl<'c> Rounding<'c> {
+    pub fn new(corners: &'c [Row]) -> Self {
+        Self { corners, spacing: vec![WIDEST; corners.len().saturating_sub(1)] }
+    }
+
+    /// The next curve that is free as far as it is looked at; `None` where some corner would have to be too tight.
+    pub fn next(&mut self, field: &mut Field<'_>, n: usize, model: &Model) -> Option<Spline> {
+        loop {
+            if self.spacing.iter().any(|s| *s < TIGHTEST) || field.is_over() {
+                return None;
+            }
+            let (waypoints, edge_of) = self.waypoints(n);
+            let path = Spline::through(n, &waypoints, None);
+            if path.intervals() + 1 != waypoints.len() {
+                return None;
+            }
+            let outside = (0..path.intervals()).find(|i| !path.keeps_within(*i..i + 1, &model.lower, &model.upper));
+            let blocked = outside.map(|i| (i, 0.5)).or_else(|| {
+                let mut curve = Vec::new();
+                let mut place = Vec::new();
+                for i in 0..path.intervals() {
+                    let steps = ((path.knots[i + 1] - path.knots[i]) / LOOKS).ceil().max(1.0) as usize;
+                    for k in 0..steps {
+                        let part = (k as f64 + 0.5) / steps as f64;
+                        curve.push(path.at(i, part));
+                        place.push((i, part));
+                    }
+                }
+                field.blocked_at(&curve).map(|k| place[k])
+            });
+            let Some((interval, part)) = blocked else { return Some(path) };
+            // A straight way cannot be driven otherwise.
+            if self.corners.len() < 3 {
+                return None;
+            }
+            let edge = edge_of[interval];
+            let first = edge_of.iter().position(|e| *e == edge).unwrap_or(interval);
+            let count = edge_of.iter().filter(|e| **e == edge).count();
+            let along = ((interval - first) as f64 + part) / count.max(1) as f64;
+            self.spacing[edge] *= 0.5;
+            // The corner next to it is what bends the curve there.
+            if along < 0.5 && edge > 0 {
+                self.spacing[edge - 1] *= 0.5;
+            } else if along >= 0.5 && edge + 1 < self.spacing.len() {
+                self.spacing[edge + 1] *= 0.5;
+            }
+        }
+    }
+
+    /// Has every corner driven more tightly.
+    pub fn tighten(&mut self) {
+        self.spacing.iter_mut().for_each(|s| *s *= 0.5);
+    }
+
+    /// Waypoints, and the edge of each interval between them.
+    fn waypoints(&self, n: usize) -> (Vec<Row>, Vec<usize>) {
+        let (mut out, mut edge_of) = (vec![self.corners[0]], Vec::new());
+        for (edge, pair) in self.corners.windows(2).enumerate() {
+            let steps = (distance(n, &pair[0], &pair[1]) / self.spacing[edge]).ceil().max(1.0) as usize;
+            for k in 1..=steps {
+                let share = k as f64 / steps as f64;
+                let mut x = pair[1];
+                if k < steps {
+                    for v in 0..n {
+                        x[v] = pair[0][v] + (pair[1][v] - pair[0][v]) * share;
+                    }
+                }
+                out.push(x);
+                edge_of.push(edge);
+            }
+        }
+        (out, edge_of)
+    }
+}

@@ -1,0 +1,311 @@
+//! Proof that a timed motion keeps its distances all along: between two configurations nothing moves further than what
+//! both leave (Quinlan's bubbles), or another is looked at between them.
+
+use gensim2_geometry::{Batch, LANES, Needs, Other, Pose, Screen, Suspect};
+
+use super::Approached;
+use crate::model::{Model, Row};
+use crate::world::{Compiled, TOUCH};
+use crate::{Scene, Trajectory};
+
+/// Distances beyond this (m) are not told apart.
+const REACH: f32 = 0.08;
+/// Spacing of the first configurations (weighted, m).
+const FIRST: f64 = 0.06;
+/// Most configurations: a motion that needs more is not proven.
+const MAX_LOOKS: usize = 20_000;
+/// Pairs that leave less than this (m) are measured in full.
+const CLOSE: f32 = 0.02;
+
+/// A configuration of the motion and what is known of its surroundings.
+struct Look {
+    time: f64,
+    q: Vec<f64>,
+    /// What each group, and each pair of groups, leaves beyond what is needed (m).
+    gaps: Vec<f32>,
+    /// Whether the gap was measured.
+    measured: Vec<bool>,
+    suspects: Vec<Suspect>,
+    lane: usize,
+    /// Whether nothing is too near between this one and the next.
+    sure: bool,
+    /// Largest distances from axes, one row a group.
+    levers: Vec<f32>,
+}
+
+/// What sweeps a motion.
+pub(super) struct Sweep<'s> {
+    pub scene: &'s Scene,
+    pub model: &'s Model,
+    pub world: &'s Compiled,
+    pub needs: &'s Needs,
+    /// Greatest acceleration of each joint of the full vector (rad/s^2 or m/s^2).
+    pub acceleration: Vec<f64>,
+    /// Mean levers (m), for the first spacing.
+    pub weights: Row,
+    pub checks: u64,
+    batch: Batch,
+    poses: Vec<Pose>,
+}
+
+impl<'s> Sweep<'s> {
+    pub fn new(scene: &'s Scene, model: &'s Model, needs: &'s Needs, acceleration: Vec<f64>, weights: Row) -> Self {
+        let world = scene.compiled();
+        Self {
+            scene,
+            model,
+            world,
+            needs,
+            acceleration,
+            weights,
+            checks: 0,
+            batch: Batch::default(),
+            poses: Vec::new(),
+        }
+    }
+
+    fn screen(&self) -> &'s Screen {
+        &self.world.screen
+    }
+
+    /// The first breach found, or none where the whole motion keeps its distances.
+    pub fn breach(&mut self, motion: &Trajectory) -> Option<Approached> {
+        let (start, end) = (motion.start(), motion.end());
+        let mut times = vec![start];
+        let steps = ((end - start) / 0.02).ceil().max(1.0) as usize;
+        let (mut last, mut gone) = (motion.moving(start), 0.0);
+        for k in 1..=steps {
+            let t = start + (end - start) * k as f64 / steps as f64;
+            let x = motion.moving(t);
+            gone += (0..self.model.n()).map(|v| (self.weights[v] * (x[v] - last[v])).powi(2)).sum::<f64>().sqrt();
+            last = x;
+            if gone > FIRST || k == steps {
+                times.push(t);
+                gone = 0.0;
+            }
+        }
+        let mut looks = match self.look(motion, &times) {
+            Ok(looks) => looks,
+            Err(breach) => return Some(breach),
+        };
+        loop {
+            let mut between = Vec::new();
+            for k in 0..looks.len() - 1 {
+                let (before, after) = looks.split_at_mut(k + 1);
+                if before[k].sure || self.certify(&mut before[k], &mut after[0]) {
+                    before[k].sure = true;
+                    continue;
+                }
+                if let Some(breach) = self.touching(&before[k]).or_else(|| self.touching(&after[0])) {
+                    return Some(breach);
+                }
+                between.push(0.5 * (before[k].time + after[0].time));
+            }
+            if between.is_empty() {
+                return None;
+            }
+            if looks.len() > MAX_LOOKS {
+                let names = ["motion".to_owned(), "what is near it".to_owned()];
+                return Some(Approached { bodies: names, distance: 0.0 });
+            }
+            let more = match self.look(motion, &between) {
+                Ok(more) => more,
+                Err(breach) => return Some(breach),
+            };
+            // What is certified is not looked at again: only the neighbours of what is new are kept.
+            let mut merged: Vec<Look> = Vec::with_capacity(looks.len() + more.len());
+            let mut old = looks.into_iter().peekable();
+            for look in more {
+                while let Some(before) = old.next_if(|l| l.time < look.time) {
+                    merged.push(before);
+                }
+                merged.push(look);
+            }
+            merged.extend(old);
+            looks = merged;
+        }
+    }
+
+    /// Looks at the motion at some times; a breach where something is too near for certain.
+    fn look(&mut self, motion: &Trajectory, times: &[f64]) -> Result<Vec<Look>, Approached> {
+        let screen = self.screen();
+        let (groups, joints) = (screen.groups(), self.scene.robot().joints().len());
+        let count = groups + screen.pairs().len();
+        let mut out: Vec<Look> = Vec::with_capacity(times.len());
+        for chunk in times.chunks(LANES) {
+            self.checks += chunk.len() as u64;
+            let first = out.len();
+            for (lane, time) in chunk.iter().enumerate() {
+                let mut q = Vec::with_capacity(joints);
+                self.model.map().positions(&motion.moving(*time), &mut q);
+                self.batch.set(screen, lane, &q);
+                out.push(Look {
+                    time: *time,
+                    q,
+                    gaps: vec![REACH; count],
+                    measured: vec![false; count],
+                    suspects: Vec::new(),
+                    lane,
+                    sure: false,
+                    levers: vec![0.0; groups * joints],
+                });
+            }
+            for lane in chunk.len()..LANES {
+                self.batch.set(screen, lane, &out[first].q);
+            }
+            screen.place(&mut self.batch);
+            let looks = &mut out[first..];
+            screen.survey(&mut self.batch, self.needs, REACH, |s| {
+                let place = place_of(s, groups);
+                for look in looks.iter_mut() {
+                    let gap = s.gap[look.lane];
+                    // What is no number is not clear.
+                    if !is_clear(gap, REACH) {
+                        look.gaps[place] = if gap < look.gaps[place] { gap } else { look.gaps[place].min(gap) };
+                        look.suspects.push(*s);
+                    }
+                }
+                true
+            });
+            screen.levers(&self.batch, &self.world.carriers, self.scene.robot(), |group, joint, lever| {
+                for look in looks.iter_mut() {
+                    look.levers[group * joints + joint] = lever[look.lane];
+                }
+            });
+            for look in looks {
+                for place in 0..count {
+                    if !is_clear(look.gaps[place], 0.0) {
+                        self.measure(look, place);
+                        if let Some(breach) = self.touching(look) {
+                            return Err(breach);
+                        }
+                    }
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// Replaces lower bounds by distances.
+    fn measure(&mut self, look: &mut Look, place: usize) {
+        if look.measured[place] {
+            return;
+        }
+        look.measured[place] = true;
+        let screen = self.screen();
+        Compiled::poses(self.scene, &look.q, &mut self.poses);
+        let mut least = f64::from(REACH);
+        for s in look.suspects.iter().filter(|s| place_of(s, screen.groups()) == place) {
+            if f64::from(s.gap[look.lane]) >= least {
+                continue;
+            }
+            let need = screen.needed(self.needs, s.group, s.other);
+            let reach = least.min(f64::from(s.gap[look.lane].max(0.0) + CLOSE)) + need;
+            least = least.min(screen.distance(s.group, s.other, &self.poses, reach.max(0.0)) - need);
+        }
+        // Rounded down.
+        look.gaps[place] = (least - 1e-8) as f32;
+    }
+
+    /// What is measured to be too near in a configuration.
+    fn touching(&mut self, look: &Look) -> Option<Approached> {
+        let screen = self.screen();
+        let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;
+        Compiled::poses(self.scene, &look.q, &mut self.poses);
+        let (mut least, mut found) = (f64::INFINITY, None);
+        for s in look.suspects.iter().filter(|s| place_of(s, screen.groups()) == place) {
+            let need = screen.needed(self.needs, s.group, s.other);
+            let distance = screen.distance(s.group, s.other, &self.poses, need.max(0.0) + 1e-6);
+            if distance - need < least {
+                (least, found) = (distance - need, Some((s.group, s.other, distance)));
+            }
+        }
+        let (group, other, distance) = found?;
+        Some(Approached { bodies: self.world.named(self.scene, group, other), distance })
+    }
+
+    /// Whether nothing between two configurations can be nearer than it may be.
+    fn certify(&mut self, a: &mut Look, b: &mut Look) -> bool {
+        let h = b.time - a.time;
+        let travel: Vec<f32> = (0..a.q.len())
+            .map(|j| {
+                // A joint that turns back between them moves no further than its acceleration allows.
+                let back = 0.5 * self.acceleration[j] * h * h;
+                (a.q[j] - b.q[j]).abs().max(back) as f32
+            })
+            .collect();
+        let groups = self.screen().groups();
+        (0..a.gaps.len()).all(|place| {
+            if self.used(a, b, place, groups, &travel) {
+                return true;
+            }
+            // Bounds from balls may be too low: what is near is measured.
+            let mut better = false;
+            for look in [&mut *a, &mut *b] {
+                if !look.measured[place] && look.gaps[place] < CLOSE {
+                    self.measure(look, place);
+                    better = true;
+                }
+            }
+            (better && self.used(a, b, place, groups, &travel)) || self.is_still(a, b, place, groups, &travel)
+        })
+    }
+
+    /// Joints that move one of a place against the other, each with its largest lever in both configurations.
+    fn moved(&self, place: usize, groups: usize, mut visit: impl FnMut(usize, usize, usize)) {
+        if place < groups {
+            self.world.carriers[place].iter().for_each(|(j, _)| visit(*j, place, place));
+            return;
+        }
+        let (one, two) = self.screen().pairs()[place - groups];
+        let carries = |g: usize, joint: usize| self.world.carriers[g].iter().any(|(j, _)| *j == joint);
+        for (g, other) in [(one, two), (two, one)] {
+            for (j, _) in self.world.carriers[g].iter().filter(|(j, _)| !carries(other, *j)) {
+                visit(*j, g, g);
+            }
+        }
+    }
+
+    /// Whether the gaps that both ends leave are enough for what moves between them. A point at distance r from a
+    /// joint's axis moves at most r + d a radian while it stays within d of where it is.
+    fn used(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+        let (one, two) = (a.gaps[place], b.gaps[place]);
+        if !(one > 0.0 && two > 0.0) {
+            return false;
+        }
+        let joints = a.q.len();
+        let mut shares = 0.0;
+        self.moved(place, groups, |joint, group, _| {
+            let at = group * joints + joint;
+            shares += travel[joint] * ((a.levers[at] + one) / one).max((b.levers[at] + two) / two);
+        });
+        shares <= 1.999
+    }
+
+    /// Whether two configurations that keep their distances are so near to each other that what moves between them
+    /// is what rounding is.
+    fn is_still(&self, a: &Look, b: &Look, place: usize, groups: usize, travel: &[f32]) -> bool {
+        if !(a.gaps[place] >= -1e-7 && b.gaps[place] >= -1e-7) {
+            return false;
+        }
+        let joints = a.q.len();
+        let mut way = 0.0;
+        self.moved(place, groups, |joint, group, _| {
+            let at = group * joints + joint;
+            way += travel[joint] * (a.levers[at].max(b.levers[at]) + 0.01);
+        });
+        f64::from(way) <= 0.5 * TOUCH
+    }
+}
+
+/// Whether a gap is at least a limit; what is no number is not.
+fn is_clear(gap: f32, limit: f32) -> bool {
+    gap >= limit
+}
+
+fn place_of(s: &Suspect, groups: usize) -> usize {
+    match s.other {
+        Other::Pair(pair) => groups + pair,
+        Other::Element(_) | Other::Cloud(_) => s.group,
+    }
+}

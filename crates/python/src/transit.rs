@@ -1,0 +1,166 @@
+//! Motions to goals in joints or poses.
+
+use std::time::Duration;
+
+use gensim2_kpam::options::LimitSet;
+use gensim2_kpam::{Cancel, Goal, Motion, NoMotion, TransitOptions};
+use pyo3::prelude::*;
+
+use crate::convert;
+use crate::errors::{from_problem, problem_error};
+use crate::interrupt::interruptible;
+use crate::scene::{PyCancel, PyScene};
+use crate::timing::PyTrajectory;
+
+/// A motion to a goal, or why there is none.
+#[pyclass(name = "Motion", module = "gensim2_kpam", frozen)]
+pub(crate) struct PyMotion(Result<Motion, NoMotion>, f64);
+
+#[pymethods]
+impl PyMotion {
+    /// "solved", or why not: "start_blocked", "goals_blocked", "unreachable", "not_found", "late", "cancelled".
+    #[getter]
+    fn status(&self) -> &'static str {
+        match &self.0 {
+            Ok(_) => "solved",
+            Err(NoMotion::StartBlocked(_)) => "start_blocked",
+            Err(NoMotion::GoalsBlocked(_)) => "goals_blocked",
+            Err(NoMotion::Unreachable) => "unreachable",
+            Err(NoMotion::Late) => "late",
+            Err(NoMotion::Cancelled) => "cancelled",
+            Err(_) => "not_found",
+        }
+    }
+
+    /// One sentence for a person; empty where solved.
+    #[getter]
+    fn reason(&self) -> String {
+        self.0.as_ref().err().map_or_else(String::new, NoMotion::to_string)
+    }
+
+    #[getter]
+    fn trajectory(&self) -> Option<PyTrajectory> {
+        self.0.as_ref().ok().map(|m| PyTrajectory(m.trajectory.clone()))
+    }
+
+    /// Number of the goal at which it ends.
+    #[getter]
+    fn goal(&self) -> Option<usize> {
+        self.0.as_ref().ok().map(|m| m.goal)
+    }
+
+    /// (K, n) corners of the way that it follows.
+    #[getter]
+    fn corners<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyAny>> {
+        let motion = self.0.as_ref().ok()?;
+        let joints = motion.corners.first().map_or(0, Vec::len);
+        Some(convert::array2(py, &motion.corners, joints).into_any())
+    }
+
+    /// Pairs nearer than the margin at the start or at the goal: (name, name, distance in m).
+    #[getter]
+    fn nearer(&self) -> Vec<(String, String, f64)> {
+        let all = self.0.as_ref().map_or(&[][..], |m| m.nearer.as_slice());
+        all.iter().map(|a| (a.bodies[0].clone(), a.bodies[1].clone(), a.distance)).collect()
+    }
+
+    /// Configurations that were looked at.
+    #[getter]
+    fn checks(&self) -> Option<u64> {
+        self.0.as_ref().ok().map(|m| m.checks)
+    }
+
+    /// CPU time of planning (ms).
+    #[getter]
+    fn cpu_ms(&self) -> f64 {
+        self.1
+    }
+
+    fn __repr__(&self) -> String {
+        match &self.0 {
+            Ok(m) => format!("Motion(solved, {:.3} s, goal {})", m.trajectory.end(), m.goal),
+            Err(why) => format!("Motion({}: {why})", self.status()),
+        }
+    }
+}
+
+/// Joint vectors from (n,) or (K, n), or a pose (4, 4) with the link that is to be there.
+fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyResult<Goal> {
+    let (values, shape) = convert::numbers(goal, "goal")?;
+    match (shape.as_slice(), link) {
+        ([4, 4], link) if link.is_some() || joints != 4 => Ok(Goal::Pose { pose: convert::pose(goal, "goal")?, link }),
+        ([n], None) if *n == joints => Ok(Goal::Joints(vec![values])),
+        ([k, n], None) if *n == joints && *k > 0 => {
+            Ok(Goal::Joints(values.chunks_exact(*n).map(<[f64]>::to_vec).collect()))
+        }
+        _ => Err(problem_error(
+            "goal",
+            format!("must have shape ({joints},) or (K, {joints}), or (4, 4) of a link, not {shape:?}"),
+        )),
+    }
+}
+
+/// What a motion is asked to be, as Python says it.
+pub(crate) struct Asked<'a, 'py> {
+    pub goal: &'a Bound<'py, PyAny>,
+    pub link: Option<String>,
+    pub deadline_ms: Option<f64>,
+    pub cancel: Option<&'a Bound<'py, PyCancel>>,
+    pub options: TransitOptions,
+}
+
+impl PyScene {
+    pub(crate) fn motion_to(
+        &self,
+        py: Python<'_>,
+        q_start: &Bound<'_, PyAny>,
+        asked: Asked<'_, '_>,
+    ) -> PyResult<PyMotion> {
+        let joints = self.0.robot().joints().len();
+        let q_start = convert::vector(q_start, "q_start", Some(joints))?;
+        let goal = goal_of(asked.goal, joints, asked.link)?;
+        let cancel = asked.cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
+        let mut options = asked.options;
+        options.cancel = Some(cancel.clone());
+        options.deadline = asked.deadline_ms.map(deadline).transpose()?;
+        let (found, time) = interruptible(py, cancel, |_| {
+            let clock = cpu_time::ThreadTime::now();
+            let found = gensim2_kpam::plan_to(&self.0, &q_start, &goal, &options);
+            (found, clock.elapsed().as_secs_f64())
+        })?;
+        found.map(|m| PyMotion(m, 1e3 * time)).map_err(|e| from_problem(&e))
+    }
+
+    pub(crate) fn solutions<'py>(
+        &self,
+        py: Python<'py>,
+        pose: &Bound<'py, PyAny>,
+        q_start: &Bound<'py, PyAny>,
+        link: Option<&str>,
+        most: usize,
+        seed: usize,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let joints = self.0.robot().joints().len();
+        let q_start = convert::vector(q_start, "q_start", Some(joints))?;
+        let pose = convert::pose(pose, "pose")?;
+        let found = py.detach(|| gensim2_kpam::solutions(&self.0, &pose, link, &q_start, most, seed));
+        Ok(convert::array2(py, &found.map_err(|e| from_problem(&e))?, joints).into_any())
+    }
+}
+
+/// A deadline from milliseconds.
+pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
+    if (0.0..=1e9).contains(&ms) {
+        return Ok(Duration::from_secs_f64(1e-3 * ms));
+    }
+    Err(problem_error("deadline_ms", format!("must lie in 0 to 1e9 ms, not {ms}")))
+}
+
+/// A set of limits by name.
+pub(crate) fn limit_set(name: &str) -> PyResult<LimitSet> {
+    match name {
+        "panda" => Ok(LimitSet::Panda),
+        "plain" => Ok(LimitSet::Plain),
+        _ => Err(problem_error("limits", format!("must be \"panda\" or \"plain\", not {name:?}"))),
+    }
+}

@@ -1,0 +1,28 @@
+"""A robot of one's own opens a drawer: a file describes it, whatever takes ``robot`` takes the file.
+
+python examples/09_a_robot_of_your_own.py
+"""
+
+from pathlib import Path
+
+import gensim2
+
+ROBOTS = Path(__file__).with_name("robots")
+"""A UR5 with the Panda's hand, and an xArm7 with a gripper of one motor, mimic joints and passive hinges."""
+
+
+def main() -> None:
+    for file in (ROBOTS / "ur5.py", ROBOTS / "xarm7.py"):
+        robot = gensim2.robot(str(file))
+        print(f"{robot.name}: {robot.arm_size} arm joints, opens {robot.gripper.widest:.3f} m, {robot.control_hz} Hz")
+        env = gensim2.make_env("OpenDrawer", assets="builtin", robot=str(file))
+        env.reset(seed=0)
+        for _ in range(robot.control_hz):  # a second at rest
+            *_, info = env.step(robot.rest_action)
+        openness = float(next(iter(info["openness"].values()))[0])
+        print(f"after a second: openness {openness:.2f}, {env.action_space.shape[0]} numbers")
+        env.close()
+
+
+if __name__ == "__main__":
+    main()

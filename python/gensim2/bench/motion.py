@@ -1,0 +1,210 @@
+"""``gensim2 bench motion``: joint-to-joint problems, one JSON object a problem."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2 import robots
+from gensim2.errors import InputError
+from gensim2.progress import NULL_PROGRESS, Progress
+
+Array = npt.NDArray[np.float64]
+
+#: Joints of each motion are written every so many seconds.
+SAMPLE_DT = 0.005
+#: Both fingers of a gripper stand so far open (m) where a problem gives the arm's joints alone.
+FINGERS_OPEN = 0.04
+
+
+@dataclass(frozen=True)
+class MotionProblem:
+    """Motion from one joint vector to any of several, among obstacles in the robot's base frame.
+
+    ``start`` is (m,), each of ``goals`` too: the joints of the arm, in order.
+    """
+
+    id: str
+    start: tuple[float, ...]
+    goals: tuple[tuple[float, ...], ...]
+    obstacles: tuple[Mapping[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class MotionSummary:
+    """Figures over all problems: CPU milliseconds, seconds of motion."""
+
+    problems: int
+    statuses: dict[str, int]
+    cpu_ms_median: float
+    cpu_ms_p95: float
+    duration_median: float
+    length_median: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return asdict(self)
+
+
+def read_motion_problems(path: Path) -> list[MotionProblem]:
+    """Read joint-to-joint problems, one JSON object a line.
+
+    Raises:
+        InputError: an unreadable file or a bad line; names line and field.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read ({error})", file=path, field="--problems", remedy="name a file") from error
+    out = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            raw = json.loads(line)
+            out.append(
+                MotionProblem(
+                    id=str(raw["id"]),
+                    start=tuple(float(v) for v in raw["start"]),
+                    goals=tuple(tuple(float(v) for v in goal) for goal in raw["goals"]),
+                    obstacles=tuple(raw["obstacles"]),
+                )
+            )
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"is no motion problem ({type(error).__name__}: {error})",
+                file=path,
+                field=f"line {number}",
+                remedy="give id, start, goals and obstacles; docs/benchmarks.md has the format",
+            ) from error
+    return out
+
+
+def _rotation(quaternion_wxyz: Sequence[float]) -> Array:
+    w, x, y, z = np.asarray(quaternion_wxyz, dtype=np.float64) / np.linalg.norm(quaternion_wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def obstacle_body(obstacle: Mapping[str, Any], name: str) -> kpam.Body:
+    """Return an obstacle of a problem as a body.
+
+    Raises:
+        InputError: a type or a field that is not known.
+    """
+    pose = np.eye(4)
+    try:
+        pose[:3, 3] = obstacle["position"]
+        if "quaternion_wxyz" in obstacle:
+            pose[:3, :3] = _rotation(obstacle["quaternion_wxyz"])
+        match obstacle["type"]:
+            case "box":
+                shape = kpam.Shape.box(obstacle["half_extents"])
+            case "cylinder":
+                shape = kpam.Shape.cylinder(float(obstacle["radius"]), float(obstacle["length"]))
+            case "sphere":
+                shape = kpam.Shape.sphere(float(obstacle["radius"]))
+            case other:
+                raise ValueError(f"type {other!r}")
+        return kpam.Body(name, "rigid", [shape], pose)
+    except (KeyError, ValueError, kpam.KpamError) as error:
+        raise InputError(
+            f"is no obstacle ({type(error).__name__}: {error})",
+            field=name,
+            remedy="give type box, cylinder or sphere, its size, position and quaternion_wxyz",
+        ) from error
+
+
+def _full(robot: kpam.Robot, values: Sequence[float]) -> Array:
+    """Return the full joint vector: the arm's joints as given, the fingers open."""
+    q = np.full(len(robot.joint_names), FINGERS_OPEN)
+    q[: len(values)] = values
+    if len(values) < len(q):
+        q[len(values) :] = np.clip(q[len(values) :], robot.lower[len(values) :], robot.upper[len(values) :])
+    return q
+
+
+def solve_motions(
+    problems: Sequence[MotionProblem],
+    *,
+    robot: str = "panda",
+    margin: float = 0.005,
+    deadline_ms: float | None = None,
+    progress: Progress = NULL_PROGRESS,
+) -> list[dict[str, Any]]:
+    """Plan every problem and return one record each: ``id``, ``status``, ``reason``, ``cpu_ms``, ``duration`` (s),
+    ``length`` (of the way in joint space, rad), ``nearer`` and ``samples`` (joints every 5 ms).
+
+    ``cpu_ms`` holds everything from the problem to the timed motion: the scene is built anew for each.
+
+    Raises:
+        InputError: an unknown robot, or a problem that does not fit it.
+    """
+    model = robots.robot(robot).model
+    # What is made once a robot is made before: balls around its links.
+    rest = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
+    kpam.Scene(model).in_collision(rest)
+    records: list[dict[str, Any]] = []
+    progress.start("motions", len(problems))
+    for problem in problems:
+        bodies = [obstacle_body(o, f"{k}_{o.get('name', 'obstacle')}") for k, o in enumerate(problem.obstacles)]
+        try:
+            motion = kpam.Scene(model, bodies).plan_to(
+                _full(model, problem.start),
+                np.stack([_full(model, goal) for goal in problem.goals]),
+                margin=margin,
+                deadline_ms=deadline_ms,
+                # What Franka publishes; nothing is known of other arms.
+                limits="panda" if robot == "panda" else None,
+            )
+        except (kpam.KpamError, ValueError) as error:
+            raise InputError(str(error), field=f"problem {problem.id}", remedy="give joints within limits") from error
+        trajectory, corners = motion.trajectory, motion.corners
+        records.append(
+            {
+                "id": problem.id,
+                "status": motion.status,
+                "reason": motion.reason,
+                "cpu_ms": motion.cpu_ms,
+                "duration": None if trajectory is None else trajectory.duration,
+                "length": None if corners is None else float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()),
+                "nearer": [[first, second, distance] for first, second, distance in motion.nearer],
+                "checks": motion.checks,
+                "samples": None if trajectory is None else trajectory.sample_every(SAMPLE_DT).tolist(),
+            }
+        )
+        progress.advance()
+    return records
+
+
+def motion_summary(records: Sequence[Mapping[str, Any]]) -> MotionSummary:
+    """Summarize records of :func:`solve_motions`."""
+    statuses: dict[str, int] = {}
+    for record in records:
+        statuses[record["status"]] = statuses.get(record["status"], 0) + 1
+    solved = [record for record in records if record["status"] == "solved"]
+
+    def figure(values: Sequence[float], share: float) -> float:
+        return float(np.percentile(values, share)) if values else float("nan")
+
+    times = [record["cpu_ms"] for record in records]
+    return MotionSummary(
+        problems=len(records),
+        statuses=dict(sorted(statuses.items())),
+        cpu_ms_median=figure(times, 50),
+        cpu_ms_p95=figure(times, 95),
+        duration_median=figure([record["duration"] for record in solved], 50),
+        length_median=figure([record["length"] for record in solved], 50),
+    )

@@ -1,0 +1,84 @@
+"""Names of what frames hold, made in one place: in observation files, in zarr, in LeRobot, and back.
+
+| observation file | column, and array in zarr | LeRobot |
+|---|---|---|
+| ``proprioception/*`` | ``state``, ``velocity``, ``tool_pose``, ``gripper`` | ``observation.*`` |
+| | ``action`` | ``action`` |
+| | ``reward``, ``success``, ``done`` | ``next.*`` |
+| ``pointcloud/xyz``, ``pointcloud/rgb`` | ``point_cloud`` | ``observation.points`` |
+| ``cameras/<camera>/rgb`` | ``image_<camera>`` | ``observation.images.<camera>`` |
+| ``cameras/<camera>/depth``, ``segmentation`` | ``depth_<camera>``, ``segmentation_<camera>`` | none |
+| ``pointcloud/segmentation`` | ``point_segmentation`` | none |
+
+No name holds a slash: LeRobot's editing tools and Diffusion Policy's replay buffer take one for a folder.
+"""
+
+from __future__ import annotations
+
+from gensim2.foreign.names import checked_name
+from gensim2.observations.columns import CLOUD, DEPTH, GRIPPER, IMAGE, SEGMENTATION, STATE, TOOL_POSE, VELOCITY
+
+_CAMERAS = "cameras"
+_PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
+_LEROBOT = {
+    STATE: "observation.state",
+    VELOCITY: "observation.velocity",
+    TOOL_POSE: "observation.tool_pose",
+    GRIPPER: "observation.gripper",
+    "action": "action",
+    CLOUD: "observation.points",
+    "reward": "next.reward",
+    "success": "next.success",
+    "done": "next.done",
+}
+_LEROBOT_IMAGES = "observation.images."
+
+
+def camera_array(camera: str, what: str) -> str:
+    """Name of a camera's array in a file of observations: ``what`` is ``rgb``, ``depth``, ``segmentation``, ..."""
+    return f"{_CAMERAS}/{checked_name(camera, field='camera')}/{what}"
+
+
+def column_of(array: str) -> str | None:
+    """The column that a camera's array becomes; None where it becomes none.
+
+    Raises:
+        InputError: the camera's name is none.
+    """
+    folder, _, rest = array.partition("/")
+    camera, _, what = rest.rpartition("/")
+    if folder != _CAMERAS or what not in _PREFIXES:
+        return None
+    return _PREFIXES[what] + checked_name(camera, field=array)
+
+
+def array_of(column: str) -> str | None:
+    """The camera's array that becomes a column; None of other columns."""
+    for what, prefix in _PREFIXES.items():
+        if column.startswith(prefix):
+            return camera_array(column.removeprefix(prefix), what)
+    return None
+
+
+def lerobot_name(column: str) -> str | None:
+    """Name of a column in LeRobot's data sets; None of depth and ids, for which they have no place."""
+    if column.startswith(IMAGE):
+        return _LEROBOT_IMAGES + column.removeprefix(IMAGE)
+    return _LEROBOT.get(column)
+
+
+def column_in_lerobot(name: str) -> str | None:
+    """The column that a feature of LeRobot is; None where it is none of ours."""
+    if name.startswith(_LEROBOT_IMAGES):
+        return IMAGE + current(name.removeprefix(_LEROBOT_IMAGES))
+    return next((column for column, theirs in _LEROBOT.items() if theirs == name), None)
+
+
+def current(camera: str) -> str:
+    """A camera's name as it is written now: exports were once written with ``cameras/left`` for ``left``."""
+    return camera.removeprefix(f"{_CAMERAS}/")
+
+
+def formerly_nested(group: str) -> str | None:
+    """What stands before a camera's name in the columns of a group in zarr's ``data``, as exports once had them."""
+    return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

@@ -1,0 +1,126 @@
+"""``gensim2.json`` of an export: size and digest of every file, so that a change to any of them is found out.
+
+It is compared before any other file is parsed. A card, ``README.md``, may be edited; files that are not listed are not
+read. An export without one was written by an older gensim2: its clouds, pictures and depth are not compared.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gensim2.data.card import CARD
+from gensim2.errors import InputError
+from gensim2.files import write_json
+from gensim2.foreign.tree import ForeignTree, open_regular, why
+from gensim2.record_files import read_record
+
+Format = Literal["maniskill", "lerobot", "zarr"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+MANIFEST = "gensim2.json"
+MANIFEST_SCHEMA: Literal[1] = 1
+
+REMEDY = "export again"
+
+_BLOCK = 2**20
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class FileRecord(_Record):
+    """One file of an export.
+
+    Attributes:
+        size: in bytes.
+        sha256: of its content, 64 hexadecimal digits.
+    """
+
+    size: Annotated[int, Field(ge=0)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Manifest(_Record):
+    """``gensim2.json``.
+
+    Attributes:
+        format: of the export.
+        episodes: that it holds.
+        files: by path, slashes between the parts.
+    """
+
+    schema_version: Literal[1] = MANIFEST_SCHEMA
+    format: Format
+    episodes: Annotated[int, Field(ge=1)]
+    files: dict[str, FileRecord]
+
+
+def write_manifest(out: Path, kind: Format, episodes: int) -> None:
+    """Write the manifest of a finished export.
+
+    Raises:
+        WriteError: it cannot be written.
+    """
+    files = {
+        name: {"size": size, "sha256": _digest(out / name)} for name, size in sorted(ForeignTree(out).sizes().items())
+    }
+    files.pop(CARD, None)
+    write_json(
+        out / MANIFEST, {"schema_version": MANIFEST_SCHEMA, "format": kind, "episodes": episodes, "files": files}
+    )
+
+
+def check_format(path: Path, sizes: Mapping[str, int], kind: Format) -> None:
+    """Refuse an export to another format than ``kind``; one without a manifest does not say.
+
+    Args:
+        sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
+
+    Raises:
+        InputError: it is one.
+    """
+    manifest = _read(path, sizes)
+    if manifest is not None and manifest.format != kind:
+        remedy = f"say --from {manifest.format}"
+        raise InputError(f"is an export to {manifest.format}, not {kind}", file=path, field="format", remedy=remedy)
+
+
+def check_manifest(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
+    """Compare an export with its manifest, and return it; None where there is none.
+
+    Args:
+        sizes: of its files, as :meth:`~gensim2.foreign.tree.ForeignTree.sizes` found them.
+
+    Raises:
+        InputError: a file is gone or not the one that was exported.
+    """
+    manifest = _read(path, sizes)
+    if manifest is None:
+        return None
+    for name, record in manifest.files.items():
+        if name not in sizes:
+            raise InputError("lists a file that is not there", file=path / MANIFEST, field=name, remedy=REMEDY)
+        if sizes[name] != record.size or _digest(path / name) != record.sha256:
+            raise InputError("was changed since it was exported", file=path / name, remedy=REMEDY)
+    return manifest
+
+
+def _read(path: Path, sizes: Mapping[str, int]) -> Manifest | None:
+    return read_record(path / MANIFEST, Manifest, REMEDY) if MANIFEST in sizes else None
+
+
+def _digest(file: Path) -> str:
+    digest = hashlib.sha256()
+    try:
+        with open_regular(file) as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+    except OSError as error:
+        raise InputError(why(error), file=file, remedy=REMEDY) from error
+    return digest.hexdigest()

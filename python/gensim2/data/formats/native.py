@@ -1,0 +1,78 @@
+"""The episodes themselves, which an export lays beside frames: a data set of a stranger's, copied and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.episode_file import StoredEpisode
+from gensim2.data.formats.seen_table import NAME as SEEN
+from gensim2.data.store import DATASET_JSON, ROWS, DataSet, TaskStore
+from gensim2.errors import InputError
+from gensim2.foreign.names import is_name
+from gensim2.foreign.tree import MOST_RECORD, ForeignTree
+from gensim2.progress import Progress
+from gensim2.sealed_file import MOST_BYTES
+from gensim2.tasks.library import STRATEGIES, TASK_FILE, load_strategies_beside
+from gensim2.yaml_files import MOST_BYTES as MOST_YAML
+
+MOST_STRATEGIES = 1000  # files; a task names up to 1000
+
+REMEDY = "export again"
+
+Read = tuple[TaskStore, LoggedEpisode, StoredEpisode]
+
+
+def copy_native(source: Path, out: Path) -> None:
+    """Copy a data set's own files: records, tasks, strategies, and the episodes that the rows name; nothing else.
+
+    Raises:
+        InputError: one is not there, lies outside, is no regular file or too large, or a record cannot be read.
+    """
+    tree = ForeignTree(source)
+    dataset = DataSet.open(source)
+    tree.copy(DATASET_JSON, out / DATASET_JSON, MOST_RECORD)
+    if tree.has(SEEN):
+        tree.copy(SEEN, out / SEEN, MOST_RECORD)
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        (out / name / STRATEGIES).mkdir(parents=True)
+        (out / name / "episodes").mkdir()
+        tree.copy(f"{name}/{TASK_FILE}", out / name / TASK_FILE, MOST_YAML)
+        strategies = ForeignTree(store.folder / STRATEGIES).names()
+        if len(strategies) > MOST_STRATEGIES:
+            wrong = f"holds over {MOST_STRATEGIES} files"
+            raise InputError(wrong, file=store.folder / STRATEGIES, remedy="leave those that the task names")
+        for file in strategies:
+            if file.endswith(".yaml") and is_name(file):
+                tree.copy(f"{name}/{STRATEGIES}/{file}", out / name / STRATEGIES / file, MOST_YAML)
+        tree.copy(f"{name}/{ROWS}", out / name / ROWS, MOST_RECORD)
+        for row in store.rows():
+            file = str(store.path(row.index, row.held).relative_to(source))
+            if row.held:
+                tree.copy(file, out / file, MOST_BYTES)
+
+
+def read_back(dataset: DataSet, progress: Progress) -> Iterator[Read]:
+    """Yield every episode of a data set that is to hold what held and nothing else, as it stands on the disk.
+
+    Raises:
+        InputError: a task, a strategy, a row or an episode is not there or cannot be used; or one did not hold.
+    """
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        spec = store.spec()
+        if spec.name != name:
+            raise InputError(f"is {spec.name!r} in the folder {name!r}", file=store.folder / TASK_FILE, field="name")
+        load_strategies_beside(store.folder, spec)
+        progress.start(f"read back {name}")
+        for row in store.rows():
+            if not row.held:
+                wrong = f"has episode {row.index}, which did not hold"
+                raise InputError(wrong, file=store.folder / ROWS, remedy=REMEDY)
+            if set(row.objects) != set(spec.objects):
+                wrong = f"episode {row.index} has other objects than the task"
+                raise InputError(wrong, file=store.folder / ROWS, field="objects", remedy=REMEDY)
+            yield store, row, store.read(row)
+            progress.advance()

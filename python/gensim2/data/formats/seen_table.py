@@ -1,0 +1,49 @@
+"""What an export's observations were seen with: the spec, the cameras, the names of segmentation ids."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.observation_file import ObservedEpisode
+from gensim2.files import write_json
+
+NAME = "observations.json"
+SCHEMA_VERSION = 1
+
+_SPEC = ("modalities", "cameras", "cloud")
+
+
+class SeenTable:
+    """Collects it from the episodes of an export, in their order.
+
+    ``observations.json``: ``spec``; ``cameras``: of each ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4);
+    ``tables``: id to what it belongs to and its link; ``episodes``: of each ``task``, ``index`` and the number of its
+    ``table``, None of one that was rendered before tables were kept.
+    """
+
+    def __init__(self) -> None:
+        self._spec: dict[str, Any] | None = None
+        self._cameras: dict[str, Any] = {}
+        self._tables: list[dict[str, list[str]]] = []
+        self._episodes: list[dict[str, Any]] = []
+
+    def add(self, task: str, index: int, observation: ObservedEpisode) -> None:
+        """Take note of an episode."""
+        description, arrays = observation.description, observation.arrays
+        self._spec = {name: description.get(name) for name in _SPEC}
+        for name in arrays:
+            camera, _, what = name.removeprefix("cameras/").rpartition("/")
+            if name.startswith("cameras/") and what in ("intrinsic", "T_base_camera"):
+                self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
+        ids = description.get("segmentation_ids")
+        if ids and ids not in self._tables:
+            self._tables.append(ids)
+        self._episodes.append({"task": task, "index": index, "table": self._tables.index(ids) if ids else None})
+
+    def write(self, folder: Path) -> None:
+        """Write the file, where anything was observed."""
+        if self._spec is None:
+            return
+        found = {"spec": self._spec, "cameras": self._cameras, "tables": self._tables, "episodes": self._episodes}
+        write_json(folder / NAME, {"schema_version": SCHEMA_VERSION, **found})

@@ -1,0 +1,222 @@
+"""Frames of a data set by number: what a loader of training data asks for, in any order."""
+
+from __future__ import annotations
+
+import os
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.observation_file import checked_description, spec_of_file
+from gensim2.data.store import DataSet, TaskStore
+from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
+from gensim2.observations.cloud import from_steps
+from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, DEPTH, IMAGE, SEGMENTATION, cloud_column
+from gensim2.observations.proprioception import proprioception
+from gensim2.robots import OPEN, robot
+from gensim2.rollout.recording import Recording
+
+if TYPE_CHECKING:
+    import torch.utils.data
+
+Array = npt.NDArray[Any]
+
+OPEN_FILES = 64
+"""Files of observations that a process keeps open."""
+KEPT_EPISODES = 1024
+"""Episodes whose states and actions a process keeps, some 20 kB each."""
+
+_PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
+_ROOT = 13
+"""Numbers before the joints in a state of ManiSkill's: root pose and velocities."""
+
+
+@dataclass(frozen=True)
+class _Episode:
+    store: TaskStore
+    row: LoggedEpisode
+    language: str
+    task: int
+
+    @property
+    def observations(self) -> Path:
+        return self.store.observation_path(self.row.index)
+
+
+class FrameAccess:
+    """The frames of all episodes that held, one after the other.
+
+    ``frames[i]`` is a mapping: what was seen, by the names of an :class:`~gensim2.observations.Observation`;
+    ``action``, ``reward``, ``success``, ``done``; ``language``; ``task_index``, ``episode_index``, ``frame_index``. A
+    file is read once as a whole, when it is first needed, to see that it is whole; from then on a frame is one chunk of
+    it. Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.
+
+    Args:
+        dataset: whose.
+        tasks: names; none: all.
+        observations: with what was rendered; None: where anything was.
+        horizon: actions from each frame on, (horizon, m + 1), the episode's last one repeated; ``action_is_pad`` says
+            which are. 1: (m + 1,).
+
+    Raises:
+        InputError: there is no such task, the collection is not finished, or some episodes have observations and
+            others none, or ones of another spec.
+    """
+
+    def __init__(
+        self,
+        dataset: DataSet,
+        tasks: Sequence[str] = (),
+        *,
+        observations: bool | None = None,
+        horizon: int = 1,
+    ) -> None:
+        if horizon < 1:
+            raise InputError("must be at least 1", field="horizon")
+        self._profile = robot(dataset.record.scene.robot)
+        self._horizon = horizon
+        self._episodes: list[_Episode] = []
+        for number, name in enumerate(tasks or dataset.tasks):
+            store = dataset.task(name)
+            language = store.spec().description
+            self._episodes += [_Episode(store, row, language, number) for row in store.rows() if row.held]
+        if not self._episodes:
+            raise InputError("holds no episode that held", file=dataset.path)
+        self._ends = list(accumulate(each.row.control_steps for each in self._episodes))
+        there = [each.observations.exists() for each in self._episodes]
+        self._observed = any(there) if observations is None else observations
+        if self._observed and not all(there):
+            path = self._episodes[there.index(False)].observations
+            raise InputError("is not there", file=path, remedy="run `gensim2 render` with --resume")
+        self._spec: ObservationSpec | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._process = os.getpid()
+        self._files: OrderedDict[int, h5py.File] = OrderedDict()
+        self._whole: set[int] = set()
+        self._recordings: OrderedDict[int, Recording] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_files": OrderedDict(), "_recordings": OrderedDict()}
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes."""
+        return len(self._episodes)
+
+    def episode(self, number: int) -> range:
+        """Numbers of an episode's frames."""
+        return range(self._ends[number - 1] if number else 0, self._ends[number])
+
+    @property
+    def spec(self) -> ObservationSpec:
+        """What was rendered.
+
+        Raises:
+            InputError: nothing was, or a file is damaged.
+        """
+        if not self._observed:
+            raise InputError("holds no observations", remedy="run `gensim2 render` on it")
+        self._file(0)
+        assert self._spec is not None
+        return self._spec
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"there are {len(self)} frames")
+        index %= len(self)
+        number = bisect_right(self._ends, index)
+        episode, frame = self._episodes[number], index - self.episode(number).start
+        recording = self._recording(number)
+        state = recording.env_states["articulations"][self._profile.agent][frame]
+        joints = len(self._profile.reset_qpos)
+        command = float(recording.actions[frame - 1][-1]) if frame else OPEN
+        found: dict[str, Any] = dict(
+            proprioception(
+                self._profile, state[_ROOT : _ROOT + joints], state[_ROOT + joints : _ROOT + 2 * joints], command
+            )
+        )
+        if self._observed:
+            found |= _seen(self._file(number), frame)
+        return {
+            **found,
+            **self._actions(recording, frame),
+            "reward": recording.rewards[frame],
+            "success": recording.success[frame],
+            "done": np.bool_(frame == recording.steps - 1),
+            "language": episode.language,
+            "task_index": episode.task,
+            "episode_index": number,
+            "frame_index": frame,
+        }
+
+    def torch(self) -> torch.utils.data.Dataset[dict[str, Any]]:
+        """The same frames as tensors, for a ``torch.utils.data.DataLoader`` with any number of workers."""
+        from gensim2.data.torch_frames import TorchFrames
+
+        return TorchFrames(self)
+
+    def _actions(self, recording: Recording, frame: int) -> dict[str, Array]:
+        if self._horizon == 1:
+            return {"action": recording.actions[frame]}
+        rows = np.arange(frame, frame + self._horizon)
+        return {
+            "action": recording.actions[np.minimum(rows, recording.steps - 1)],
+            "action_is_pad": rows >= recording.steps,
+        }
+
+    def _recording(self, number: int) -> Recording:
+        if os.getpid() != self._process:  # a loader's worker: HDF5's files do not go through a fork
+            self._forget()
+        if number not in self._recordings:
+            episode = self._episodes[number]
+            recording = episode.store.read(episode.row).recording
+            if recording is None:
+                path = episode.store.path(episode.row.index, episode.row.held)
+                raise InputError("holds no states", file=path, remedy="collect it again")
+            self._recordings[number] = recording
+            if len(self._recordings) > KEPT_EPISODES:
+                self._recordings.popitem(last=False)
+        return self._recordings[number]
+
+    def _file(self, number: int) -> h5py.File:
+        if number in self._files:
+            self._files.move_to_end(number)
+            return self._files[number]
+        episode = self._episodes[number]
+        path = episode.observations
+        if number not in self._whole:
+            spec = spec_of_file(checked_description(path, episode.row.episode_digest), path)
+            self._spec = self._spec or spec
+            self._spec.require(spec, str(path), of="the rest of the data set")
+            self._whole.add(number)
+        self._files[number] = h5py.File(path, "r")
+        if len(self._files) > OPEN_FILES:
+            self._files.popitem(last=False)[1].close()
+        return self._files[number]
+
+
+def _seen(file: h5py.File, frame: int) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    if (cloud := file.get("pointcloud")) is not None:
+        found[CLOUD] = cloud_column(from_steps(cloud["xyz"][frame]), cloud["rgb"][frame])
+        found[CLOUD_SEGMENTATION] = cloud["segmentation"][frame]
+    for camera, arrays in file["cameras"].items():
+        for what, prefix in _PREFIXES.items():
+            if what in arrays:
+                found[prefix + camera] = arrays[what][frame]
+    return found

@@ -1,0 +1,75 @@
+"""Whether a recording is one of the episode that it is said to be of: shapes, types, numbers, objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.errors import InputError
+from gensim2.foreign.hdf5 import fits, shown_shape
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
+
+MOST_STEPS = 100_000
+"""Control steps of an episode: at 20 a second, 83 minutes. Tasks allow a few hundred."""
+
+ROOT = 13
+"""Numbers of a root's pose (7) and velocities (6) in ManiSkill's states."""
+
+
+def check_recording(recording: Recording, episode: Episode, file: Path | str, at: str = "") -> None:
+    """Refuse what is no recording of an episode; of one that held, all numbers must be finite.
+
+    Args:
+        file: that it was read from, for errors.
+        at: where in the file, for errors.
+
+    Raises:
+        InputError: names the field.
+    """
+    steps = len(recording.actions) if recording.actions.ndim else 0
+
+    def refuse(field: str, wrong: str) -> InputError:
+        return InputError(wrong, file=file, field=f"{at}.{field}" if at else field, remedy="export or collect it again")
+
+    if not 1 <= steps <= MOST_STEPS:
+        raise refuse("actions", f"has {steps} steps, not 1 to {MOST_STEPS}")
+    if steps != episode.control_steps:
+        raise refuse("actions", f"has {steps} steps, the record of the episode {episode.control_steps}")
+    if recording.seed != episode.seed:
+        raise refuse("seed", f"is {recording.seed}, in the record of the episode {episode.seed}")
+    ids = {name: thing.id for name, thing in episode.objects.items()}
+    if recording.instances != ids:
+        raise refuse("instances", "are not those of the record of the episode")
+    for name, values, dtype, shape in _arrays(recording, steps):
+        if values.dtype != dtype or not fits(values.shape, shape):
+            raise refuse(name, f"is {values.dtype} of shape {values.shape}, not {dtype} of {shown_shape(shape)}")
+        if not values.size:
+            raise refuse(name, "is empty")
+        if name.startswith("env_states") and values.shape[1] < ROOT:
+            raise refuse(name, f"has {values.shape[1]} numbers a step, less than a pose and its velocities ({ROOT})")
+        if episode.held and values.dtype.kind == "f" and not np.isfinite(values).all():
+            step = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
+            raise refuse(name, f"is no finite number at step {step}")
+
+
+def _arrays(
+    recording: Recording, steps: int
+) -> Iterator[tuple[str, npt.NDArray[Any], np.dtype[Any], tuple[int | None, ...]]]:
+    """Name, array, type and shape of everything that is recorded."""
+    numbers, truth = np.dtype(np.float32), np.dtype(np.bool_)
+    yield "actions", recording.actions, numbers, (steps, None)
+    yield "obs", recording.obs, numbers, (steps + 1, None)
+    yield "rewards", recording.rewards, numbers, (steps,)
+    for name in ("terminated", "truncated", "success"):
+        yield name, getattr(recording, name), truth, (steps,)
+    for kind, things in recording.env_states.items():
+        if not isinstance(things, dict):
+            yield f"env_states.{kind}", np.asarray(things), numbers, (steps + 1, None)
+            continue
+        for name, values in things.items():
+            yield f"env_states.{kind}.{name}", values, numbers, (steps + 1, None)

@@ -1,0 +1,14 @@
+"""Gymnasium's ids: ``import gensim2.envs`` registers them, as suites of environments do; it brings no simulator.
+
+import gymnasium as gym
+import gensim2.envs
+env = gym.make("GenSim2-OpenDrawer-v1")
+"""
+
+from __future__ import annotations
+
+from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, register_all
+
+__all__ = ["TASK_ENV_ID", "env_id", "make_env", "register_all"]
+
+register_all()

@@ -1,0 +1,275 @@
+"""``gensim2 evaluate``: the benchmark's scenes, verdicts and table for anybody's controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.evaluation.benchmark_table import TaskRow, groups
+from gensim2.evaluation.running import run_episodes
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.controller import is_privileged, spec_of
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.record import Episode
+from gensim2.rollout.recording import Recording
+from gensim2.rollout.run import STOPS, Stop
+from gensim2.scenes.config import SceneArguments
+
+if TYPE_CHECKING:
+    from gensim2.data.runfolder import RunFolder
+    from gensim2.rollout.evaluator import PoolEvaluator
+
+Keep = partial[Episode] | None
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """The table.
+
+    Attributes:
+        run_dir: the run folder.
+        controller: ``target`` and ``arguments`` that it was made with, ``privileged``, and its ``observation`` spec.
+        arguments: what was asked for beside it.
+        versions: of the packages that decide the outcome.
+        rows: one a task.
+        skipped: tasks that could not be run on these objects, with the reason.
+        speeds: episodes a second of wall time in this call, by task; None where all were there.
+        videos: films, by task.
+        cpu_s: CPU of all processes in this call, their start apart.
+    """
+
+    run_dir: str
+    controller: dict[str, Any]
+    arguments: dict[str, Any]
+    versions: dict[str, str]
+    rows: tuple[TaskRow, ...]
+    skipped: dict[str, str]
+    speeds: dict[str, float | None]
+    videos: dict[str, list[str]]
+    cpu_s: float
+
+    @property
+    def held_mean(self) -> float:
+        """Share of episodes that held, each task counted once."""
+        rates = [rate for row in self.rows for rate in row.rates("held")]
+        return sum(rates) / len(rates)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "run_dir": self.run_dir,
+            "controller": self.controller,
+            "arguments": self.arguments,
+            "versions": self.versions,
+            "tasks": [row.to_dict() for row in self.rows],
+            "groups": groups(self.rows),
+            "skipped": self.skipped,
+            "episodes_per_second": self.speeds,
+            "videos": self.videos,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+def evaluate(
+    controller: str | type | ControllerSpec,
+    tasks: str | Sequence[str],
+    *,
+    arguments: Mapping[str, Any] | None = None,
+    data: Path | None = None,
+    stop: Stop = "goal",
+    runs: int = 1,
+    episodes: int = 50,
+    seed: int = 0,
+    videos: int = 0,
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
+) -> EvaluationResult:
+    """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
+
+    Args:
+        controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
+            (docs/controllers.md).
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/.
+        arguments: keywords that it is made with, plain data.
+        data: a rendered data set that it was trained on: observations must be of the same spec.
+        stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second, or
+            at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
+        runs, episodes, seed, out, workers, resume, time_limit, jobs_per_worker, progress, scene: as for
+            :func:`~gensim2.evaluation.benchmark`.
+        videos: episodes of each task that are filmed, where this machine can draw pictures.
+
+    Raises:
+        ControllerError: the controller cannot be made, fails, or gives no action that can be used.
+        InputError: an argument cannot be used.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+    """
+    check_counts(runs=runs, episodes=episodes, workers=workers)
+    check_workers(time_limit, jobs_per_worker)
+    if stop not in STOPS:
+        raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
+    given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
+    spec = ControllerSpec.of(controller, arguments)
+    about = _about(spec, given[0], data)
+    # Only now what takes long to import.
+    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.identity import identity, versions
+
+    options = given[0].scene.options
+    asked = {
+        "seed": seed,
+        "runs": runs,
+        "episodes": episodes,
+        "stop": stop,
+        **options.to_record(),
+        "instances": scene.get("instances", "all"),
+    }
+    with (
+        RunFolder(
+            Path(out) if out is not None else default_run_dir(),
+            {"command": "evaluate", "stored_tasks": [one.spec.name for one in given], **asked, "workers": workers},
+            {**identity(given), "controller": spec.digest, "stop": stop},
+            resume,
+        ) as folder,
+        PoolEvaluator(
+            options,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        rows, speeds, films = [], {}, {}
+        for one in given:
+            files = folder.task(one.spec.name).path
+            found, speeds[one.spec.name] = run_episodes(
+                one.spec,
+                files,
+                evaluator,
+                _episode,
+                partial(_arguments, evaluator.config(one.spec, one.instances), spec, stop, files, videos),
+                runs=runs,
+                episodes=episodes,
+                seed=seed,
+                progress=progress,
+            )
+            folder.add_episodes(given[0].library, found, folder.path / "run.json")
+            folder.save()
+            rows.append(TaskRow(one.spec, runs, tuple(found)))
+            if videos:
+                films[one.spec.name] = _film(one, spec, folder, evaluator, seed, progress)
+        result = EvaluationResult(
+            str(folder.path), about, asked, versions(), tuple(rows), skipped, speeds, films, evaluator.cpu_s
+        )
+        told = result.to_dict()
+        for task in told["tasks"]:
+            del task["records"]  # they stand in the task's folder
+        folder.finish(told)
+    return result
+
+
+def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
+    """What is said of a controller, which is made once before anything starts.
+
+    Raises:
+        InputError: it cannot be made, or looks at something else than its data.
+    """
+    from gensim2.robots import robot
+
+    made = spec.make(given.spec, robot(given.scene.robot))
+    seen = spec_of(made)
+    if data is not None:
+        from gensim2.data.store import DataSet
+
+        seen.require(DataSet.open(Path(data)).observation_spec(), str(data), of=spec.target)
+    return {**spec.to_dict(), "privileged": is_privileged(made), "observation": seen.to_dict()}
+
+
+def _arguments(
+    config: EpisodeConfig, spec: ControllerSpec, stop: Stop, folder: Path, videos: int, index: int, seed: int
+) -> tuple[Any, ...]:
+    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None
+
+
+def _episode(
+    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None
+) -> Episode:
+    """One episode; called in a worker."""
+    from gensim2.rollout import worker
+
+    return worker.evaluate(config, spec, seed, stop, keep)
+
+
+def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:
+    """Keep the states of an episode that is to be filmed; called in a worker."""
+    from gensim2.data.store import TaskStore
+
+    TaskStore(folder).add(index, episode, recording)
+    return episode
+
+
+def _film(
+    given: TaskInput,
+    spec: ControllerSpec,
+    folder: RunFolder,
+    evaluator: PoolEvaluator,
+    seed: int,
+    progress: Progress,
+) -> list[str]:
+    """Film the episodes of a task whose states were kept; where no picture can be made, say so and go on."""
+    from gensim2.data.store import TaskStore
+    from gensim2.data.trajectory import H5_NAME, Provenance, write_trajectory
+    from gensim2.processes import Job
+    from gensim2.rollout.identity import versions
+    from gensim2.sim import rendering
+
+    task, files = given.spec, folder.task(given.spec.name).path
+    kept = {each.index: each for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
+    episodes = [(each.path, each.row.digest) for _, each in sorted(kept.items()) if each.row is not None]
+    if not episodes:
+        return []
+    provenance = Provenance(
+        task=task,
+        strategies={},
+        assets=evaluator.scene.assets,
+        licenses=folder.record.licenses,
+        seed=seed,
+        environment=evaluator.scene.environment,
+        details={"versions": versions()},
+        controller=spec.target,
+    )
+    write_trajectory(files, provenance, episodes)
+    if not rendering.can_render():
+        progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
+        return []
+    films = [files / f"video_{index:06d}.mp4" for index in sorted(kept)]
+    missing = [Job(n, (files / H5_NAME, n, film)) for n, film in enumerate(films) if not film.exists()]
+    progress.start(f"{task.name}: films", len(missing))
+    try:
+        for _ in evaluator.run(_film_episode, missing, f"{task.name}: films"):
+            progress.advance()
+    except GenSim2Error as error:
+        progress.message(f"{task.name}: no video: {error}")
+    return [str(film) for film in films if film.exists()]
+
+
+def _film_episode(trajectory: Path, number: int, video: Path) -> int:
+    """Film an episode and return the number of frames; called in a worker."""
+    from gensim2.data.video import Replay, film
+
+    return film(Replay.stored(trajectory, number), video).frames

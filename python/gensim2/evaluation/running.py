@@ -1,0 +1,53 @@
+"""The episodes of one task in a table: the same scenes whoever acts, each logged as soon as it is finished."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gensim2.progress import Progress
+from gensim2.rollout.record import Episode
+from gensim2.tasks.spec import TaskSpec
+
+if TYPE_CHECKING:
+    from gensim2.rollout.evaluator import PoolEvaluator
+
+
+def run_episodes(
+    task: TaskSpec,
+    folder: Path,
+    evaluator: PoolEvaluator,
+    function: Callable[..., Episode],
+    arguments: Callable[[int, int], tuple[Any, ...]],
+    *,
+    runs: int,
+    episodes: int,
+    seed: int,
+    progress: Progress,
+) -> tuple[list[Episode], float | None]:
+    """All episodes of a task, run after run, and how many a second were run; those that its log holds are not.
+
+    Args:
+        folder: of the task, in which the log lies.
+        function: of :mod:`gensim2.rollout.worker`.
+        arguments: gives those of the function for an episode's index and seed.
+        runs, episodes: how many runs of how many episodes.
+        seed: of the scenes; a benchmark and an evaluation with one seed have the same ones.
+    """
+    from gensim2.data.attempt_log import ATTEMPTS, AttemptLog, LoggedEpisode
+    from gensim2.processes import Job
+    from gensim2.seeding import scene_seeds
+
+    seeds = [each for run in range(runs) for each in scene_seeds(seed, task.name, f"benchmark/{run}", episodes)]
+    log = AttemptLog(folder / ATTEMPTS, seeds)
+    progress.start(task.name, len(seeds))
+    progress.advance(len(log.done))
+    jobs = [Job(i, arguments(i, seeds[i])) for i in range(len(seeds)) if i not in log.done]
+    begin = time.perf_counter()
+    for index, episode in evaluator.run(function, jobs, f"{task.name}: episodes"):
+        log.add(LoggedEpisode.of(episode, index))
+        progress.advance()
+    speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
+    return [entry.episode for entry in log.finish(len(seeds))], speed

@@ -1,0 +1,64 @@
+"""A zip archive of tasks that a stranger may have made."""
+
+from __future__ import annotations
+
+import lzma
+import struct
+import zipfile
+import zlib
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from gensim2.errors import InputError
+from gensim2.foreign.tree import NotRegularError, open_regular
+
+MOST_ARCHIVE = 256 * 2**20  # bytes of the file
+MOST_ENTRIES = 100_000
+
+#: What ``zipfile`` raises of a damaged archive: an unknown method is not implemented, a password is a runtime error.
+DAMAGED = (
+    OSError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    struct.error,
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+    lzma.LZMAError,
+)
+
+
+def open_archive(path: Path) -> zipfile.Path:
+    """Return the folder at the top of an archive.
+
+    Raises:
+        InputError: it is none, is too large, or holds too many entries.
+    """
+    try:
+        with open_regular(path) as stream:
+            stream.seek(0, 2)
+            if stream.tell() > MOST_ARCHIVE:
+                raise NotRegularError(f"it is larger than {MOST_ARCHIVE // 2**20} MiB")
+        archive = zipfile.Path(path)
+    except DAMAGED as error:
+        raise InputError(f"cannot be read as an archive of tasks: {error}", file=path) from error
+    entries = archive.root.infolist()
+    if len(entries) > MOST_ENTRIES:
+        raise InputError(f"holds over {MOST_ENTRIES} entries", file=path, remedy="give an archive of tasks")
+    return archive
+
+
+def read_member(file: Traversable, most: int) -> bytes:
+    """The first ``most`` bytes of a file in an archive.
+
+    Raises:
+        InputError: it is damaged, encrypted, or compressed in an unknown way.
+    """
+    try:
+        with file.open("rb") as stream:
+            return stream.read(most)
+    except DAMAGED as error:
+        remedy = "write the archive anew with `gensim2 tasks export`"
+        raise InputError(f"cannot be read: {error}", file=str(file), remedy=remedy) from error

@@ -1,0 +1,104 @@
+"""What an observation is made of, as one value that data sets, controllers and checkpoints carry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from gensim2.errors import InputError
+from gensim2.observations.cameras import PLACES
+from gensim2.observations.cloud import CloudSettings
+
+Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]
+MODALITIES: tuple[Modality, ...] = get_args(Modality)
+CAMERAS: tuple[str, ...] = tuple(PLACES)
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """What is seen of a scene, beside what every observation holds: time, joints, tool pose, gripper, the sentence.
+
+    Attributes:
+        modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; none of
+            them: the robot's own state alone.
+        cameras: names of those that are used, in the environment's order.
+        cloud: how point clouds are made; its noise is on depth pictures, too.
+    """
+
+    modalities: tuple[Modality, ...] = ("pointcloud",)
+    cameras: tuple[str, ...] = CAMERAS
+    cloud: CloudSettings = field(default_factory=CloudSettings)
+
+    def __post_init__(self) -> None:
+        for name, given, known in (("modalities", self.modalities, MODALITIES), ("cameras", self.cameras, CAMERAS)):
+            unknown = [word for word in given if word not in known]
+            if unknown or len(set(given)) < len(given) or (name == "cameras" and not given):
+                message = f"must be some of {', '.join(known)}, each once, is {', '.join(given) or 'nothing'}"
+                raise InputError(message, field=name)
+            # One spelling of one spec, however it was given.
+            object.__setattr__(self, name, tuple(word for word in known if word in given))
+
+    @property
+    def casts(self) -> bool:
+        """Whether any of it comes from rays."""
+        return bool({"pointcloud", "depth", "segmentation"} & set(self.modalities))
+
+    @property
+    def is_proprioceptive(self) -> bool:
+        """Whether no camera is looked through."""
+        return not self.modalities
+
+    @staticmethod
+    def of(values: ObservationSpec | Mapping[str, Any] | None) -> ObservationSpec:
+        """A spec from plain data, as :meth:`to_dict` gives it; fields of :class:`CloudSettings` may stand in it
+        directly. None: the default.
+
+        Raises:
+            InputError: there is no such setting, or it cannot be so.
+        """
+        if isinstance(values, ObservationSpec):
+            return values
+        if not isinstance(values, Mapping | None):
+            raise InputError(f"must be a mapping, is {values!r}", field="observation")
+        given = dict(values or {})
+        found: dict[str, Any] = {}
+        for name in ("modalities", "cameras"):
+            if name in given:
+                words = given.pop(name)
+                found[name] = (words,) if isinstance(words, str) else tuple(words)
+        cloud = given.pop("cloud", None)
+        if isinstance(cloud, CloudSettings) and not given:
+            return ObservationSpec(**found, cloud=cloud)
+        if not isinstance(cloud, Mapping | None):
+            raise InputError(f"must be a mapping, is {cloud!r}", field="observation.cloud")
+        return ObservationSpec(**found, cloud=CloudSettings.of({**(cloud or {}), **given}))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {"modalities": list(self.modalities), "cameras": list(self.cameras), "cloud": self.cloud.to_dict()}
+
+    def require(self, other: ObservationSpec, what: str, *, of: str) -> None:
+        """Refuse to use with one spec what goes by another.
+
+        Args:
+            other: the spec that must be this one.
+            what: goes by ``other``, for the message.
+            of: what goes by this one.
+
+        Raises:
+            InputError: names the first field that differs, and both values.
+        """
+        mine, theirs = _flat(self.to_dict()), _flat(other.to_dict())
+        for name in mine:
+            if mine[name] != theirs[name]:
+                raise InputError(
+                    f"{what} has {theirs[name]!r}, {of} has {mine[name]!r}",
+                    field=f"observation.{name}",
+                    remedy="observe both alike",
+                )
+
+
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    cloud = {f"cloud.{name}": value for name, value in values["cloud"].items()}
+    return {name: value for name, value in values.items() if name != "cloud"} | cloud

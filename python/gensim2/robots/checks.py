@@ -1,0 +1,118 @@
+"""Whether a profile says what its URDF says: told before anything is built of it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from math import isclose
+from typing import Protocol
+
+import numpy as np
+
+from gensim2.errors import InputError
+from gensim2.robots.profile import RobotProfile
+
+KEYPOINTS = ("tool_head", "tool_tail", "tool_side")
+NEAR = 1e-6
+
+
+class Refuse(Protocol):
+    """Makes an error about a field of the profile."""
+
+    def __call__(self, field: str, message: str, remedy: str | None = None) -> InputError: ...
+
+
+def check_profile(profile: RobotProfile, where: str) -> None:
+    """Refuse a profile that contradicts itself or its URDF.
+
+    Args:
+        where: file or module of the profile, for the message.
+
+    Raises:
+        InputError: names the field of the profile.
+    """
+
+    def refuse(field: str, message: str, remedy: str | None = None) -> InputError:
+        return InputError(message, file=where, field=f"{profile.name}.{field}", remedy=remedy)
+
+    rates = profile.simulation.physics_hz, profile.control_hz
+    if min(rates) <= 0 or rates[0] % rates[1]:
+        raise refuse("control_hz", f"physics at {rates[0]} Hz is no multiple of control at {rates[1]} Hz")
+    if not isclose(sum(each * each for each in profile.base_quaternion), 1.0, abs_tol=NEAR):
+        raise refuse("base_quaternion", f"must be a unit quaternion (w, x, y, z), is {profile.base_quaternion}")
+    missing = [name for name in KEYPOINTS if name not in profile.tool_keypoints]
+    if missing:
+        raise refuse("tool_keypoints", f"there is no {missing[0]}")
+    for point in profile.tool_keypoints.values():
+        if np.shape(point) != (3,) or not np.isfinite(point).all():
+            raise refuse("tool_keypoints", "each must be three finite numbers, m in the hand frame")
+    if len(profile.arm_drives) != len(profile.arm_joints):
+        raise refuse("simulation.arm", f"has {len(profile.arm_drives)} drives for {len(profile.arm_joints)} arm joints")
+    _check_gripper(profile, refuse)
+    _check_joints(profile, refuse)
+
+
+def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
+    gripper = profile.gripper
+    named = {"driven": gripper.driven, "fingers": gripper.fingers, "mimics": gripper.mimics, "passive": gripper.passive}
+    for field, names in named.items():
+        unknown = [name for name in names if name not in gripper.joints]
+        if unknown:
+            raise refuse(f"gripper.{field}", f"{unknown[0]!r} is none of gripper.joints")
+    for name in gripper.joints:
+        kinds = [field for field in ("driven", "mimics", "passive") if name in named[field]]
+        if len(kinds) != 1:
+            said = " and ".join(kinds) or "neither driven, mimicking nor passive"
+            raise refuse("gripper.joints", f"{name!r} is {said}; it must be one of the three")
+    if not gripper.widest > 0.0:
+        raise refuse("gripper.widest", "the pads must open")
+    for name, mimic in gripper.mimics.items():
+        if mimic.joint not in gripper.driven or mimic.multiplier == 0.0:
+            raise refuse("gripper.mimics", f"{name!r} must follow a driven joint by a multiplier that is not 0")
+
+
+def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
+    model, gripper = profile.model, profile.gripper
+    expected = [*profile.arm_joints, *gripper.joints]
+    if model.joint_names != expected:
+        raise refuse(
+            "arm_joints",
+            f"with gripper.joints gives {', '.join(expected)}, but the URDF moves {', '.join(model.joint_names)}",
+            "list all moving joints in the URDF's order, the arm's first; make others fixed",
+        )
+    for field, link in (("hand_link", profile.hand_link), ("tool_link", profile.tool_link)):
+        if link not in model.link_names:
+            raise refuse(field, f"the URDF has no link {link!r}")
+    missing = [link for link in gripper.pads if link not in model.link_names]
+    if missing:
+        raise refuse("gripper.pads", f"the URDF has no link {missing[0]!r}")
+    q = np.asarray(profile.reset_qpos, dtype=np.float64)
+    if q.shape != (len(expected),):
+        raise refuse("reset_qpos", f"has {q.size} values for {len(expected)} joints")
+    outside = [
+        name
+        for name, value, low, high in zip(expected, q, model.lower, model.upper, strict=True)
+        if not low - 1e-4 <= value <= high + 1e-4
+    ]
+    if outside:
+        raise refuse("reset_qpos", f"takes {outside[0]} beyond its limits")
+    _check_mimics(profile, refuse)
+
+
+def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
+    """What does not move by itself follows in the URDF, too: planning knows of the URDF only."""
+    root = ET.parse(profile.urdf).getroot()
+    elements = {str(joint.get("name")): joint.find("mimic") for joint in root.findall("joint")}
+    remedy = "give the joint a <mimic> element with these numbers"
+    for name, mimic in profile.gripper.mimics.items():
+        said = elements[name]
+        if said is None or (said.get("joint"), float(said.get("multiplier", 1)), float(said.get("offset", 0))) != (
+            mimic.joint,
+            mimic.multiplier,
+            mimic.offset,
+        ):
+            raise refuse("gripper.mimics", f"the URDF says otherwise of {name!r} than {mimic}", remedy)
+    for name in profile.gripper.passive:
+        said = elements[name]
+        if said is None or float(said.get("multiplier", 1)) != 0.0:
+            remedy = f'give it <mimic joint="{profile.gripper.driven[0]}" multiplier="0"/>'
+            raise refuse("gripper.passive", f"the URDF lets {name!r} move by itself", remedy)

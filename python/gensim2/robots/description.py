@@ -1,0 +1,104 @@
+"""URDFs put together: an arm of one file and a hand of another, stored where simulator and planner read them."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+from gensim2.errors import InputError
+from gensim2.files import cache_dir, write_atomic
+from gensim2.robots.profile import RobotFiles
+
+
+def read_description(urdf: Path) -> ET.Element:
+    """Read a URDF, its meshes named by absolute paths.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        root = ET.parse(urdf).getroot()
+    except (OSError, ET.ParseError) as error:
+        raise InputError(f"cannot be read: {error}", file=urdf) from error
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(urdf.parent.absolute() / str(mesh.get("filename"))))
+    return root
+
+
+def mounted(
+    arm: ET.Element,
+    flange: str,
+    hand: ET.Element,
+    palm: str,
+    *,
+    xyz: Sequence[float] = (0.0, 0.0, 0.0),
+    rpy: Sequence[float] = (0.0, 0.0, 0.0),
+) -> ET.Element:
+    """Return an arm with a hand: ``palm`` and all that hangs on it, fixed to the arm's ``flange``.
+
+    Args:
+        arm, hand: as :func:`read_description` gives them; neither is changed.
+        flange: link of the arm.
+        palm: link of the hand's URDF; what carries it there is left out.
+        xyz, rpy: of the palm in the flange's frame, m and rad.
+
+    Raises:
+        InputError: there is no such link, or both have a link or a joint of one name.
+    """
+    root = copy.deepcopy(arm)
+    for element, link in ((root, flange), (hand, palm)):
+        if link not in _links(element):
+            raise InputError(f"the URDF {element.get('name')!r} has no link {link!r}", field="link")
+    names = {palm}
+    for joint in (joints := hand.findall("joint")) * len(joints):  # whatever their order in the file
+        if _end(joint, "parent") in names:
+            names.add(_end(joint, "child"))
+    hanging = [joint for joint in joints if _end(joint, "parent") in names]
+    there = _links(root) | {str(joint.get("name")) for joint in root.findall("joint")}
+    twice = sorted((names | {str(joint.get("name")) for joint in hanging}) & there)
+    if twice:
+        raise InputError(f"arm and hand both have {twice[0]!r}", field="name", remedy="rename one")
+    for material in hand.findall("material"):
+        root.append(copy.deepcopy(material))
+    mount = ET.SubElement(root, "joint", name=f"{palm}_mount", type="fixed")
+    ET.SubElement(mount, "origin", xyz=" ".join(map(repr, xyz)), rpy=" ".join(map(repr, rpy)))
+    ET.SubElement(mount, "parent", link=flange)
+    ET.SubElement(mount, "child", link=palm)
+    root.extend(copy.deepcopy(link) for link in hand.findall("link") if link.get("name") in names)
+    root.extend(copy.deepcopy(joint) for joint in hanging)
+    return root
+
+
+def touching_neighbours(root: ET.Element, *pairs: tuple[str, str]) -> str:
+    """Return the SRDF of a URDF: links that a joint connects never collide, nor do those of ``pairs``."""
+    srdf = ET.Element("robot", name=str(root.get("name")))
+    joined = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.findall("joint")]
+    for one, other in (*joined, *pairs):
+        ET.SubElement(srdf, "disable_collisions", link1=one, link2=other, reason="Default")  # SAPIEN reads no other
+    return ET.tostring(srdf, encoding="unicode")
+
+
+def stored(name: str, urdf: ET.Element | str, srdf: str) -> RobotFiles:
+    """Write a description into the user's cache folder, under the digest of its content.
+
+    Raises:
+        InputError: the cache folder cannot be written to.
+    """
+    text = urdf if isinstance(urdf, str) else ET.tostring(urdf, encoding="unicode")
+    folder = cache_dir() / "robots" / hashlib.sha256((text + srdf).encode()).hexdigest()[:16]
+    files = RobotFiles(folder / f"{name}.urdf", folder / f"{name}.srdf")
+    for path, content in ((files.urdf, text), (files.srdf, srdf)):
+        if not path.is_file() or path.read_text() != content:
+            write_atomic(path, content)
+    return files
+
+
+def _links(root: ET.Element) -> set[str]:
+    return {str(link.get("name")) for link in root.findall("link")}
+
+
+def _end(joint: ET.Element, end: str) -> str:
+    return next(str(element.get("link")) for element in joint.findall(end))

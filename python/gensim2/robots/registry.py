@@ -1,0 +1,227 @@
+"""Robots by name: those of the package, those that a program registers, those that a file describes."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import socket
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.robots.checks import check_profile
+from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
+
+Maker = Callable[[], RobotProfile]
+_Made = TypeVar("_Made", bound=Maker)
+
+PACKAGED = {"panda": "gensim2.robots.panda:panda", "fetch": "gensim2.robots.fetch:fetch"}
+"""Where each robot of the package is made."""
+
+_registered: dict[str, str] = {}
+"""Names that this process knows besides, each with where its robot is made: what other processes are told."""
+
+_made_by: dict[str, Maker] = {}
+"""What was registered, by where it is made."""
+
+_loading: list[list[str]] = []
+"""Names that were registered by the files being loaded, innermost last."""
+
+
+def register_robot(make: _Made) -> _Made:
+    """Make a robot known under the name of the function that makes its profile; usable as a decorator.
+
+    Worker processes are told where the function stands, and load that file or module: it must be a function of a
+    module's own level, and the module must do nothing else when it is loaded (``if __name__ == "__main__"``).
+
+    Args:
+        make: takes nothing and returns the profile.
+
+    Returns:
+        The same function.
+
+    Raises:
+        InputError: it is no such function, or its name is that of another robot.
+    """
+    name = getattr(make, "__name__", "")
+    if not callable(make) or not name.isidentifier() or make.__qualname__ != name:
+        raise InputError(
+            "must be a function of a module's own level that returns a RobotProfile", field="register_robot"
+        )
+    place = _place_of(make)
+    known = PACKAGED.get(name, _registered.get(name, place))
+    if known != place:
+        raise InputError(
+            f"there is a robot {name!r} already ({known})", file=place, field="register_robot", remedy="rename it"
+        )
+    _registered[name], _made_by[place] = place, make
+    if _loading:
+        _loading[-1].append(name)
+    return make
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that are known in this process."""
+    return (*PACKAGED, *_registered)
+
+
+def robot_key(name: str) -> str:
+    """Name by which any process finds the robot: as it is for one of the package, else where its profile is made.
+
+    Raises:
+        InputError: there is no such robot.
+    """
+    if name in PACKAGED:
+        return name
+    if name in _registered:
+        return _registered[name]
+    file, _, function = _parted(name)
+    if file is not None:
+        key = f"{file.absolute()}:{function}" if function else str(file.absolute())
+        robot(key)
+        return key
+    robot(name)
+    return name
+
+
+def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
+    """Return the profile of a robot, the same one at every call.
+
+    Args:
+        name: of the package's, or registered; or the path of a Python file that registers one robot
+            (``"my_arm.py"``), or one of several (``"my_arm.py:left"``); or ``"module:function"``.
+
+    Raises:
+        InputError: there is no such robot, or its file or its profile cannot be used.
+    """
+    return _robot(PACKAGED.get(name, _registered.get(name, name)))
+
+
+@cache
+def _robot(place: str) -> RobotProfile:
+    file, module, function = _parted(place)
+    if file is not None:
+        make, where = _from_file(file, function), str(file)
+    elif module:
+        make, where = _from_module(module, function), module
+    else:
+        raise InputError(
+            f"no robot {place!r}",
+            field="robot",
+            remedy=f"one of {', '.join(robot_names())}, or the path of a Python file that registers one",
+        )
+    profile = _called(make, where)
+    if not isinstance(profile, RobotProfile):
+        raise InputError(f"{make.__name__}() returns no RobotProfile but {profile!r:.80}", file=where, field="robot")
+    check_profile(profile, where)
+    return profile
+
+
+def _parted(place: str) -> tuple[Path | None, str, str]:
+    """File or module, and function, of where a robot is made; function is empty where a file registers only one."""
+    path, _, function = place.rpartition(":")
+    if place.endswith(".py"):
+        return Path(place), "", ""
+    if path.endswith(".py"):
+        return Path(path), "", function
+    return None, path, function
+
+
+def _place_of(make: Maker) -> str:
+    module = sys.modules.get(make.__module__)
+    if make.__module__ != "__main__" and not make.__module__.startswith(_PREFIX) and module is not None:
+        return f"{make.__module__}:{make.__name__}"
+    try:
+        file = inspect.getsourcefile(make)
+    except TypeError:
+        file = None
+    if file is None or not Path(file).is_file():
+        raise InputError(
+            f"{make.__name__} stands in no file, so no worker process could load it",
+            field="register_robot",
+            remedy="put it into a Python file",
+        )
+    return f"{Path(file).absolute()}:{make.__name__}"
+
+
+_PREFIX = "_gensim2_robot_"
+
+
+def _from_file(file: Path, function: str) -> Maker:
+    place = f"{file.absolute()}:{function}"
+    if function and place in _made_by:
+        return _made_by[place]
+    if not file.is_file():
+        raise InputError(
+            f"no such file on this machine ({socket.gethostname()})",
+            file=file,
+            field="robot",
+            remedy="a robot's file must lie under the same path on every machine of a run, or be a module that is "
+            "installed there (module:function)",
+        )
+    digest = hashlib.sha256(str(file.absolute()).encode()).hexdigest()[:16]
+    spec = importlib.util.spec_from_file_location(_PREFIX + digest, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # so that what it defines pickles within the process
+    _loading.append([])
+    try:
+        spec.loader.exec_module(module)
+    except GenSim2Error:
+        raise
+    except Exception as error:
+        raise InputError(f"cannot be loaded: {_told(error, file)}", file=file, field="robot") from error
+    finally:
+        names = _loading.pop()
+    found = [name for name in names if not function or name == function]
+    if len(found) != 1:
+        there = f"registers {', '.join(names)}" if names else "registers no robot"
+        remedy = (
+            f"name one: {file}:{names[0]}"
+            if names
+            else "decorate a function that returns a RobotProfile with @gensim2.register_robot"
+        )
+        raise InputError(there, file=file, field="robot", remedy=remedy)
+    return _made_by[_registered[found[0]]]
+
+
+def _from_module(module: str, function: str) -> Maker:
+    try:
+        found: Any = getattr(importlib.import_module(module), function)
+    except Exception as error:
+        raise InputError(
+            f"no robot {function!r} in the module {module!r}: {error}",
+            field="robot",
+            remedy="it must be installed wherever workers run",
+        ) from error
+    if not callable(found):
+        raise InputError(f"{module}:{function} is no function", field="robot")
+    make: Maker = found
+    return make
+
+
+def _called(make: Maker, where: str) -> object:
+    try:
+        return make()
+    except GenSim2Error:
+        raise
+    except Exception as error:
+        raise InputError(f"{make.__name__}() raises {_told(error, where)}", file=where, field="robot") from error
+
+
+def _told(error: Exception, file: Path | str) -> str:
+    """An exception in a user's file: its type, its words, and the last line of that file that it came through."""
+    line, trace = None, error.__traceback__
+    while trace is not None:
+        if Path(trace.tb_frame.f_code.co_filename).name == Path(file).name:
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    if isinstance(error, SyntaxError):
+        line = error.lineno
+    return f"{type(error).__name__}: {error}" + ("" if line is None else f" (line {line})")

@@ -1,0 +1,154 @@
+"""Controllers by name: a value that travels to workers and makes a controller there."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.robots import RobotProfile
+from gensim2.rollout.controller import Controller, is_privileged
+from gensim2.tasks.spec import TaskSpec
+
+CHAIN = "gensim2.rollout.chain:ChainController"
+"""The planner's: a plan's chain of steps."""
+
+_REMEDY = "give module:Class or FILE.py:Class"
+
+
+class ControllerError(InputError):
+    """A controller that is not ours cannot be loaded, fails, or gives no action that can be used."""
+
+
+@dataclass(frozen=True)
+class ControllerSpec:
+    """How a controller is made, wherever it is to run.
+
+    Attributes:
+        target: ``module:Class``, or ``FILE.py:Class``.
+        arguments: keywords that it is made with, plain data.
+    """
+
+    target: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def of(given: str | type | ControllerSpec, arguments: Mapping[str, Any] | None = None) -> ControllerSpec:
+        """A spec from a name, or from a class that another process can import.
+
+        Raises:
+            ControllerError: it is neither, or the arguments are no plain data.
+        """
+        if isinstance(given, ControllerSpec):
+            return replace(given, arguments={**given.arguments, **(arguments or {})})
+        spec = ControllerSpec(given if isinstance(given, str) else _name_of(given), dict(arguments or {}))
+        _parts(spec.target)
+        try:
+            json.dumps(spec.arguments, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ControllerError(f"must be plain data: {error}", file=spec.target, field="arguments") from error
+        return spec
+
+    def load(self) -> type:
+        """The class.
+
+        Raises:
+            ControllerError: there is none, or its module cannot be imported.
+        """
+        where, name = _parts(self.target)
+        module = _module(where, self.target)
+        found = getattr(module, name, None)
+        if not isinstance(found, type):
+            raise ControllerError(f"has no class {name!r}", file=where, remedy=_REMEDY)
+        for method in ("reset", "act"):
+            if not callable(getattr(found, method, None)):
+                raise ControllerError(f"has no method {method!r}", file=self.target, remedy="see docs/controllers.md")
+        return found
+
+    def make(self, task: TaskSpec, profile: RobotProfile) -> Controller:
+        """A controller; a privileged one knows the task and the robot.
+
+        Raises:
+            ControllerError: it cannot be made with these arguments.
+        """
+        kind = self.load()
+        beside: dict[str, Any] = {"task": task, "profile": profile} if is_privileged(kind) else {}
+        try:
+            controller: Controller = kind(**beside, **self.arguments)
+        except (InputError, MissingExtraError, MemoryError):
+            raise
+        except Exception as error:
+            message = f"cannot be made: {type(error).__name__}: {error}"
+            raise ControllerError(message, file=self.target, field="arguments") from error
+        return controller
+
+    @property
+    def digest(self) -> str:
+        """Of the name, the arguments and the source: a run that is gone on with must have the same."""
+        where, _ = _parts(self.target)
+        source = getattr(_module(where, self.target), "__file__", None)
+        found = hashlib.sha256(json.dumps([self.target, self.arguments], sort_keys=True).encode())
+        found.update(Path(source).read_bytes() if source is not None else b"")
+        return found.hexdigest()[:16]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {"target": self.target, "arguments": dict(self.arguments)}
+
+
+def _parts(target: str) -> tuple[str, str]:
+    where, _, name = target.rpartition(":")
+    if not where or not name.isidentifier():
+        raise ControllerError("names no controller", field=target, remedy=_REMEDY)
+    return where, name
+
+
+def _name_of(kind: type) -> str:
+    if "<locals>" in kind.__qualname__:
+        raise ControllerError("is defined inside a function: no worker can import it", field=kind.__qualname__)
+    if kind.__module__ == "__main__":
+        file = getattr(sys.modules["__main__"], "__file__", None)
+        if file is None:
+            raise ControllerError("is not in a file: no worker can import it", field=kind.__qualname__)
+        return f"{Path(file).resolve()}:{kind.__name__}"
+    return f"{kind.__module__}:{kind.__name__}"
+
+
+def _module(where: str, target: str) -> ModuleType:
+    try:
+        return _of_file(Path(where)) if where.endswith(".py") else importlib.import_module(where)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise ControllerError(f"cannot be imported: {type(error).__name__}: {error}", file=target) from error
+
+
+def _of_file(path: Path) -> ModuleType:
+    """The module in a file, imported once a process; its folder is searched for what it imports."""
+    path = path.resolve()
+    if not path.is_file():
+        raise ControllerError("there is no such file", file=path, remedy=_REMEDY)
+    name = f"gensim2_controller_{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    found = importlib.util.spec_from_file_location(name, path)
+    assert found is not None
+    assert found.loader is not None
+    module = importlib.util.module_from_spec(found)
+    sys.modules[name] = module
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    try:
+        found.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

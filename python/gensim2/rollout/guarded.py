@@ -1,0 +1,99 @@
+"""A controller that is not ours, held to its contract: what it does wrong is one line that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gensim2.errors import MissingExtraError
+from gensim2.observations import Observation
+from gensim2.robots import RobotProfile
+from gensim2.rollout.controller import (
+    Action,
+    Controller,
+    Event,
+    Reference,
+    events_of,
+    history_of,
+    is_privileged,
+    reference_of,
+    turn_of,
+)
+from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
+from gensim2.rollout.record import StepRecord
+
+
+class Guarded:
+    """Passes on what a controller says, and refuses what no robot can do.
+
+    Args:
+        controller: decides.
+        spec: how it was made.
+        profile: of the robot.
+        episode: which it is, for messages.
+    """
+
+    def __init__(self, controller: Controller, spec: ControllerSpec, profile: RobotProfile, episode: str) -> None:
+        self._controller, self._target, self._episode = controller, spec.target, episode
+        self._size = profile.action_size
+        self.privileged = is_privileged(controller)
+        self.observation_spec = getattr(controller, "observation_spec", None)
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode.
+
+        Raises:
+            ControllerError: the controller fails.
+        """
+        try:
+            self._controller.reset(observation, seed)
+        except (MissingExtraError, MemoryError):
+            raise
+        except Exception as error:
+            raise self._error(f"{type(error).__name__}: {error}", "reset") from error
+
+    def act(self, observation: Observation) -> Action | None:
+        """The next action, finite and of the robot's size; None: done.
+
+        Raises:
+            ControllerError: the controller fails, or gives something else.
+        """
+        where = f"act at step {observation.step}"
+        try:
+            given = self._controller.act(observation)
+            action = None if given is None else np.asarray(given, dtype=np.float32)
+        except (MissingExtraError, MemoryError):
+            raise
+        except Exception as error:
+            raise self._error(f"{type(error).__name__}: {error}", where) from error
+        if action is None:
+            return None
+        if action.shape != (self._size,):
+            raise self._error(f"an action must be ({self._size},), is {action.shape}", where)
+        if not np.isfinite(action).all():
+            raise self._error("an action must be finite, holds NaN or infinity", where)
+        return action
+
+    @property
+    def reference(self) -> Reference | None:
+        """The controller's."""
+        return reference_of(self._controller)
+
+    @property
+    def turn(self) -> str | None:
+        """The controller's."""
+        return turn_of(self._controller)
+
+    @property
+    def history(self) -> Sequence[StepRecord]:
+        """The controller's."""
+        return history_of(self._controller)
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """The controller's."""
+        return events_of(self._controller)
+
+    def _error(self, message: str, where: str) -> ControllerError:
+        return ControllerError(message, file=self._target, field=f"{self._episode}: {where}")

@@ -1,0 +1,65 @@
+"""The gripper of a robot in a scene: what follows a motor, and what nothing moves."""
+
+from __future__ import annotations
+
+import numpy as np
+from sapien import physx
+
+from gensim2.errors import InputError
+from gensim2.robots import JointDrive, RobotProfile
+
+
+class Transmission:
+    """Joints of a gripper without motors, whoever built the robot: followers are driven to where what they follow is.
+
+    PhysX's own coupling, fixed tendons, adds positions of joints in rad and m along one chain; here a follower is a
+    drive of its own, whose target is set before each physics step. Passive joints are springs to 0.
+
+    Args:
+        robot: as it was built.
+        profile: of the robot.
+    """
+
+    def __init__(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
+        gripper, simulation = profile.gripper, profile.simulation
+        self._robot = robot
+        joints = robot_joints(robot, profile)
+        columns = {name: index for index, name in enumerate(joints)}
+        self._follow = []
+        for name, mimic in gripper.mimics.items():
+            _drive(joints[name], simulation.mimic)
+            self._follow.append((joints[name], columns[mimic.joint], mimic.multiplier, mimic.offset))
+        for name in gripper.passive:
+            _drive(joints[name], simulation.passive)
+
+    def before_substep(self) -> None:
+        """Set the followers' targets to where their motors are."""
+        if not self._follow:
+            return
+        q = self._robot.qpos
+        for joint, source, multiplier, offset in self._follow:
+            joint.drive_target = np.array([multiplier * q[source] + offset], dtype=np.float32)
+
+
+def robot_joints(robot: physx.PhysxArticulation, profile: RobotProfile) -> dict[str, physx.PhysxArticulationJoint]:
+    """Active joints by the names of the URDF, in order.
+
+    Raises:
+        InputError: the physics engine has them in another order than the profile.
+    """
+    names, built = (*profile.arm_joints, *profile.gripper.joints), robot.active_joints
+    # ManiSkill puts the scene's and the robot's name before a joint's.
+    if len(names) != len(built) or not all(joint.name.endswith(name) for name, joint in zip(names, built, strict=True)):
+        raise InputError(
+            f"SAPIEN has the joints {', '.join(joint.name for joint in built)}",
+            file=profile.urdf,
+            field="arm_joints",
+            remedy="write the URDF's joints breadth first: those nearer to the base before those that hang on them",
+        )
+    return dict(zip(names, built, strict=True))
+
+
+def _drive(joint: physx.PhysxArticulationJoint, drive: JointDrive) -> None:
+    joint.set_drive_properties(drive.stiffness, drive.damping, force_limit=drive.force_limit, mode="force")
+    joint.set_drive_target(0.0)
+    joint.set_friction(0.0)

@@ -1,0 +1,77 @@
+"""A task made by hand is verified and added, or refused with the reason; episodes are made up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import fake_world
+import pytest
+
+from gensim2.cli.main import run
+from gensim2.objects import open_library
+from gensim2.rollout import worker
+from gensim2.tasks.library import load_strategies, load_task
+from gensim2.yaml_files import dump_yaml
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A task of the package under another name, with another goal, as somebody would write it."""
+    task = load_task("OpenBox").model_dump(mode="json", exclude_none=True, by_alias=True)
+    made = tmp_path / "mine"
+    (made / "strategies").mkdir(parents=True)
+    step = {**task["steps"][0], "done": [{"type": "articulated_between", "object": "box", "low": 0.55, "high": 0.75}]}
+    if "box" not in task["objects"]:
+        step["done"][0]["object"] = next(iter(task["objects"]))
+    task |= {"name": "OpenMyBoxABit", "description": "open my box a bit", "steps": [step]}
+    task.pop("provenance", None)
+    task.pop("goal", None)
+    (made / "task.yaml").write_text(dump_yaml(task))
+    for name, data in load_strategies("OpenBox").items():
+        (made / "strategies" / f"{name}.yaml").write_text(dump_yaml(dict(data)))
+    return made
+
+
+def made_up(monkeypatch: pytest.MonkeyPatch, held: int) -> None:
+    """Let the first ``held`` of each 20 episodes hold."""
+    count = iter(range(10_000))
+
+    def episode(config: Any, strategies: Any, seed: int) -> Any:
+        thing = next(iter(config.task.objects.values()))
+        model = open_library("builtin").load(thing.asset_class, "0")
+        return fake_world.episode_of(config.task, seed, held=next(count) % 20 < held, content_hash=model.content_hash)
+
+    monkeypatch.setattr(worker, "prepare", lambda scene: None)
+    monkeypatch.setattr(worker, "episode", episode)
+
+
+@pytest.mark.parametrize(("held", "code"), [(20, 0), (11, 2)])
+def test_it_is_verified_and_added_or_refused(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], held: int, code: int
+) -> None:
+    from functools import partial
+
+    import gensim2.design.adding as adding
+
+    made_up(monkeypatch, held)
+    monkeypatch.setattr(adding, "add_task", partial(_here, adding.add_task))
+    words = ["tasks", "add", str(folder), "--assets", "builtin", "--library", str(tmp_path / "library")]
+    assert run(words) == code
+    out, err = capsys.readouterr()
+    added = tmp_path / "library" / "OpenMyBoxABit"
+    if code == 0:
+        assert "OpenMyBoxABit" in out
+        told = (added / "task.yaml").read_text()
+        assert "origin: hand" in told
+        assert "held: 20" in told
+        assert json.loads((added / "added.json").read_text())
+        assert run(words) == 0, "the very same again changes nothing"
+    else:
+        assert "11 of 20 fresh episodes held" in err
+        assert not added.exists()
+
+
+def _here(add: Any, folder: Path, **given: Any) -> Any:
+    return add(folder, **{**given, "workers": 0})

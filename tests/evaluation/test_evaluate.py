@@ -1,0 +1,65 @@
+"""``gensim2 evaluate``: anybody's controller on the benchmark's scenes, by the benchmark's table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import gensim2
+from gensim2.cli.main import run
+from gensim2.errors import InputError
+from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
+from gensim2.rollout.worker import chain
+from gensim2.tasks.library import load_strategies
+
+CONTROLLERS = Path(__file__).parents[1] / "rollout" / "controllers.py"
+
+
+def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    common = ["evaluate", "CloseBox", "--assets", "builtin", "--episodes", "2", "--workers", "1"]
+    told = tmp_path / "told.json"
+    words = ["--controller", f"{CONTROLLERS}:Looks", "--out", str(tmp_path / "run"), "--json", str(told)]
+    assert run([*common, *words]) == 0
+    (task,) = (found := json.loads(told.read_text()))["tasks"]
+    assert (task["name"], task["episodes"], task["held_mean"]) == ("CloseBox", 2, 0.0)
+    assert len(task["held_interval"]) == 2
+    assert len(task["records"]) == 2
+    assert found["controller"]["observation"]["cloud"]["points"] == 64
+    assert found["controller"]["privileged"] is False
+    assert found["arguments"]["stop"] == "goal"
+    assert run([*common, *words, "--resume"]) == 0
+    words[1] = f"{CONTROLLERS}:Rest"
+    assert run([*common, *words, "--resume"]) == 2
+    assert "controller" in capfd.readouterr().err
+    assert run([*common, "--controller", f"{CONTROLLERS}:Nan", "--out", str(tmp_path / "nan")]) == 2
+    (line,) = [each for each in capfd.readouterr().err.splitlines() if each.startswith("gensim2:")]
+    assert "Nan: CloseBox, seed " in line
+    assert "must be finite" in line
+
+
+def test_the_planner_is_one_of_them_on_the_scenes_of_the_benchmark(tmp_path: Path) -> None:
+    common = {"episodes": 2, "runs": 1, "assets": "builtin", "workers": 1}
+    spec: ControllerSpec = chain(load_strategies("CloseBox"))
+    mine = gensim2.evaluate(spec, "CloseBox", stop="controller", out=tmp_path / "mine", **common)  # type: ignore[arg-type]
+    theirs = gensim2.benchmark(["CloseBox"], out=tmp_path / "theirs", **common)  # type: ignore[arg-type]
+    assert mine.rows[0].episodes == theirs.rows[0].episodes
+    assert mine.controller["privileged"]
+
+
+def test_what_cannot_be_evaluated_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    for given, words in (
+        ({"controller": f"{CONTROLLERS}:Nobody"}, "has no class"),
+        ({"arguments": {"minutes": 3}}, "cannot be made"),
+        ({"stop": "never"}, "no way to stop"),
+        ({"data": tmp_path}, "dataset.json"),
+    ):
+        arguments = {"controller": f"{CONTROLLERS}:Rest", "tasks": "CloseBox", "assets": "builtin", **given}
+        with pytest.raises(InputError, match=words):
+            gensim2.evaluate(out=tmp_path / "out", **arguments)  # type: ignore[arg-type]
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(ControllerError, match="inside a function"):
+        gensim2.evaluate(type("Local", (), {"__qualname__": "f.<locals>.Local"}), "CloseBox", assets="builtin")

@@ -1,0 +1,499 @@
+"""Damage to exports, drawn by a seed, and what the importers make of it.
+
+``python tests/fuzz/exports.py --inputs 10000 --commands 100`` damages exports of the three formats (bits, structure,
+links, sizes) and imports each in a process of its own, the last through the command line. One is either accepted, and
+then the same as the undamaged export (or, where its manifest was made anew or removed, a data set that reads back
+whole), or refused in one line; within 5 s of CPU, in 1 GiB of memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+from mutate import LONGEST_MESSAGE, damaged
+
+from gensim2.data import collect
+from gensim2.data.formats.columns import camera_array
+from gensim2.data.formats.export import NATIVE, export
+from gensim2.data.formats.importing import PRELOAD, read_export
+from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format, write_manifest
+from gensim2.data.formats.native import read_back
+from gensim2.data.observation_file import write_observation
+from gensim2.data.store import DataSet
+from gensim2.errors import InputError
+from gensim2.foreign.process import FRUGAL, Bounds, isolated
+from gensim2.progress import NULL_PROGRESS
+from gensim2.sealed_file import HEADER_SIZE, Seal
+
+SLOWEST = 5.0  # s of CPU
+HANGS = 60.0  # s by the clock: other work may hold the machine up
+MEMORY = 2**30
+
+PIXELS, POINTS = 8, 16
+
+#: How an export is told of its damage: not at all, by a manifest made anew, or by none, as older ones.
+MANIFESTS = ("kept", "made anew", "removed")
+
+
+#: What no export may lead to; nothing writes to it.
+OUTSIDE = Path(tempfile.gettempdir()) / "gensim2-fuzz-outside"
+
+#: Imported once for all processes; this module, too, which holds the function that they run.
+MODULES = ("__main__", *PRELOAD, "pyarrow.parquet")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a data set."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def good_exports(folder: Path) -> dict[Format, Path]:
+    """Exports of six episodes of two tasks in a made-up world, with clouds, pictures and depth."""
+    sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("kill", "pipeline")]
+    import fake_world
+
+    fake_world.install()
+    fake_world.EPISODE_SECONDS = 0.0
+    source = folder / "set"
+    collect(("OpenDrawer", "CloseBox"), episodes=4, seed=3, workers=0, assets="builtin", out=source)
+    dataset = DataSet.open(source)
+    draw = np.random.default_rng(0)
+    for name in dataset.tasks:
+        store = dataset.task(name)
+        for row in store.rows():
+            if row.held:
+                frames = row.control_steps + 1
+                arrays = {
+                    "pointcloud/xyz": draw.integers(-1000, 1000, (frames, POINTS, 3)).astype(np.int16),
+                    "pointcloud/rgb": draw.integers(0, 256, (frames, POINTS, 3)).astype(np.uint8),
+                    camera_array("left", "rgb"): draw.integers(0, 256, (frames, PIXELS, PIXELS, 3)).astype(np.uint8),
+                    camera_array("left", "depth"): draw.integers(0, 9000, (frames, PIXELS, PIXELS)).astype(np.uint16),
+                }
+                write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
+    found: dict[Format, Path] = {}
+    for kind in FORMATS:
+        found[kind] = folder / kind
+        export(source, found[kind], kind)
+    return found
+
+
+def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
+    """One to three damages to an export; which they were."""
+    manifest = MANIFESTS[int(generator.integers(3))]
+    assert folder == Path(os.path.realpath(folder)), "a folder of its own"
+    told = [f"manifest {manifest}"]
+    for _ in range(int(generator.integers(1, 4))):
+        files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+        files = [path for path in files if Path(os.path.realpath(path)).is_relative_to(folder)]  # nothing else is hurt
+        if not files:
+            break
+        ways: tuple[Callable[[Path, list[Path], np.random.Generator], str], ...]
+        ways = (_bits, _bits, _structure, _structure, _structure, partial(_replaced, folder), _size)
+        path = _pick([p for p in files if generator.random() < 0.5 or p.suffix != ".mp4"] or files, generator)
+        way = ways[int(generator.integers(len(ways)))]
+        told.append(f"{path.relative_to(folder)}: {way(path, files, generator)}")
+    if manifest != "kept":
+        path = folder / MANIFEST
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        path.unlink(missing_ok=True)
+    if manifest == "made anew":
+        try:
+            write_manifest(folder, kind, int(generator.integers(1, 8)) if generator.random() < 0.1 else _count(folder))
+        except (InputError, OSError):  # of a link or a pipe there is none to be made
+            told.append("none could be made")
+    return "; ".join(told)
+
+
+def nothing(_: Any) -> None:
+    """Do it."""
+
+
+def _count(folder: Path) -> int:
+    """Episodes that an undamaged export holds."""
+    return int((folder.parent / "count").read_text())
+
+
+def _pick(values: Sequence[Any], generator: np.random.Generator) -> Any:
+    return values[int(generator.integers(len(values)))]
+
+
+def _bits(path: Path, _: list[Path], generator: np.random.Generator) -> str:
+    """Bytes flipped, cut, doubled, moved; in an episode's file also behind a seal that fits."""
+    if path.stat().st_size > 2**24:  # made so before
+        os.truncate(path, 1000)
+    data = path.read_bytes()
+    if path.suffix == ".h5" and data.startswith(b"gensim2-episode") and generator.random() < 0.7:
+        _reseal(path, damaged(data[HEADER_SIZE:], "binary", generator))
+        return "bits behind a seal that fits"
+    path.write_bytes(damaged(data, "binary", generator))
+    return "bits"
+
+
+def _reseal(path: Path, body: bytes) -> None:
+    """Write an episode's file as a stranger would who knows how, and its row."""
+    digest = Seal("gensim2-episode", 1, "", "", InputError).write(path, body)
+    rows = path.parents[1] / "episodes.jsonl"
+    if rows.is_file():
+        try:
+            lines = [json.loads(line) for line in rows.read_bytes().splitlines()]
+        except ValueError:  # damaged before
+            return
+        for row in lines:
+            if row.get("index") == int(path.stem):
+                row["episode_digest"] = digest
+        rows.write_text("".join(json.dumps(row) + "\n" for row in lines))
+
+
+def _structure(path: Path, files: list[Path], generator: np.random.Generator) -> str:
+    """Values of a document, arrays of an HDF5 file, columns of a table; bits where none of it is left."""
+    try:
+        if path.suffix in (".json", ".zarray", ".zattrs", ".zgroup") or path.name.startswith(".z"):
+            path.write_bytes(damaged(path.read_bytes(), "json", generator))
+            return "values"
+        if path.suffix in (".yaml", ".jsonl"):
+            path.write_bytes(damaged(path.read_bytes(), "yaml" if path.suffix == ".yaml" else "lines", generator))
+            return "values"
+        if path.suffix == ".h5":
+            return _hdf5(path, generator)
+        if path.suffix == ".parquet":
+            return _table(path, generator)
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, pyarrow.ArrowException):
+        return _bits(path, files, generator)  # damaged already: nothing could be changed in its own terms
+    return _bits(path, files, generator)
+
+
+def _hdf5(path: Path, generator: np.random.Generator) -> str:
+    sealed = path.read_bytes().startswith(b"gensim2-episode")
+    names: list[str] = []
+    with h5py.File(path, "r+") as file:
+        file.visit(names.append)
+        name = _pick(names, generator)
+        parent, item = file[name].parent, file[name]
+        word = name.rpartition("/")[2]
+        values = item[()] if isinstance(item, h5py.Dataset) else np.zeros(3, np.float32)
+        steps = values.shape[0] if values.shape else 1
+        ways: dict[str, Callable[[], Any]] = {
+            "gone": lambda: None,
+            "a group in its place": lambda: parent.create_group(word),
+            "a circle": lambda: parent.__setitem__(word, file["/"]),
+            "a soft link to itself": lambda: parent.__setitem__(word, h5py.SoftLink(f"/{name}")),
+            "a link to another file": lambda: parent.__setitem__(word, h5py.ExternalLink(str(OUTSIDE), "/")),
+            "data outside": lambda: parent.create_dataset(
+                word, (8,), "u1", external=[(str(OUTSIDE), 0, h5py.h5f.UNLIMITED)]
+            ),
+            "1e12 rows": lambda: parent.create_dataset(word, (10**12, *values.shape[1:]), values.dtype, chunks=True),
+            "a chunk of 1e9 rows": lambda: parent.create_dataset(word, (10**9, 4), "f4", chunks=(10**8, 4)),
+            "virtual": lambda: parent.create_virtual_dataset(word, _virtual(values)),
+            "text": lambda: parent.create_dataset(word, data=np.array([b"move"] * steps, dtype=object)),
+            "NaN": lambda: parent.create_dataset(word, data=np.full(values.shape, np.nan, np.float32)),
+            "shorter": lambda: parent.create_dataset(word, data=values[: steps // 2]),
+            "other numbers": lambda: parent.create_dataset(word, data=values.astype(np.float64)),
+            "flat": lambda: parent.create_dataset(word, data=values.reshape(-1)),
+            "empty": lambda: parent.create_dataset(word, data=h5py.Empty("f4")),
+            "a number": lambda: parent.create_dataset(word, data=1.0),
+            "longer": lambda: parent.create_dataset(word, data=np.concatenate([values, values])),
+        }
+        told = _pick(list(ways), generator)
+        del parent[word]
+        ways[told]()
+    if sealed:
+        _reseal(path, path.read_bytes()[HEADER_SIZE:])
+    return told
+
+
+def _virtual(values: Any) -> h5py.VirtualLayout:
+    layout = h5py.VirtualLayout(values.shape, "f4")
+    layout[...] = h5py.VirtualSource(str(OUTSIDE), "x", values.shape)
+    return layout
+
+
+def _table(path: Path, generator: np.random.Generator) -> str:
+    table = pyarrow.parquet.read_table(path)
+    name = _pick(table.column_names, generator)
+    place = table.column_names.index(name)
+    values = table[name].to_pylist()
+    ways: dict[str, Callable[[], Any]] = {
+        "a column gone": lambda: table.drop_columns([name]),
+        "fewer rows": lambda: table.slice(0, len(table) // 2),
+        "rows twice": lambda: pyarrow.concat_tables([table, table]),
+        "text": lambda: table.set_column(place, name, pyarrow.array(["x"] * len(table))),
+        "nothing": lambda: table.set_column(place, name, pyarrow.array([None] * len(table))),
+        "zeros": lambda: table.set_column(place, name, pyarrow.array(np.zeros(len(table)))),
+        "a hostile number": lambda: table.set_column(
+            place, name, pyarrow.array([_pick((-1, 2**62, 99), generator)] * len(table))
+        ),
+        "backwards": lambda: table.set_column(place, name, pyarrow.array(values[::-1], table[name].type)),
+        "1e8 rows": lambda: pyarrow.table({name: pyarrow.array(np.zeros(10**8, np.int8))}),
+        "lists of other lengths": lambda: table.set_column(
+            place, name, pyarrow.array([[1.0] * (n % 4) for n in range(len(table))])
+        ),
+        "no rows": lambda: table.slice(0, 0),
+    }
+    told = _pick(list(ways), generator)
+    pyarrow.parquet.write_table(ways[told](), path)
+    return told
+
+
+def _replaced(root: Path, path: Path, files: list[Path], generator: np.random.Generator) -> str:
+    """A link, a special file, another file or a folder in the place of a file or of its folder."""
+    other = _pick(files, generator)
+
+    def bound() -> None:
+        before = Path.cwd()  # names of sockets are short
+        os.chdir(path.parent)
+        try:
+            with socket.socket(socket.AF_UNIX) as server:
+                server.bind(path.name[:90])
+        finally:
+            os.chdir(before)
+
+    whole = path.parent
+    ways: dict[str, Callable[[], object]] = {
+        "a link up for its folder": lambda: (shutil.rmtree(whole), whole.symlink_to("..")),
+        "gone": lambda: None,
+        "a pipe": lambda: os.mkfifo(path),
+        "a socket": bound,
+        "a folder": path.mkdir,
+        "a link to /dev/zero": lambda: path.symlink_to("/dev/zero"),
+        "a link to a file outside": lambda: path.symlink_to(OUTSIDE),
+        "a link to itself": lambda: path.symlink_to(path.name),
+        "a link to another file of it": lambda: path.symlink_to(other.resolve()),
+        "another file of it": lambda: path.write_bytes(content),
+        "a link to / beside it": lambda: (path.write_bytes(mine), (whole / "rest").symlink_to("/")),
+        "a name of the file system's longest": lambda: (path.write_bytes(mine), (whole / ("x" * 255)).touch()),
+        "a name with a line break": lambda: (whole / "a\nb\x1b[31m").write_bytes(mine),
+    }
+    if whole == root:
+        ways.pop("a link up for its folder")  # the export itself: what it leads to is not ours to damage
+    content, mine = other.read_bytes(), path.read_bytes()
+    told = _pick(list(ways), generator)
+    path.unlink()
+    ways[told]()
+    return told
+
+
+def _size(path: Path, _: list[Path], generator: np.random.Generator) -> str:
+    """A terabyte that takes no room, folders without end, thousands of files, nothing."""
+    way = int(generator.integers(5))
+    if way == 0:
+        with path.open("r+b") as stream:
+            stream.truncate(2**40)
+        return "a terabyte"
+    if way == 1:
+        with path.open("r+b") as stream:
+            stream.truncate(200 * 2**20)
+        return "200 MiB"
+    if way == 2:
+        (path.parent / "/".join(["d"] * 60)).mkdir(parents=True, exist_ok=True)
+        return "60 folders inside each other"
+    if way == 3:
+        for number in range(500):
+            (path.parent / f"{number}.zarray").write_bytes(b"{}")
+        return "500 files beside it"
+    path.write_bytes(b"")
+    return "nothing in it"
+
+
+@dataclass
+class Verdict:
+    """What became of an import.
+
+    Attributes:
+        outcome: ``"accepted"`` or ``"refused"``.
+        message: of the refusal.
+        cpu_s: of the process that read.
+        memory: bytes that it had at most.
+    """
+
+    outcome: str
+    message: str = ""
+    cpu_s: float = 0.0
+    memory: int = 0
+
+
+def measured(path: Path, out: Path, kind: Format, spent: Path, progress: Any) -> int:
+    """As :func:`~gensim2.data.formats.importing.read_export`; what it takes is written down."""
+    import resource
+
+    begun = time.process_time()
+    Path("/proc/self/clear_refs").write_text("5")  # the highest memory begins here
+    try:
+        return read_export(path, out, kind, progress)
+    finally:
+        peak = next(
+            int(line.split()[1]) * 1024
+            for line in Path("/proc/self/status").read_text().splitlines()
+            if line.startswith("VmHWM")
+        )
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+        spent.write_text(f"{time.process_time() - begun} {peak}")
+
+
+def attempt(good: Path, kind: Format, scratch: Path, generator: np.random.Generator) -> tuple[str, Verdict]:
+    """Damage a copy of an export and import it.
+
+    Raises:
+        AssertionError: it was neither accepted as what was exported nor refused in one line, or took too much.
+        Exception: whatever else it raised.
+    """
+    folder, out, spent = scratch / "export", scratch / "out", scratch / "spent"
+    shutil.copytree(good, folder)
+    (scratch / "count").write_text((good.parent / f"{kind}.count").read_text())
+    told = damage(folder, kind, generator)
+    out.mkdir()
+    began = time.monotonic()
+    try:
+        size = sum(path.lstat().st_size for path in good.rglob("*"))
+        count = isolated(measured, (folder, out, kind, spent), folder, Bounds.of(size), NULL_PROGRESS, MODULES)
+        verdict = Verdict("accepted")
+    except InputError as error:
+        verdict = Verdict("refused", str(error))
+    assert time.monotonic() - began < HANGS, f"{told}: took {time.monotonic() - began:.0f} s by the clock"
+    if spent.is_file():
+        verdict.cpu_s, verdict.memory = float(spent.read_text().split()[0]), int(spent.read_text().split()[1])
+    check_message(verdict.message, told)
+    assert verdict.cpu_s < SLOWEST, f"{told}: took {verdict.cpu_s:.1f} s"
+    assert verdict.memory < MEMORY, f"{told}: took {verdict.memory / 2**20:.0f} MiB"
+    assert "library that reads it died" not in verdict.message or "manifest kept" not in told, told
+    if verdict.outcome == "accepted":
+        check_accepted(out, good, kind, count, "manifest kept" in told, told)
+    return told, verdict
+
+
+def check_message(message: str, told: str) -> None:
+    """One line, not too long."""
+    assert len(message.splitlines()) <= 1, f"{told}: more than one line: {message!r}"
+    assert len(message) <= LONGEST_MESSAGE, f"{told}: {len(message)} characters"
+    assert message.isprintable(), f"{told}: {message!r}"
+
+
+def check_accepted(out: Path, good: Path, kind: Format, count: int, same: bool, told: str) -> None:
+    """What was accepted reads back; it is what was exported where the manifest says so."""
+    episodes = list(read_back(DataSet.open(out), NULL_PROGRESS))
+    assert len(episodes) == count > 0, f"{told}: {count} counted, {len(episodes)} there"
+    if same:
+        assert contents(out) == contents(good.parent / f"{kind}.back"), f"{told}: accepted, and another"
+
+
+def attempt_command(good: Path, kind: Format, scratch: Path, generator: np.random.Generator) -> tuple[str, Verdict]:
+    """As :func:`attempt`, through the command line."""
+    folder, out = scratch / "export", scratch / "out"
+    shutil.copytree(good, folder)
+    (scratch / "count").write_text((good.parent / f"{kind}.count").read_text())
+    told = damage(folder, kind, generator)
+    command = [sys.executable, "-m", "gensim2.cli", "data", "import", str(folder), "--from", kind, "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=120, check=False)
+    said = [line for line in done.stderr.splitlines() if line.startswith("gensim2:")]
+    assert "Traceback" not in done.stderr, f"{told}: {done.stderr}"
+    assert done.returncode in (0, 2), f"{told}: {done.returncode}: {done.stderr}"
+    assert len(said) == (done.returncode == 2), f"{told}: {done.stderr}"
+    left = sorted(path.name for path in scratch.iterdir() if path.name not in ("export", "out", "count"))
+    assert not left, f"{told}: {left}"
+    if done.returncode == 0:
+        check_accepted(out, good, kind, int(done.stdout.split()[0]), "manifest kept" in told, told)
+        return told, Verdict("accepted")
+    assert not out.exists(), told
+    check_message(said[0], told)
+    return told, Verdict("refused", said[0])
+
+
+@dataclass
+class Tally:
+    """How many ended how, and what the worst took."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+    largest: int = 0
+    faults: int = 0
+
+
+def prepare(folder: Path) -> dict[Format, Path]:
+    """Good exports, and what they are imported as."""
+    OUTSIDE.write_text("of somebody else\n" * 100)
+    good = good_exports(folder)
+    for kind, path in good.items():
+        back = folder / f"{kind}.back"
+        back.mkdir()
+        (folder / f"{kind}.count").write_text(str(read_export(path, back, kind, NULL_PROGRESS)))
+        isolated(nothing, (), path, Bounds.of(0), NULL_PROGRESS, MODULES)  # starts the server that forks
+        assert (path / MANIFEST).is_file()
+        assert kind == "maniskill" or (path / NATIVE).is_dir()
+    return good
+
+
+def run(
+    good: dict[Format, Path], numbers: range, seed: int, commands: bool, scratch: Path, say: Callable[[str], object]
+) -> Tally:
+    """Try so many damaged exports, formats in turn; faults are said and counted."""
+    tally = Tally()
+    tried = attempt_command if commands else attempt
+    for number in numbers:
+        kind = FORMATS[number % len(FORMATS)]
+        place = scratch / f"try{number}"
+        place.mkdir(parents=True)
+        try:
+            told, verdict = tried(good[kind], kind, place, np.random.default_rng([seed, number]))
+        except Exception as error:  # noqa: BLE001 - any other is what is looked for
+            tally.faults += 1
+            say(f"{kind} {number}: {type(error).__name__}: {str(error)[-1500:]}")
+        else:
+            tally.ended[f"{kind}: {verdict.outcome} ({told.split(';')[0]})"] += 1
+            if "died" in verdict.message:
+                tally.reasons["the library died"] += 1
+            if "MiB of memory" in verdict.message:
+                tally.reasons["out of memory"] += 1
+            tally.slowest, tally.largest = max(tally.slowest, verdict.cpu_s), max(tally.largest, verdict.memory)
+        shutil.rmtree(place, ignore_errors=True)
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; 1 where one input is neither accepted nor refused in one line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=10_000, help="through the importers")
+    parser.add_argument("--commands", type=int, default=100, help="through the command line")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    options = parser.parse_args(arguments)
+    os.environ |= FRUGAL
+    faults = 0
+    with tempfile.TemporaryDirectory() as name:
+        good = prepare(Path(name))
+        for commands, count in ((False, options.inputs), (True, options.commands)):
+            began = time.monotonic()
+            numbers = range(options.first, options.first + count)
+            tally = run(
+                good, numbers, options.seed, commands, Path(name) / "tries", lambda text: print(text, file=sys.stderr)
+            )
+            faults += tally.faults
+            where = "commands" if commands else "inputs"
+            spent = time.monotonic() - began
+            print(f"{count} {where}, {tally.faults} faults, {spent:.0f} s in all")
+            print(f"  slowest {tally.slowest:.2f} s of CPU, largest {tally.largest / 2**20:.0f} MiB")
+            for outcome, number in sorted({**tally.ended, **tally.reasons}.items()):
+                print(f"  {outcome}: {number}")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,184 @@
+"""Motions to goals in joints and poses: true ends, clear all along, the same every time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gensim2_kpam as kpam
+from gensim2.seeding import rng
+
+Q_START = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.04, 0.04])
+MARGIN = 0.005
+
+
+def clutter(index: int, count: int = 8) -> list[kpam.Body]:
+    """Boxes, cylinders and balls about the arm, none of them at its start."""
+    draw = rng(7, "motions", index)
+    bodies: list[kpam.Body] = []
+    while len(bodies) < count:
+        pose = np.eye(4)
+        pose[:3, 3] = draw.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0])
+        shape = [
+            kpam.Shape.box(draw.uniform(0.03, 0.15, 3)),
+            kpam.Shape.cylinder(float(draw.uniform(0.02, 0.08)), float(draw.uniform(0.1, 0.5))),
+            kpam.Shape.sphere(float(draw.uniform(0.03, 0.1))),
+        ][len(bodies) % 3]
+        bodies.append(kpam.Body(f"body {len(bodies)}", "rigid", [shape], pose))
+    return bodies
+
+
+def free_goal(scene: kpam.Scene, robot: kpam.Robot, index: int) -> np.ndarray | None:
+    """A configuration that is clear by the margin, if one of some draws is."""
+    draw = rng(8, "motions", index)
+    for _ in range(50):
+        q = np.concatenate([draw.uniform(robot.lower[:7], robot.upper[:7]), [0.04, 0.04]])
+        if scene.distance(q, 0.1) > MARGIN:
+            return q
+    return None
+
+
+def solved(panda: kpam.Robot, count: int) -> list[tuple[kpam.Scene, np.ndarray, kpam.Motion]]:
+    out = []
+    for index in range(count):
+        scene = kpam.Scene(panda, clutter(index))
+        goal = free_goal(scene, panda, index)
+        if goal is not None and scene.distance(Q_START, 0.1) > MARGIN:
+            out.append((scene, goal, scene.plan_to(Q_START, goal, margin=MARGIN, max_checks=200_000)))
+    assert len(out) > count // 3
+    return out
+
+
+def test_solved_motions_begin_and_end_where_they_should_and_keep_the_margin(panda: kpam.Robot) -> None:
+    motions = solved(panda, 24)
+    found = 0
+    for scene, goal, motion in motions:
+        if motion.status != "solved":
+            assert motion.trajectory is None
+            assert motion.reason
+            continue
+        found += 1
+        assert motion.trajectory is not None
+        samples = motion.trajectory.sample_every(0.005)
+        np.testing.assert_allclose(samples[0], Q_START, atol=1e-9)
+        np.testing.assert_allclose(samples[-1], goal, atol=1e-9)
+        # Distances of the full measurement, which knows nothing of sweeps.
+        nearest = min((near["distance"] for row in scene.check(samples, 0.05) for near in row), default=1.0)
+        assert nearest >= MARGIN - 2e-4
+        speed = np.abs(motion.trajectory.sample(np.linspace(0, motion.trajectory.duration, 500))[1])
+        assert (speed <= panda.velocity * (1 + 1e-9) + 1e-12).all()
+    assert found >= 0.8 * len(motions)
+
+
+def test_the_same_question_has_the_same_answer(panda: kpam.Robot) -> None:
+    first, second = solved(panda, 6), solved(panda, 6)
+    for (_, _, one), (_, _, two) in zip(first, second, strict=True):
+        assert (one.status, one.checks) == (two.status, two.checks)
+        if one.trajectory is not None and two.trajectory is not None:
+            np.testing.assert_array_equal(one.trajectory.positions, two.trajectory.positions)
+
+
+def test_any_of_several_goals_will_do(panda: kpam.Robot) -> None:
+    pose = np.eye(4)
+    blocked = Q_START + 0.4
+    blocked[7:] = 0.04
+    pose[:3, 3] = panda.forward_kinematics(blocked)[:3, 3]
+    scene = kpam.Scene(panda, [kpam.Body("ball", "rigid", [kpam.Shape.sphere(0.05)], pose)])
+    free = Q_START.copy()
+    free[0] -= 0.8
+    motion = scene.plan_to(Q_START, np.stack([blocked, free]))
+    assert (motion.status, motion.goal) == ("solved", 1)
+    refused = scene.plan_to(Q_START, blocked)
+    assert refused.status == "goals_blocked"
+    assert "ball" in refused.reason
+
+
+def test_a_start_inside_something_is_said(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(
+        panda, [kpam.Body("ball", "rigid", [kpam.Shape.sphere(0.05)], panda.forward_kinematics(Q_START))]
+    )
+    motion = scene.plan_to(Q_START, Q_START + np.array([0.5] + [0.0] * 8))
+    assert motion.status == "start_blocked"
+    assert "ball" in motion.reason
+
+
+def test_poses_are_met_and_solutions_are_distinct(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda)
+    goal = panda.forward_kinematics(np.array([0.4, 0.2, -0.3, -2.0, 0.2, 2.2, 0.5, 0.04, 0.04]))
+    found = scene.ik(goal, Q_START, most=12)
+    assert len(found) == 12
+    np.testing.assert_allclose(panda.forward_kinematics(found), np.broadcast_to(goal, (12, 4, 4)), atol=1e-6)
+    assert (found >= panda.lower - 1e-9).all()
+    assert (found <= panda.upper + 1e-9).all()
+    apart = np.abs(found[:, None] - found[None]).max(axis=2) + np.eye(12)
+    assert apart.min() > 0.05 - 1e-9
+    motion = scene.plan_to(Q_START, goal)
+    assert motion.trajectory is not None
+    np.testing.assert_allclose(panda.forward_kinematics(motion.trajectory.positions[-1]), goal, atol=1e-6)
+    elbow = panda.forward_kinematics(found[0], "panda_link5")
+    there = scene.plan_to(Q_START, elbow, link="panda_link5")
+    assert there.trajectory is not None
+    np.testing.assert_allclose(
+        panda.forward_kinematics(there.trajectory.positions[-1], "panda_link5"), elbow, atol=1e-6
+    )
+    far = goal.copy()
+    far[:3, 3] = [2.0, 0.0, 0.5]
+    assert scene.plan_to(Q_START, far).status == "unreachable"
+
+
+def test_deadlines_and_cancels_end_the_search(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda, clutter(3))
+    goal = free_goal(scene, panda, 3)
+    assert goal is not None
+    assert scene.plan_to(Q_START, goal, deadline_ms=0.0).status in ("late", "solved")
+    cancel = kpam.Cancel()
+    cancel.cancel()
+    cage = [
+        kpam.Body(f"wall {k}", "rigid", [kpam.Shape.box([0.9, 0.01, 0.9])], _at([0.0, y, 0.5]))
+        for k, y in enumerate((-0.35, 0.35))
+    ]
+    turned = Q_START.copy()
+    turned[0] = 1.57
+    boxed = kpam.Scene(panda, cage)
+    assert boxed.plan_to(Q_START, turned, cancel=cancel).status in ("cancelled", "goals_blocked")
+    with pytest.raises(kpam.ProblemError, match="deadline_ms"):
+        scene.plan_to(Q_START, goal, deadline_ms=-1.0)
+
+
+def _at(place: list[float]) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return pose
+
+
+def test_clouds_are_kept_from_like_the_boxes_that_they_cover(panda: kpam.Robot) -> None:
+    draw = rng(9, "motions", 0)
+    half = np.array([0.1, 0.3, 0.2])
+    points = draw.uniform(-half, half, (4000, 3))
+    face = draw.integers(0, 3, 4000)
+    points[np.arange(4000), face] = np.sign(points[np.arange(4000), face]) * half[face]
+    pose = _at([0.55, 0.0, 0.2])
+    cloud = kpam.Scene(panda, [kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, 0.01)], pose)])
+    start, goal = Q_START.copy(), Q_START.copy()
+    start[[0, 1, 3]], goal[[0, 1, 3]] = [-0.9, 0.5, -1.6], [0.9, 0.5, -1.6]
+    motion = cloud.plan_to(start, goal, margin=MARGIN)
+    assert motion.status == "solved", motion.reason
+    assert motion.trajectory is not None
+    samples = motion.trajectory.sample_every(0.02)
+    nearest = min((near["distance"] for row in cloud.check(samples, 0.03) for near in row), default=1.0)
+    assert nearest >= MARGIN - 2e-4
+
+
+def test_checks_in_a_batch_are_single_checks_and_full_measurement(panda: kpam.Robot) -> None:
+    scene = kpam.Scene(panda, clutter(5, 30))
+    q = rng(10, "motions", 0).uniform(panda.lower, panda.upper, (300, 9))
+    batch = np.asarray(scene.in_collision(q))
+    assert 0 < batch.sum() < 300
+    np.testing.assert_array_equal(batch, [scene.in_collision(row) for row in q])
+    full = scene.check(q, 0.0)
+    np.testing.assert_array_equal(batch, [any(near["distance"] < 0 for near in row) for row in full])
+    distances = np.asarray(scene.distance(q, 0.2))
+    wanted = [min([near["distance"] for near in row], default=0.2) for row in scene.check(q, 0.2)]
+    apart = np.asarray(wanted) > 0
+    np.testing.assert_allclose(distances[apart], np.asarray(wanted)[apart], atol=1e-7)
+    np.testing.assert_array_equal(distances < 0, np.asarray(wanted) < 0)

@@ -1,0 +1,66 @@
+"""Controllers as a user writes them, good ones and bad ones: for workers, by FILE.py:Class."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from gensim2.observations import Observation
+
+
+class Rest:
+    """Holds the arm where it is, and never says that it is done."""
+
+    observation_spec = {"modalities": ()}  # noqa: RUF012
+
+    def __init__(self, seconds: float = 0.0) -> None:
+        self._seconds = seconds
+        self.seeds: list[int] = []
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        self._arm = observation["state"][:7]
+        self.seeds.append(seed)
+
+    def act(self, observation: Observation) -> Any:
+        time.sleep(self._seconds)
+        return [*self._arm, 1.0]
+
+
+class Looks(Rest):
+    """Looks at what a point cloud shows, and gives its actions as float64."""
+
+    observation_spec = {"points": 64, "candidates": 256}  # noqa: RUF012
+
+    def act(self, observation: Observation) -> Any:
+        assert observation["point_cloud"].shape == (64, 6)
+        assert not hasattr(observation, "measurement")
+        return None if observation.step == 3 else np.append(self._arm, 1.0).astype(np.float64)
+
+
+class Nan(Rest):
+    """Diverges at its third step."""
+
+    def act(self, observation: Observation) -> Any:
+        return np.full(8, np.nan) if observation.step == 2 else super().act(observation)
+
+
+class Short(Rest):
+    """Forgets the gripper."""
+
+    def act(self, observation: Observation) -> Any:
+        return super().act(observation)[:7]
+
+
+class Fails(Rest):
+    """Fails over two lines."""
+
+    def act(self, observation: Observation) -> Any:
+        raise KeyError("no such\nweight")
+
+
+class NoAct:
+    """Is no controller."""
+
+    def reset(self, observation: Observation, seed: int) -> None: ...

@@ -1,0 +1,194 @@
+"""Anybody's controller: made by name, shown what a robot could see, stopped by the goal, held to its contract."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from controllers import Rest
+from scripted import OPEN_DRAWER, ScriptedController, ScriptedWorld, glide
+
+from gensim2.observations import CloudSettings, Observation, ObservationSpec
+from gensim2.robots import robot
+from gensim2.rollout import worker
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, spec_of
+from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
+from gensim2.rollout.driving import drive
+from gensim2.rollout.record import Cause
+from gensim2.rollout.run import GOAL_STEPS, run
+from gensim2.rollout.settling import MAX_SETTLE_STEPS
+from gensim2.scenes.config import SceneOptions
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.library import load_strategies, load_task
+
+FILE = Path(__file__).with_name("controllers.py")
+OPENED = glide((0, {"openness": 0.0}), (20, {"openness": 1.0}), (40, {"openness": 1.0}))
+
+
+class Never:
+    """Says nothing of being done."""
+
+    observation_spec = PROPRIOCEPTIVE
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        self.seen: list[Observation] = [observation]
+
+    def act(self, observation: Observation) -> Any:
+        self.seen.append(observation)
+        return robot("panda").rest_action
+
+
+def test_a_controller_that_never_ends_is_stopped_by_the_goal_and_can_hold() -> None:
+    controller = Never()
+    cut = run(ScriptedWorld(OPEN_DRAWER, OPENED), controller, seed=0).episode
+    assert (cut.held, cut.truncated, cut.cause) == (False, True, Cause.TIME_OVER)
+    episode = run(ScriptedWorld(OPEN_DRAWER, OPENED), controller, seed=0, stop="goal").episode
+    assert episode.held
+    assert not episode.truncated
+    assert len(controller.seen) < 20 + GOAL_STEPS + 2
+    assert [type(each) for each in controller.seen] == [Observation] * len(controller.seen)
+
+
+def test_the_step_limit_is_an_end_that_is_judged_and_leaves_time_to_settle() -> None:
+    controller = Never()
+    episode = run(ScriptedWorld(OPEN_DRAWER, OPENED[:1]), controller, seed=0, stop="goal").episode
+    assert len(controller.seen) - 1 == OPEN_DRAWER.max_episode_steps - MAX_SETTLE_STEPS
+    assert (episode.held, episode.truncated) == (False, False)
+    assert episode.cause is not Cause.TIME_OVER
+
+
+def test_only_the_privileged_see_the_truth() -> None:
+    seen: list[PrivilegedObservation] = []
+    run(ScriptedWorld(OPEN_DRAWER, OPENED), ScriptedController(3, see=seen.append), seed=0)
+    assert seen[0].measurement.openness == {"drawer": 0.0}
+    assert isinstance(seen[0], PrivilegedObservation)
+    assert "drawer" in seen[0].scene().objects
+
+
+def test_what_a_controller_is_shown_is_what_the_world_gives_byte_for_byte() -> None:
+    spec = ObservationSpec(cloud=CloudSettings(points=64, candidates=256))
+
+    class Seeing(Never):
+        observation_spec = spec  # type: ignore[assignment]
+
+        def act(self, observation: Observation) -> Any:
+            super().act(observation)
+            return None if observation.step == 4 else robot("panda").rest_action
+
+    controller, lane = Seeing(), HeadlessEnv("OpenDrawer", assets="builtin")
+    run(lane, controller, seed=5)
+    again = HeadlessEnv("OpenDrawer", assets="builtin")
+    again.reset(seed=5)
+    for observation in controller.seen[1:]:
+        mine = again.observe(spec)
+        assert {name: a.tobytes() for name, a in observation.items()} == {n: a.tobytes() for n, a in mine.items()}
+        again.step(robot("panda").rest_action)
+
+
+def test_a_chain_made_by_name_is_the_same_as_any_other_controller() -> None:
+    spec = pickle.loads(pickle.dumps(worker.chain(load_strategies("CloseBox"))))
+    made = spec.make(load_task("CloseBox"), robot("panda"))
+    assert spec.target == CHAIN
+    assert made.privileged
+    assert spec_of(made) == PROPRIOCEPTIVE
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    theirs = worker.evaluate(config, spec, 3, "controller", None)
+    assert theirs == worker.episode(config, load_strategies("CloseBox"), 3)
+
+
+def test_files_classes_and_modules_name_controllers() -> None:
+    by_file = ControllerSpec.of(f"{FILE}:Rest", {"seconds": 0.5})
+    assert by_file.load().__name__ == "Rest"
+    assert by_file.make(OPEN_DRAWER, robot("panda"))._seconds == 0.5  # type: ignore[attr-defined]
+    assert ControllerSpec.of(Rest).target == "controllers:Rest"
+    assert by_file.digest != ControllerSpec.of(f"{FILE}:Rest").digest
+
+
+@pytest.mark.parametrize(
+    ("target", "arguments", "words"),
+    [
+        ("controllers", {}, "names no controller"),
+        (f"{FILE}:Nothing", {}, "has no class 'Nothing'"),
+        (f"{FILE}:NoAct", {}, "has no method 'act'"),
+        ("no_such_module:Rest", {}, "cannot be imported: ModuleNotFoundError"),
+        ("no_such_file.py:Rest", {}, "there is no such file"),
+        (f"{FILE}:Rest", {"minutes": 1}, "cannot be made: TypeError"),
+        (f"{FILE}:Rest", {"seconds": {1}}, "must be plain data"),
+    ],
+)
+def test_what_is_no_controller_is_one_line(target: str, arguments: dict[str, Any], words: str) -> None:
+    with pytest.raises(ControllerError, match=words) as told:
+        ControllerSpec.of(target, arguments).make(OPEN_DRAWER, robot("panda"))
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Nan", r"Nan: CloseBox, seed 3: act at step 2: an action must be finite"),
+        ("Short", r"Short: CloseBox, seed 3: act at step 0: an action must be \(8,\), is \(7,\)"),
+        ("Fails", r"Fails: CloseBox, seed 3: act at step 0: KeyError: 'no such"),
+    ],
+)
+def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words: str) -> None:
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    with pytest.raises(ControllerError, match=words) as told:
+        worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None)
+    assert "\n" not in str(told.value)
+    assert "controllers.py" in str(told.value)
+
+
+def test_a_controller_that_looks_is_shown_clouds_and_its_actions_are_taken() -> None:
+    config = EpisodeConfig(SceneOptions("builtin").with_task(load_task("CloseBox")))
+    episode = worker.evaluate(config, ControllerSpec.of(f"{FILE}:Looks"), 3, "goal", None)
+    assert episode.steps[0].plans == []
+    assert episode.control_steps >= 3
+
+
+class Restless:
+    """A body that does not wait, of a made-up robot: it keeps the time of each step."""
+
+    waits = False
+    profile = robot("panda")
+
+    def reset(self, seed: int, options: Any = None) -> None:
+        self.steps = 0
+        self.at: list[float] = []
+        self.actions: list[Any] = []
+
+    def step(self, action: Any) -> None:
+        self.steps += 1
+        self.at.append(time.monotonic())
+        self.actions.append(np.asarray(action))
+
+    def observe(self, spec: ObservationSpec) -> Observation:
+        from gensim2.observations import Encoder
+
+        return Encoder(spec, self.profile).encode(self.steps, self.profile.reset_qpos, np.zeros(9), 1.0)
+
+    def close(self) -> None: ...
+
+
+class Slow(Never):
+    """Takes half a second for its first action."""
+
+    def act(self, observation: Observation) -> Any:
+        super().act(observation)
+        if len(self.seen) == 2:
+            time.sleep(0.5)
+        return robot("panda").rest_action + np.float32(0.1)
+
+
+def test_a_body_that_does_not_wait_gets_an_action_every_control_step() -> None:
+    body = Restless()
+    assert drive(body, Slow(), 20) == 20
+    assert max(np.diff(body.at)) < 3.0 / body.profile.control_hz, "held while the controller thought"
+    held = [np.allclose(action[:7], body.profile.reset_qpos[:7]) for action in body.actions]
+    assert held[0]
+    assert not held[-1]
+    assert 4 <= sum(held) < 16

@@ -1,0 +1,67 @@
+"""Archives of tasks that are damaged, encrypted or written in unknown ways: one line."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from gensim2.cli.main import run
+from gensim2.errors import InputError
+from gensim2.tasks.library import load_task, packaged_names, task_folder, task_names
+
+
+@pytest.fixture
+def archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A task of the package under another name, as the user's own library."""
+    path = tmp_path / "tasks.zip"
+    text = (task_folder(packaged_names()[0]) / "task.yaml").read_text()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("Mine/task.yaml", text.replace(packaged_names()[0], "Mine"))
+    monkeypatch.setenv("GENSIM2_LIBRARY", str(path))
+    return path
+
+
+def patched(path: Path, local: int, central: int, value: int) -> None:
+    """Change two bytes at these places of both headers of the first file."""
+    data = bytearray(path.read_bytes())
+    begin = data.index(b"PK\x01\x02")
+    for place in (local, begin + central):
+        data[place : place + 2] = value.to_bytes(2, "little")
+    path.write_bytes(data)
+
+
+def test_a_good_one_is_read(archive: Path) -> None:
+    assert "Mine" in task_names()
+    assert load_task("Mine").name == "Mine"
+
+
+@pytest.mark.parametrize(
+    ("local", "central", "value", "said"),
+    [(6, 8, 1, "encrypted"), (8, 10, 99, "not supported"), (8, 10, 97, "not supported")],
+)
+def test_encryption_and_unknown_methods_are_one_line(
+    archive: Path, local: int, central: int, value: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    patched(archive, local, central, value)
+    with pytest.raises(InputError, match=said):
+        load_task("Mine")
+    assert run(["tasks", "show", "Mine"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_every_cut_is_one_line(archive: Path) -> None:
+    good = archive.read_bytes()
+    for size in range(0, len(good), 7):
+        archive.write_bytes(good[:size])
+        with pytest.raises(InputError):
+            load_task("Mine")
+
+
+def test_a_pipe_is_no_archive(archive: Path) -> None:
+    archive.unlink()
+    os.mkfifo(archive)
+    with pytest.raises(InputError):
+        load_task("Mine")
