@@ -73,7 +73,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
     @property
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
-            sim_freq=self.robot.physics_hz,
+            sim_freq=self.robot.simulation.physics_hz,
             control_freq=self.robot.control_hz,
             scene_config=SceneConfig(
                 enable_tgs=True,

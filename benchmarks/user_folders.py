@@ -21,6 +21,7 @@ import tempfile
 import time
 import traceback
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -117,12 +118,17 @@ class _Noted:
         self.objects.add(f"{model.asset_class}/{model.id}")
 
 
+@cache
+def _packaged() -> list[Known]:
+    return [Known(load_task(name), load_strategies(name)) for name in packaged_names()]
+
+
 def proposals(folder: Folder) -> dict[str, Any]:
     """Return how many tasks the offline designer proposes, and load an object of each class that it was told of."""
     library = open_library(folder.path)
     noted: Any = _Noted()
     classes = Classes(library, "all", 0, noted, NULL_PROGRESS)
-    known = [Known(load_task(name), load_strategies(name)) for name in packaged_names()]
+    known = _packaged()
     # Nothing known in one half: so that what is familiar is proposed again and pieces are made.
     found: list[str] = []
     for have in (known, known[:: len(known) // 8], []):

@@ -77,7 +77,8 @@ def new_folder(path: Path) -> Iterator[Path]:
     handle = -1
     try:
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError):  # a file, which is no folder: the next line says so
+                path.parent.mkdir(parents=True, exist_ok=True)
             with _locked(path.parent) as alone:  # a folder that is not locked yet looks like one that was left
                 if alone:
                     _remove_left(path)

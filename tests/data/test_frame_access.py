@@ -32,13 +32,13 @@ def dataset(gather: Callable[..., Any], tmp_path: Path) -> DataSet:
     store = TaskStore(tmp_path / "set" / "OpenDrawer")
     lane = HeadlessEnv("OpenDrawer", assets="builtin")
     for row in list(store.rows()):
-        lane.reset(seed=row.index)
+        episode = store.read(row).row.episode
+        lane.reset(row.seed, {"instance": {name: thing.id for name, thing in episode.objects.items()}})
         recorder = Recorder(lane)
         for step in range(STEPS):
             action = lane.profile.rest_action - np.float32(0.1 * step)
             lane.step(action)
             recorder.add(action, lane.measure())
-        episode = store.read(row).row.episode
         store.path(row.index, row.held).unlink()
         vars(episode)["control_steps"] = STEPS
         store.add(row.index, episode, recorder.finish())

@@ -14,7 +14,7 @@ from gensim2.data.attempt_log import log_line
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.episode_file import write_episode
-from gensim2.data.formats.frames import CONTROL_STEPS_PER_SECOND, FIRST_JOINT
+from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
 from gensim2.data.report import report
@@ -33,7 +33,7 @@ def test_jerk_of_a_motion_that_is_known(gather: Gather) -> None:
     recording = store.read(next(row for row in store.rows() if row.held)).recording
     assert recording is not None
     profile = robot("panda")
-    time = np.arange(400) / CONTROL_STEPS_PER_SECOND
+    time = np.arange(400) / robot("panda").control_hz
     states = np.zeros((400, FIRST_JOINT + 18))
     states[:, FIRST_JOINT : FIRST_JOINT + 7] = np.sin(time)[:, None]  # its third derivative is -cos
     moved = replace(recording, env_states={"articulations": {profile.agent: states}})
@@ -95,7 +95,9 @@ def test_demonstrations_are_shown_as_they_were_observed_where_nothing_can_be_dra
     }
     for row in held[:-1]:
         write_observation(
-            store.observation_path(row.index), {"steps": frames - 1, "episode_digest": row.episode_digest}, arrays
+            store.observation_path(row.index),
+            {"steps": frames - 1, "episode_digest": row.episode_digest, "robot": "panda"},
+            arrays,
         )
     monkeypatch.setattr(rendering, "can_render", lambda: False)
     report(dataset.path)

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 PANDA = robot("panda")
 #: Share of the way to its target that a joint goes in a control step: drives that are 0.1 s late.
-FOLLOWS = 1 - np.exp(-1 / (PANDA.lag * PANDA.control_hz))
+FOLLOWS = 1 - np.exp(-1 / (float(PANDA.lags[0]) * PANDA.control_hz))
 FINGER_STEP = 0.006
 #: How near (m) a ball's centre or a handle must be to the point between the tips.
 NEAR = 0.02

@@ -9,6 +9,7 @@ import pytest
 from fake_world import episode_of
 
 from gensim2.rollout.attempts import STARTS, Attempt, attempted
+from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.record import Cause, Episode
 from gensim2.rollout.run import EpisodeResult
 from gensim2.tasks.library import load_task
@@ -59,8 +60,10 @@ def test_the_step_to_blame_begins_with_its_next_strategy_and_the_solver_with_its
 
 
 def test_the_solvers_options_change_with_the_seed() -> None:
-    assert Attempt().options == {"allow_partial": True}
-    assert Attempt(3).options == {"allow_partial": True, "seed": 3, "starts": STARTS}
+    spec = ControllerSpec("module:Class", {"strategies": {}})
+    assert Attempt().controller(spec) == spec
+    options = Attempt(3).controller(spec).arguments["options"]
+    assert options == {"allow_partial": True, "seed": 3, "starts": STARTS}
 
 
 def test_attempts_end_with_the_first_that_holds() -> None:

@@ -14,6 +14,7 @@ from sapien import physx
 from gensim2.planning.actions import grip_force, grip_on
 from gensim2.robots import robot
 from gensim2.sim.arm import Arm
+from gensim2.sim.objects import link_name
 from gensim2.sim.physics import named_physics
 
 FRICTION = 0.3
@@ -59,16 +60,17 @@ def crept(
     builder.add_convex_collision_from_file(str(file), material=physx.PhysxMaterial(FRICTION, FRICTION, 0.1))
     inertia = mass / 3 * np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
     builder.set_mass_and_inertia(mass, sapien.Pose(), inertia)
+    tool = next(link for link in arm.articulation.links if link_name(link) == profile.tool_link)
     # Upside up between the fingers, which point down.
-    start = arm._tool.entity.pose * sapien.Pose([middle[0], 0.0, middle[1]], [0.0, 1.0, 0.0, 0.0])
+    start = tool.entity.pose * sapien.Pose([middle[0], 0.0, middle[1]], [0.0, 1.0, 0.0, 0.0])
     builder.set_initial_pose(start)
     bar = builder.build(name="bar")
     body = bar.find_component_by_type(physx.PhysxRigidDynamicComponent)
 
-    physics.prepare_for_rigid_objects(system, arm.articulation, profile.gripper)
+    physics.prepare_for_rigid_objects(system, arm.articulation, profile)
 
     def in_hand() -> npt.NDArray[np.float64]:
-        return np.asarray((arm._tool.entity.pose.inv() * bar.pose).p, dtype=np.float64)
+        return np.asarray((tool.entity.pose.inv() * bar.pose).p, dtype=np.float64)
 
     margin = np.arctan(FRICTION) - np.radians(slope)
     presses = grip_force(mass, margin, middle[0]) if force is None else force

@@ -17,13 +17,17 @@ from gensim2.raycast.caster import Caster, Solid
 from gensim2.raycast.observer import Observer
 from gensim2.raycast.scene import RaycastScene
 from gensim2.raycast.shapes import Surface, read_mesh
-from gensim2.robots import robot, robot_names
+from gensim2.robots import robot
 from gensim2.sim.env import GenSim2Env
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.sim.rendering import can_render
 
 HOLD = np.array([0, -0.32, 0, -2.618, 0, 2.23, 0.785, 1], dtype=np.float32)
 FAR_AWAY = np.array([[1.0, 0, 0, 50.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+PACKAGED = ("panda", "fetch")
+#: Boxes and cylinders, hinges that nothing drives.
+OWN = tuple(str(Path(__file__).parents[2] / "examples" / "robots" / f"{name}.py") for name in ("ur5", "xarm7"))
 
 
 def camera(eye: tuple[float, float, float] = (0.0, -2.0, 0.5), name: str = "a") -> Camera:
@@ -133,7 +137,7 @@ def test_a_texture_is_sampled_where_it_lies(tmp_path: Path) -> None:
         assert tuple(colors[row, column]) == tuple(picture[texel])
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", [*PACKAGED, *OWN], ids=lambda name: Path(name).stem)
 def test_links_and_ids_are_the_simulators(name: str) -> None:
     lane = HeadlessEnv("StashCupInBox" if name == "panda" else "OpenDrawer", assets="builtin", robot=name)
     lane.reset(seed=4)
@@ -176,6 +180,7 @@ def test_settings_are_for_rays_and_states_are_of_the_scene() -> None:
 
 @pytest.mark.skipif(not can_render(), reason="no Vulkan driver works on this machine")
 def test_pictures_are_those_of_the_renderer() -> None:
+    from gensim2.scenes.config import SceneOptions
     from gensim2.sim.pictures import StatePictures
     from gensim2.tasks.library import load_task
 
@@ -184,7 +189,7 @@ def test_pictures_are_those_of_the_renderer() -> None:
     for _ in range(6):
         lane.step(HOLD + np.float32(0.4))
     recorded = states(lane)
-    pictures = StatePictures(lane.task, "builtin", "panda", "default", ("depth", "segmentation"))
+    pictures = StatePictures(SceneOptions("builtin").with_task(lane.task), ("depth", "segmentation"))
     instances = {name: model.id for name, model in models(lane).items()}
     pictures.show(instances, 6, {"instance": instances})
     images = pictures.at(recorded, 0)

@@ -1,5 +1,7 @@
 //! What a screen says is never more than the distance measured by brute force.
 
+#![allow(clippy::unwrap_used)]
+
 use gensim2_geometry::{
     Batch, Convex, Corners, Cover, Joint, LANES, Link, Needs, Other, Pose, Riders, Robot, Screen, signed_distance,
 };

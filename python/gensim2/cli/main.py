@@ -110,13 +110,22 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
         return _fail("gensim2: interrupted; what was finished is kept", exit_code(error))
     except OSError as error:
-        refused = _drop_unwritten_output()
+        refused = _drop_unwritten_output() or _was_printing(error)
         if refused and error.errno == errno.EPIPE:  # whoever read our output has left, which is no fault
             return FOUND_WRONG
         said = error.strerror or str(error)
         if error.filename is not None:
             return _fail(f"gensim2: {os.fsdecode(error.filename)}: {said}", BAD_INPUT)
         return _fail(f"gensim2: {'standard output: ' if refused else ''}{said}", BAD_INPUT)
+
+
+def _was_printing(error: OSError) -> bool:
+    """Whether an error came from writing to standard output: its innermost frame is that of a printing function."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    name = trace.tb_frame.f_globals.get("__name__", "") if trace is not None else ""
+    return error.filename is None and name.startswith(("click.", "rich.", "gensim2.cli."))
 
 
 def _fail(text: str, code: int) -> int:

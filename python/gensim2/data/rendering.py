@@ -11,7 +11,6 @@ from typing import Any
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
-from gensim2.data.observing import observe, segmentation_ids
 from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import append, remove_temporaries
@@ -192,6 +191,9 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
     recording = store.read(row).recording
     if recording is None:
         raise InputError("holds no states", file=store.path(row.index, row.held), remedy="collect it again")
+    # Here: it brings the ray caster, which refusing arguments needs not.
+    from gensim2.data.observing import observe, segmentation_ids
+
     begin = time.process_time()
     arrays = observe(recording, scene, spec)
     cpu = time.process_time() - begin

@@ -24,7 +24,6 @@ from gensim2.progress import Progress
 from gensim2.rollout.evaluator import PoolEvaluator
 from gensim2.rollout.inputs import TaskInput, chosen_word
 from gensim2.rollout.tally import Tally
-from gensim2.scenes.initial_state import PlacementError
 from gensim2.tasks.library import strategies_of
 from gensim2.tasks.likeness import first_alike
 from gensim2.tasks.spec import Made, Provenance, TaskSpec
@@ -150,6 +149,9 @@ class Execution:
 
     def _designed(self, task: TaskSpec) -> str | None:
         """Take one proposal as far as it goes; why it was not designed, or None."""
+        # Here: it brings SciPy, which refusing arguments needs not.
+        from gensim2.scenes.initial_state import PlacementError
+
         folder = self.folder.task(task.name)
         begin = self.evaluator.cpu_s
         try:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gensim2.errors import GenSim2Error, InputError
+from gensim2.processes.executor import WorkerStartError
 from gensim2.processes.worker import preload_modules
 from gensim2.progress import Progress
 
@@ -89,6 +90,7 @@ def isolated(
 
     Raises:
         InputError: it died, or needed more than the bounds.
+        WorkerStartError: it could not be started.
     """
     preload_modules(preload)
     ours, theirs = _CONTEXT.Pipe(duplex=False)
@@ -175,14 +177,17 @@ def _data_size() -> int:
     return 0
 
 
-def _death(process: BaseProcess, source: Path, bounds: Bounds) -> InputError:
+def _death(process: BaseProcess, source: Path, bounds: Bounds) -> GenSim2Error:
     process.join(timeout=5)
     code = process.exitcode
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return InputError(f"takes longer than {bounds.cpu_s} s of CPU to read, or was ended", file=source)
     if code == -signal.SIGABRT:
         return _too_large(source, bounds)
-    fate = f"exit code {code}" if code is None or code >= 0 else signal.Signals(-code).name
+    if code is None or code >= 0:  # no damage ends so: it did not begin
+        guard = 'a script must import below `if __name__ == "__main__":`'
+        return WorkerStartError(f"the process that reads {source} could not be started (exit code {code}; {guard})")
+    fate = signal.Signals(-code).name
     return InputError(f"is damaged so that the library that reads it died ({fate})", file=source)
 
 

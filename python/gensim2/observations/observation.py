@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from gensim2.observations.camera import Camera
 from gensim2.observations.cloud import PointCloud
@@ -52,6 +51,8 @@ class Observation(Mapping[str, Array]):
         """(4, 4) tool in the robot's base frame."""
         pose = self.arrays[TOOL_POSE].astype(np.float64)
         found = np.eye(4)
+        from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
+
         found[:3, :3] = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
         found[:3, 3] = pose[:3]
         return found

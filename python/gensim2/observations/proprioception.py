@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from gensim2.observations.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.robots import RobotProfile
@@ -37,6 +36,8 @@ def tool_pose(profile: RobotProfile, positions: npt.NDArray[np.float32]) -> Row:
     Args:
         positions: (n,) all active joints, rad and m.
     """
+    from scipy.spatial.transform import Rotation  # here: who refuses an argument needs it not
+
     T_base_tool = profile.model.forward_kinematics(positions.astype(np.float64), profile.tool_link)
     quaternion = Rotation.from_matrix(T_base_tool[:3, :3]).as_quat(canonical=True, scalar_first=True)
     return np.concatenate([T_base_tool[:3, 3], quaternion]).astype(np.float32)

@@ -78,7 +78,8 @@ class ChainController:
         self._task, self._profile, self._options = task, profile, options
         self._open_loop = open_loop
         self._strategies: dict[str, Strategy] = {
-            name: parse_strategy(given) if isinstance(given, Mapping) else given for name, given in strategies.items()
+            name: parse_strategy(given, f"strategies/{name}.yaml") if isinstance(given, Mapping) else given
+            for name, given in strategies.items()
         }
 
     def reset(self, observation: PrivilegedObservation, seed: int = 0) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -15,14 +14,9 @@ from gensim2.rollout.controller import (
     Controller,
     Event,
     PrivilegedObservation,
-    Reference,
-    events_of,
-    history_of,
-    reference_of,
     spec_of,
-    turn_of,
 )
-from gensim2.rollout.record import StepRecord
+from gensim2.rollout.wrapped import WrappedController
 from gensim2.seeding import rng
 from gensim2.tasks.spec import TaskSpec
 
@@ -44,7 +38,7 @@ class Pushable(Protocol):
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None: ...
 
 
-class Disturbed:
+class Disturbed(WrappedController):
     """A controller whose world does not keep still: once an episode, while it takes or carries its first rigid object.
 
     Args:
@@ -111,23 +105,3 @@ class Disturbed:
         """When the hand was first at the pose in which it takes the object."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
-
-    @property
-    def reference(self) -> Reference | None:
-        """The controller's."""
-        return reference_of(self._controller)
-
-    @property
-    def turn(self) -> str | None:
-        """The controller's."""
-        return turn_of(self._controller)
-
-    @property
-    def history(self) -> Sequence[StepRecord]:
-        """The controller's."""
-        return history_of(self._controller)
-
-    @property
-    def events(self) -> Sequence[Event]:
-        """The controller's."""
-        return events_of(self._controller)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from gensim2.errors import MissingExtraError
@@ -12,19 +10,13 @@ from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import (
     Action,
     Controller,
-    Event,
-    Reference,
-    events_of,
-    history_of,
     is_privileged,
-    reference_of,
-    turn_of,
 )
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
-from gensim2.rollout.record import StepRecord
+from gensim2.rollout.wrapped import WrappedController
 
 
-class Guarded:
+class Guarded(WrappedController):
     """Passes on what a controller says, and refuses what no robot can do.
 
     Args:
@@ -74,26 +66,6 @@ class Guarded:
         if not np.isfinite(action).all():
             raise self._error("an action must be finite, holds NaN or infinity", where)
         return action
-
-    @property
-    def reference(self) -> Reference | None:
-        """The controller's."""
-        return reference_of(self._controller)
-
-    @property
-    def turn(self) -> str | None:
-        """The controller's."""
-        return turn_of(self._controller)
-
-    @property
-    def history(self) -> Sequence[StepRecord]:
-        """The controller's."""
-        return history_of(self._controller)
-
-    @property
-    def events(self) -> Sequence[Event]:
-        """The controller's."""
-        return events_of(self._controller)
 
     def _error(self, message: str, where: str) -> ControllerError:
         return ControllerError(message, file=self._target, field=f"{self._episode}: {where}")

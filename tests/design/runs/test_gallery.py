@@ -68,7 +68,7 @@ def test_the_first_episode_that_holds_is_shown(tmp_path: Path, camera: Camera) -
 def test_the_same_episode_is_what_demo_would_record(tmp_path: Path, camera: Camera, record: Any) -> None:
     result = made(tmp_path / "out", tasks=("OpenDrawer",))
     record(episodes=1, seed=5)
-    attempts = (tmp_path / "run" / "tasks" / "OpenDrawer" / "attempts.jsonl").read_text().splitlines()
+    attempts = (tmp_path / "run" / "tasks" / "OpenDrawer" / "episodes.jsonl").read_text().splitlines()
     assert json.loads(attempts[-1])["seed"] == result.shown["OpenDrawer"]
 
 

@@ -202,7 +202,7 @@ def _joint(element: ET.Element, file: Path) -> UrdfJoint:
 
 
 def _numbers(text: str | None, file: Path, field: str, count: int, default: str = "") -> Array:
-    wanted = {1: "one finite number", 3: "three finite numbers"}[count]
+    wanted = {1: "one finite number", 3: "three finite numbers", 4: "four finite numbers"}[count]
     try:
         value = np.array([float(x) for x in (text or default).split()])
     except ValueError as error:
