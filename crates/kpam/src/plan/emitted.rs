@@ -16,8 +16,6 @@ const SHORTEST: f64 = 2e-3;
 const LONGEST: f64 = 2e-2;
 const MOST: f64 = 2e4;
 const ENOUGH: f64 = 1e3;
-/// The acceleration between samples may be this many times the greater one at them.
-const PEAK: f64 = 1.25;
 
 /// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
 struct Samples {
@@ -26,8 +24,8 @@ struct Samples {
 }
 
 impl Samples {
-    /// Of a motion of `joints` variables between two times (s). Within a step `h` of acceleration `a`, a joint lies at
-    /// most `a h^2 / 8` off its chord.
+    /// Of a motion of `joints` variables between two times (s). Within a step `h` whose acceleration is at most `a`, a
+    /// joint lies at most `a h^2 / 8` off its chord.
     fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2]) -> Self {
         let mut time = begin;
         let shortest = SHORTEST.max((end - begin) / MOST);
@@ -39,15 +37,13 @@ impl Samples {
             let mut step = (8.0 * OFF / hardest).sqrt().clamp(shortest, longest);
             loop {
                 let next = if time + step >= end { end } else { time + step };
-                let [position, _, after] = trajectory.moving_with_rates(next);
-                let mut off = [0.0; MOST_JOINTS];
-                for v in 0..joints {
-                    off[v] = PEAK * acceleration[v].abs().max(after[v].abs()) * (next - time).powi(2) / 8.0;
-                }
+                let mut off = trajectory.hardest([time, next]);
+                off[..joints].iter_mut().for_each(|o| *o *= (next - time).powi(2) / 8.0);
                 if step > shortest && off[..joints].iter().any(|o| *o > 2.0 * OFF) {
                     step = (0.5 * step).max(shortest);
                     continue;
                 }
+                let [position, _, after] = trajectory.moving_with_rates(next);
                 out.waypoints.push(position);
                 out.off.push(off);
                 (time, acceleration) = (next, after);
@@ -146,13 +142,17 @@ mod tests {
         let samples = Samples::of(&motion, 2, [motion.start(), motion.end()]);
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
+        // Some place on the segment is as near as is said in every joint.
         let beside = |x: &Row, k: usize| {
             let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
-            let way: Vec<f64> = (0..2).map(|v| b[v] - a[v]).collect();
-            let whole: f64 = way.iter().map(|w| w * w).sum();
-            let along: f64 = (0..2).map(|v| way[v] * (x[v] - a[v])).sum();
-            let share = if whole > 0.0 { (along / whole).clamp(0.0, 1.0) } else { 0.0 };
-            (0..2).all(|v| (x[v] - a[v] - share * way[v]).abs() <= 2.0 * samples.off[k][v] + 1e-9)
+            let (mut from, mut to) = (0.0_f64, 1.0_f64);
+            for v in 0..2 {
+                let (way, off) = (b[v] - a[v], samples.off[k][v] + 1e-9);
+                let ends = [(x[v] - a[v] - off) / way, (x[v] - a[v] + off) / way];
+                from = from.max(ends[0].min(ends[1]));
+                to = to.min(ends[0].max(ends[1]));
+            }
+            from <= to
         };
         let count = 20_000;
         for k in 0..=count {
