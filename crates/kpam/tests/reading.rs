@@ -212,8 +212,8 @@ fn what_does_not_fit_is_named() {
     let scene = scene();
     assert!(refusal(&scene, "/joints/0/moves/0", json!("lid")).contains("\"lid\" is not a body"));
     let solved = plan(&problem);
-    assert!(refusal(&solved, "/trajectory/times", json!([])).contains("trajectory: is damaged"));
-    assert!(refusal(&solved, "/trajectory/pieces/0/states/0", json!(null)).contains("invalid type"));
+    assert!(refusal(&solved, "/outcome/solved/times", json!([])).contains("trajectory: is damaged"));
+    assert!(refusal(&solved, "/outcome/solved/pieces/0/states/0", json!(null)).contains("invalid type"));
 }
 
 #[test]
