@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::planner::Planner;
 use super::timed::{Stretch, Timed};
 use crate::Trajectory;
-use crate::model::{MOST_JOINTS, Row};
+use crate::model::Row;
 use crate::world::{Hit, Way};
 
 /// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
