@@ -22,6 +22,11 @@ DEFAULT_ROBOT = "panda"
 """Name of the robot where no other one is named."""
 
 
+def _no_options() -> kpam.Options:
+    """Options of a solver that knows nothing of the robot but its URDF."""
+    return {}
+
+
 @dataclass(frozen=True)
 class Footprint:
     """What a robot covers of the table at the start of an episode; metres.
@@ -123,7 +128,7 @@ class RobotProfile:
     simulation: Simulation
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
-    solver: kpam.Options = field(default_factory=lambda: {})
+    solver: kpam.Options = field(default_factory=_no_options)
 
     @cached_property
     def _files(self) -> RobotFiles:
