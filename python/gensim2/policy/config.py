@@ -79,7 +79,9 @@ class TrainConfig(Settings):
         0.0, "Largest yaw of a scene about the base, rad; of no effect where frame is turned.", low=0.0, high=3.2
     )
     seed: int = setting(0, "Of everything that is drawn.", low=0, high=2**32 - 1)
-    threads: int = setting(0, "Threads of PyTorch; 0: as it likes.", low=0, high=1024)
+    threads: int = setting(
+        1, "Threads of PyTorch; 0: as it likes. More cost far more where others are at work.", low=0, high=1024
+    )
     amp: bool = setting(True, "Mixed precision (bfloat16) where there is a GPU.")
     compile: bool = setting(False, "Compile the network by torch.compile.")
     save_every: int = setting(500, "Steps between the states that a training can be resumed from.", low=1, high=10**9)
