@@ -15,10 +15,24 @@ PYTHON = Path(__file__).parents[1] / "python"
 
 #: Rooms that know nothing of the simulator, and what lies above them.
 BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.scenes", "gensim2.tasks")
-ABOVE_SIM = ("gensim2.rollout", "gensim2.data", "gensim2.evaluation", "gensim2.design", "gensim2.inspection")
+ABOVE_SIM = (
+    "gensim2.rollout",
+    "gensim2.data",
+    "gensim2.evaluation",
+    "gensim2.policy",
+    "gensim2.design",
+    "gensim2.inspection",
+)
 FROM_SIM_UP = ("gensim2.sim", *ABOVE_SIM)
 #: From the loop up: each room imports nothing of those that stand after it.
-UPWARDS = ("gensim2.rollout", "gensim2.data", "gensim2.evaluation", "gensim2.design", "gensim2.cli")
+UPWARDS = (
+    "gensim2.rollout",
+    "gensim2.data",
+    "gensim2.evaluation",
+    "gensim2.policy",
+    "gensim2.design",
+    "gensim2.cli",
+)
 #: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
 WITHIN_OBJECTS = {
     "core": {"core"},

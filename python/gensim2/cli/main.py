@@ -24,6 +24,9 @@ EXTRAS = {
     **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
+    "safetensors": "train",
+    "transformers": "clip",
+    **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
