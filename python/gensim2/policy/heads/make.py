@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gensim2.policy.heads.chunk import ChunkHead
+from gensim2.policy.heads.keypose import KeyposeHead
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
     from gensim2.policy.heads.protocol import Head
 
-_KINDS: dict[str, Any] = {"chunk": ChunkHead}
+_KINDS: dict[str, Any] = {"chunk": ChunkHead, "keypose": KeyposeHead}
 
 
 def make_head(config: PolicyConfig, arm: int, features: int) -> Head:

@@ -126,7 +126,10 @@ def plan_scenes(
     progress.start(f"{given.spec.name}: scenes", shards)
     progress.advance(shards - len(missing))
     jobs = (
-        Job(number, (given.scene, given.strategies, spec, seeds[number * SHARD : (number + 1) * SHARD], str(folder), number))
+        Job(
+            number,
+            (given.scene, given.strategies, spec, seeds[number * SHARD : (number + 1) * SHARD], str(folder), number),
+        )
         for number in missing
     )
 
@@ -234,5 +237,3 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
         if type(error).__module__ not in ("zipfile", "zlib"):
             raise
         raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
-
-

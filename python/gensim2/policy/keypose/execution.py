@@ -49,6 +49,11 @@ class Execution:
     reached: int
     acting: int
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it goes through all poses."""
+        return self.reached == KEYPOSES
+
 
 class Executor:
     """Makes actions of programs for one robot.

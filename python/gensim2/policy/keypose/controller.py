@@ -1,0 +1,133 @@
+"""Controller of keypose policies: looks, lets the network say where and how, plans the motion, looks again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.errors import InputError
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations.columns import CLOUD
+from gensim2.planning.actions import grip_on
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.keypose.answers import Answer, answers
+from gensim2.policy.keypose.control import Shuffled, altered
+from gensim2.policy.keypose.execution import Executor
+from gensim2.policy.keypose.training import read_ways
+from gensim2.robots import robot
+
+Array = npt.NDArray[np.float64]
+
+Sees = Literal["all", "nothing", "other"]
+"""What of the clouds: all, points at the origin, or the cloud of another scene."""
+
+MOST_LOOKS = 8
+"""Times that the policy looks in one episode, for every step of its task that it was taught."""
+MOST_TRIES = 2
+"""Times that one way is taken in one episode before the next most probable one is."""
+HOLDS = 0.1
+"""N of each finger from which on a program is one that takes something up."""
+
+
+class KeyposeController:
+    """Sees the point cloud, the robot's own state and the sentence; the table is where the robot's profile says.
+
+    Each look gives ways and programs. The most probable way that was not tried too often is planned and executed open
+    loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks from,
+    unless the hand holds something, and looks again, until the network says that nothing is left to do.
+
+    Args:
+        checkpoint: folder of a policy with a keypose head.
+        sees: a control, where it is not ``"all"``.
+
+    Raises:
+        InputError: the checkpoint cannot be used.
+    """
+
+    privileged = False
+
+    def __init__(self, checkpoint: str, sees: Sees = "all") -> None:
+        if sees not in get_args(Sees):
+            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
+        folder = Path(checkpoint)
+        self._folder, self._sees = folder, sees
+        self._policy = PolicyCheckpoint.load(folder)
+        if self._policy.action.kind != "keypose":
+            raise InputError(f"has a {self._policy.config.head} head", file=folder, remedy="give one with keyposes")
+        self._ways = read_ways(folder)
+        self._others = Shuffled.of(folder) if sees == "other" else None
+        self._profile = robot(self._policy.robot)
+        self._executor = Executor(self._profile)
+        self._rows: list[npt.NDArray[np.float32]] = []
+        #: Counts over the episode: free motions by how they were found, programs cut short, looks.
+        self.told: Counter[str] = Counter()
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """What it looks at: that of its training."""
+        return self._policy.observation
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode."""
+        torch.set_num_threads(1)
+        self._row = self._policy.row_of(observation.language, self._folder)
+        self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
+        self._rows, self._tried, self.told = [], Counter[int](), Counter()
+        self._seed, self._command, self._force = seed, observation.gripper_command, 0.0
+        self._home = observation.joint_positions.astype(np.float64)
+        self._last: npt.NDArray[np.float32] | None = None
+
+    def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
+        """The next action; None: done, or no way is left."""
+        if not self._rows:
+            if self.told["looks"] >= MOST_LOOKS or not self._look(observation):
+                return None
+        self._last = self._pressing(self._rows.pop(0), observation)
+        return self._last
+
+    def _look(self, observation: Observation) -> bool:
+        """Plan what comes next; whether there is anything."""
+        self.told["looks"] += 1
+        seen = altered(observation, self._sees, self._others, self._seed)
+        points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
+        found = answers(self._policy, seen, self._row)
+        found = [each for each in found if each.way in self._mine or each.way == len(self._ways)]
+        q = observation.joint_positions.astype(np.float64)
+        for answer in found:
+            if answer.way == len(self._ways):
+                return False
+            if self._tried[answer.way] >= MOST_TRIES:
+                continue
+            if self._begin(answer, q, observation.gripper_command, points):
+                return True
+        return False
+
+    def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
+        self._tried[answer.way] += 1
+        done = self._executor.execute(answer.program, q, command, points)
+        if done is None:
+            self.told["out of reach"] += 1
+            return False
+        self.told[done.free] += 1
+        if not done.is_whole:
+            self.told["cut short"] += 1
+        self._rows = list(done.actions)
+        self._force = answer.program.force if answer.program.force > HOLDS else 0.0
+        if not self._force:
+            end = q.copy()
+            end[list(self._profile.arm_columns)] = self._rows[-1][:-1]
+            back = self._executor.rest(end, self._home, float(self._rows[-1][-1]), points[:0])
+            self._rows += list(back.actions)
+        return True
+
+    def _pressing(self, action: npt.NDArray[np.float32], observation: Observation) -> npt.NDArray[np.float32]:
+        """Fingers that have closed on something press as hard as the program says, however far apart they are."""
+        if not self._force or action[-1] > 0.5 or (self._last is not None and self._last[-1] > action[-1] + 0.02):
+            return action
+        command = grip_on(observation.gripper_width, self._force, self._profile)
+        return np.append(action[:-1], min(command, float(action[-1]) + 0.3)).astype(np.float32)
