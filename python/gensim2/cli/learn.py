@@ -64,8 +64,8 @@ from gensim2.cli.output import line, report, table
 def learn(tasks: tuple[str, ...], out: Path | None, json_file: str | None, **given: Any) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
 
-    Draws scenes and plans them without simulating any of it, trains, and evaluates on objects and seeds that no training
-    saw, beside its controls.
+    Draws scenes and plans them without simulating any of it, trains, and evaluates on objects and seeds that no
+    training saw, beside its controls.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir

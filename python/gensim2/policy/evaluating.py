@@ -9,7 +9,7 @@ from typing import Any, Literal, Unpack, get_args
 
 from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -129,6 +129,8 @@ def evaluate_policy(
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
     for one in given:
+        if policy.action.kind == "keypose" and one.spec.description not in policy.sentences:
+            raise unknown_sentence(policy, one.spec.description, checkpoint)
         policy.row_of(one.spec.description, checkpoint)
     if "shuffled" in controls and policy.action.kind != "keypose":
         raise InputError("is for policies with a keypose head", field="controls", remedy="leave it out")

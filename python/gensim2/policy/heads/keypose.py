@@ -1,11 +1,11 @@
 r"""Keypose head: which way, where on the cloud, and the hand's poses about that place; the planner executes them.
 
-Two looks. The first is at some of the points: a class for each strategy of each step (and one for "done"), and for a
-strategy a heatmap over the points whose mean, with an offset from each point, is where the hand acts,
+Two looks. The first is at some of the points: a class for each strategy of each step (and one for "done"), and for
+a strategy a heatmap over the points whose mean, with an offset from each point, is where the hand acts,
 :math:`p = \sum_i w_i (x_i + o_i)`. The second is at the points about that place, with :math:`p` as the origin and
-Fourier features of their coordinates: it moves :math:`p` and gives the program: positions relative to it, 6-D rotations,
-gripper commands, times. What strategies do is not averaged: each has its own heatmap and program. The two looks are
-trained side by side: the second sees the true place with noise, not what the first one found.
+Fourier features of their coordinates: it moves :math:`p` and gives the program: positions relative to it, 6-D
+rotations, gripper commands, times. What strategies do is not averaged: each has its own heatmap and program. The two
+looks are trained side by side: the second sees the true place with noise, not what the first one found.
 """
 
 from __future__ import annotations

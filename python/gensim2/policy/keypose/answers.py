@@ -68,4 +68,4 @@ def _answer(numbers: np.ndarray, turn: np.ndarray) -> Answer:
         seconds=np.maximum(seconds, 0.0).astype(np.float32),
         force=max(0.0, float(force)),
     )
-    return Answer(int(round(float(way))), float(chance), program)
+    return Answer(round(float(way)), float(chance), program)

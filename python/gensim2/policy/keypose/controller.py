@@ -14,12 +14,13 @@ from gensim2.errors import InputError
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD
 from gensim2.planning.actions import grip_on
-from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.control import Shuffled, altered
 from gensim2.policy.keypose.execution import Executor
-from gensim2.policy.keypose.training import read_ways
+from gensim2.policy.keypose.training import WAYS_JSON, read_ways
 from gensim2.robots import robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 Array = npt.NDArray[np.float64]
 
@@ -38,8 +39,8 @@ class KeyposeController:
     """Sees the point cloud, the robot's own state and the sentence; the table is where the robot's profile says.
 
     Each look gives ways and programs. The most probable way that was not tried too often is planned and executed open
-    loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks from,
-    unless the hand holds something, and looks again, until the network says that nothing is left to do.
+    loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks
+    from, unless the hand holds something, and looks again, until the network says that nothing is left to do.
 
     Args:
         checkpoint: folder of a policy with a keypose head.
@@ -50,6 +51,11 @@ class KeyposeController:
     """
 
     privileged = False
+
+    @staticmethod
+    def depends_on(checkpoint: str, **_: object) -> list[Path]:
+        """Files that say what it does beside its source: they name the weights by their digest."""
+        return [Path(checkpoint) / CONFIG_JSON, Path(checkpoint) / WAYS_JSON]
 
     def __init__(self, checkpoint: str, sees: Sees = "all") -> None:
         if sees not in get_args(Sees):
@@ -69,12 +75,14 @@ class KeyposeController:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """What it looks at: that of its training."""
-        return self._policy.observation
+        """What it looks at next: by the spec of its training, or at the robot alone while it moves."""
+        return PROPRIOCEPTIVE if self._rows else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode."""
         torch.set_num_threads(1)
+        if observation.language not in self._policy.sentences:  # also where the network looks at none
+            raise unknown_sentence(self._policy, observation.language, self._folder)
         self._row = self._policy.row_of(observation.language, self._folder)
         self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
         self._rows, self._tried, self.told = [], Counter[int](), Counter()
@@ -84,9 +92,8 @@ class KeyposeController:
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
-        if not self._rows:
-            if self.told["looks"] >= MOST_LOOKS or not self._look(observation):
-                return None
+        if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
+            return None
         self._last = self._pressing(self._rows.pop(0), observation)
         return self._last
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 SHARD = 50
 """Scenes of a shard."""
 RECORD = "data.json"
-VERSION = 1
 PURPOSE = "keypose/train"
 """Of the scenes' seeds, which so are those of no benchmark and no evaluation."""
 
@@ -52,7 +51,7 @@ class PlannedRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    schema_version: Literal[1] = VERSION
+    schema_version: Literal[1] = 1
     task: str
     language: str
     robot: str
@@ -139,7 +138,7 @@ def plan_scenes(
                 return
             yield job
 
-    for number, cpu_s in results(executor.map_unordered(make_shard, while_there_is_time()), "planned scenes", None):
+    for _, cpu_s in results(executor.map_unordered(make_shard, while_there_is_time()), "planned scenes", None):
         spent += cpu_s
         progress.advance()
     return read_planned(folder)
@@ -152,15 +151,16 @@ def make_shard(
     from gensim2.policy.keypose.examples import draw
 
     begin = time.process_time()
-    examples, failed = [], Counter[str]()
+    examples: list[dict[str, npt.NDArray[Any]]] = []
+    failed = Counter[str]()
     for seed in seeds:
         drawn = draw(scene, strategies, spec, seed)
         examples += drawn.examples
         if drawn.failed is not None:
             failed[drawn.failed] += 1
     cpu_s = time.process_time() - begin
-    names = examples[0] if examples else {}
-    arrays = {name: np.stack([each[name] for each in examples]) for name in names}
+    names = list(examples[0]) if examples else []
+    arrays: dict[str, Any] = {name: np.stack([each[name] for each in examples]) for name in names}
     about = json.dumps({"scenes": len(seeds), "failed": failed, "cpu_s": cpu_s})
     buffer = io.BytesIO()
     np.savez_compressed(buffer, about=np.array(about), **arrays)

@@ -70,7 +70,7 @@ def draw(
         begin = len(task.steps)
     planner, ways = StepPlanner(profile), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
-    examples = []
+    examples: list[Example] = []
     for number in range(begin, len(task.steps)):
         step = task.steps[number]
         names = [name for name in step.strategies if only is None or name in only.get(step.name, ())]

@@ -148,7 +148,7 @@ def learn(
         raise InputError(f"cannot be {policy!r} here", field="policy", remedy="use keypose, or gensim2 train")
     if not 0 < minutes <= 1e5:
         raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
-    train_on = {**scene, "instances": scene.get("instances", "train")}
+    train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
     if skipped:
         name, reason = next(iter(skipped.items()))
@@ -167,6 +167,7 @@ def learn(
     record = _begin(out, record, resume)
     groups = [tuple(given)] if multi_task or len(given) == 1 else [(one,) for one in given]
     learned = []
+    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
         planned = _plan(group, folder, record, workers, progress)
@@ -180,9 +181,9 @@ def learn(
             seed=seed,
             out=folder / "evaluation",
             workers=workers,
-            resume=(folder / "evaluation").exists(),
+            resume=True,
             progress=progress,
-            **{**scene, "instances": test_instances},
+            **tested_on,
         )
         learned.append(Learned(folder, planned, trained, measured))
     result = LearnResult(str(out), record, tuple(learned))

@@ -23,8 +23,8 @@ from gensim2.policy.source import SENTENCE
 from gensim2.robots import robot
 
 YAW = 0.2
-"""Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene that
-is turned so differs a little, since the arm starts where it did."""
+"""Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene
+that is turned so differs a little, since the arm starts where it did."""
 
 
 @dataclass(frozen=True)
