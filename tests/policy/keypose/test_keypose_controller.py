@@ -99,7 +99,7 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     controller = KeyposeController(str(folder))
     assert not is_privileged(controller)
     assert controller.observation_spec == SPEC
-    common = ["evaluate", "CloseBox", "--assets", "builtin", "--episodes", "1", "--workers", "0"]
+    common = ["evaluate", "CloseBox", "--assets", "builtin", "--episodes", "1", "--workers", "1"]
     for words, said in (
         (["--checkpoint", str(folder)], "was not trained on the sentence 'close the box'"),
         (["--checkpoint", str(folder), "--robot", "fetch"], "is for the robot 'panda'"),

@@ -124,7 +124,7 @@ class KeyposeHead(nn.Module):  # type: ignore[misc]
         force = (given.force - batch[FORCE]).abs() / FORCE_SCALE
         each = 0.3 * heat + 0.5 * coarse + 2.0 * away[:, ACTUATION] + others / (KEYPOSES - 1) + 2.0 * turned
         each = each + fingers + 0.3 * times + 0.3 * force
-        return 0.3 * chosen + (each * share).sum()
+        return chosen + (each * share).sum()
 
     def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
         """Return the programs of the most probable ways, (B, ``ANSWERS``, 2 + numbers of a program):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -31,6 +31,11 @@ MOST_LOOKS = 8
 """Times that the policy looks in one episode, for every step of its task that it was taught."""
 MOST_TRIES = 2
 """Times that one way is taken in one episode before the next most probable one is."""
+SURE = 0.5
+"""Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
+too few."""
+RELEASES = 0.5
+"""Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
 """N of each finger from which on a program is one that takes something up."""
 
@@ -69,7 +74,8 @@ class KeyposeController:
         self._others = Shuffled.of(folder) if sees == "other" else None
         self._profile = robot(self._policy.robot)
         self._executor = Executor(self._profile)
-        self._rows: list[npt.NDArray[np.float32]] = []
+        self._arm = list(self._profile.arm_columns)
+        self._rows: deque[npt.NDArray[np.float32]] = deque()
         #: Counts over the episode: free motions by how they were found, programs cut short, looks.
         self.told: Counter[str] = Counter()
 
@@ -85,30 +91,42 @@ class KeyposeController:
             raise unknown_sentence(self._policy, observation.language, self._folder)
         self._row = self._policy.row_of(observation.language, self._folder)
         self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
-        self._rows, self._tried, self.told = [], Counter[int](), Counter()
-        self._seed, self._command, self._force = seed, observation.gripper_command, 0.0
+        self._tried, self.told = Counter[int](), Counter()
+        self._rows.clear()
+        self._seed, self._force, self._holds = seed, 0.0, False
+        self._until_gripped: int | None = None
         self._home = observation.joint_positions.astype(np.float64)
-        self._last: npt.NDArray[np.float32] | None = None
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
         if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
             return None
-        self._last = self._pressing(self._rows.pop(0), observation)
-        return self._last
+        action = self._rows.popleft()
+        if self._until_gripped is not None:
+            self._until_gripped -= 1
+            if self._until_gripped < 0:
+                self._until_gripped, self._holds = None, True
+        if action[-1] > RELEASES:
+            self._holds = False
+        if not self._holds:
+            return action
+        # Fingers that have closed on something press as hard as the program says, however far apart it keeps them.
+        command = grip_on(observation.gripper_width, self._force, self._profile)
+        return np.append(action[:-1], command).astype(np.float32)
 
     def _look(self, observation: Observation) -> bool:
         """Plan what comes next; whether there is anything."""
         self.told["looks"] += 1
         seen = altered(observation, self._sees, self._others, self._seed)
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
-        found = answers(self._policy, seen, self._row)
-        found = [each for each in found if each.way in self._mine or each.way == len(self._ways)]
         q = observation.joint_positions.astype(np.float64)
-        for answer in found:
+        for answer in answers(self._policy, seen, self._row):
             if answer.way == len(self._ways):
-                return False
-            if self._tried[answer.way] >= MOST_TRIES:
+                # Whoever is asked to do something is asked before it is done.
+                if self.told["looks"] > 1 and answer.chance >= SURE:
+                    return False
+                continue
+            if answer.way not in self._mine or self._tried[answer.way] >= MOST_TRIES:
                 continue
             if self._begin(answer, q, observation.gripper_command, points):
                 return True
@@ -116,25 +134,21 @@ class KeyposeController:
 
     def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
         self._tried[answer.way] += 1
-        done = self._executor.execute(answer.program, q, command, points)
-        if done is None:
+        program = answer.program
+        found = self._executor.execute(program, q, command, points)
+        if found is None:
             self.told["out of reach"] += 1
             return False
-        self.told[done.free] += 1
-        if not done.is_whole:
+        self.told[found.free] += 1
+        if not found.is_whole:
             self.told["cut short"] += 1
-        self._rows = list(done.actions)
-        self._force = answer.program.force if answer.program.force > HOLDS else 0.0
-        if not self._force:
+        self._rows = deque(found.actions)
+        takes = program.force > HOLDS
+        if takes:
+            self._force, self._until_gripped = program.force, found.gripped
+        if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
             end = q.copy()
-            end[list(self._profile.arm_columns)] = self._rows[-1][:-1]
-            back = self._executor.rest(end, self._home, float(self._rows[-1][-1]), points[:0])
-            self._rows += list(back.actions)
+            end[self._arm] = found.actions[-1, :-1]
+            back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), points[:0])
+            self._rows.extend(back.actions)
         return True
-
-    def _pressing(self, action: npt.NDArray[np.float32], observation: Observation) -> npt.NDArray[np.float32]:
-        """Fingers that have closed on something press as hard as the program says, however far apart they are."""
-        if not self._force or action[-1] > 0.5 or (self._last is not None and self._last[-1] > action[-1] + 0.02):
-            return action
-        command = grip_on(observation.gripper_width, self._force, self._profile)
-        return np.append(action[:-1], min(command, float(action[-1]) + 0.3)).astype(np.float32)

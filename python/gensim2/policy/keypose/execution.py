@@ -41,13 +41,13 @@ class Execution:
         actions: (N, m + 1).
         free: how its free motion was found.
         reached: poses of the program that it goes through; ``KEYPOSES`` where it is whole.
-        acting: number of the first action at the actuation pose.
+        gripped: number of the first action after the fingers have acted at the actuation pose.
     """
 
     actions: Row
     free: Free
     reached: int
-    acting: int
+    gripped: int
 
     @property
     def is_whole(self) -> bool:
@@ -89,14 +89,14 @@ class Executor:
             rows.dwell(q[self._arm], begin, self._profile.gripper_steps)
         rows.command = begin
         free = self._free(rows, q, path.joints[0], points)
-        acting = 0
+        gripped = 0
         for first, last, number in self._segments(program, path):
             rows.follow(self._timed(program, path, first, last))
-            if number == ACTUATION:
-                acting = len(rows)
             rows.act(path.joints[last][self._arm], float(program.gripper[number + 1]), gently=program.force > 0)
+            if number == ACTUATION:
+                gripped = len(rows)
         rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
-        return Execution(rows.actions(), free, path.reached, acting)
+        return Execution(rows.actions(), free, path.reached, gripped)
 
     def rest(self, q: Array, goal: Array, command: float, points: Array) -> Execution:
         """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
