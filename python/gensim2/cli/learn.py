@@ -28,7 +28,7 @@ from gensim2.cli.output import line, report, table
     help="CPU minutes for the data and the training of each policy; evaluation is not bounded.",
 )
 @click.option("--multi-task", is_flag=True, help="One policy for all TASKS; their sentences tell them apart.")
-@click.option("--scenes", type=options.count(), default=1000, show_default=True, help="Most of each task to plan.")
+@click.option("--scenes", type=options.count(), default=2000, show_default=True, help="Most of each task to plan.")
 @click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
 @click.option(
     "--control-episodes",

@@ -31,7 +31,7 @@ MOST_LOOKS = 8
 """Times that the policy looks in one episode, for every step of its task that it was taught."""
 MOST_TRIES = 2
 """Times that one way is taken in one episode before the next most probable one is."""
-SURE = 0.5
+SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
 too few."""
 RELEASES = 0.5

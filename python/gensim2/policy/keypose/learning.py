@@ -31,11 +31,11 @@ from gensim2.seeding import rng
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
 """What a keypose policy looks at: the scene without the robot."""
-SCENES = 1000
+SCENES = 2000
 """Of each task at most; more make hands no more exact in a training of minutes."""
 DATA_SHARE = 0.4
 """Of the CPU time, at most, that goes into data."""
-LEAST_STEPS, MOST_STEPS = 20, 4000
+LEAST_STEPS, MOST_STEPS = 20, 10_000
 """Gradient steps for one task; of several tasks as many times more."""
 LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
 PROBES = 3
