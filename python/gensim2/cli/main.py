@@ -40,6 +40,8 @@ COMMANDS = {
     "learn": "gensim2.cli.learn:learn",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
+    "train": "gensim2.cli.train:train",
+    "policy": "gensim2.cli.policy:policy",
     "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",

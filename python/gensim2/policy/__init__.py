@@ -13,14 +13,18 @@ from gensim2.lazy import lazy_names
 if TYPE_CHECKING:
     from gensim2.policy.checkpoint import PolicyCheckpoint
     from gensim2.policy.config import PolicyConfig, TrainConfig
+    from gensim2.policy.controller import PolicyController
+    from gensim2.policy.training import train
 
-__all__ = ["PolicyCheckpoint", "PolicyConfig", "TrainConfig"]
+__all__ = ["PolicyCheckpoint", "PolicyConfig", "PolicyController", "TrainConfig", "train"]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "PolicyCheckpoint": "gensim2.policy.checkpoint",
         "PolicyConfig": "gensim2.policy.config",
+        "PolicyController": "gensim2.policy.controller",
         "TrainConfig": "gensim2.policy.config",
+        "train": "gensim2.policy.training",
     },
 )

@@ -23,6 +23,7 @@ class PolicyConfig(Settings):
     of_what: ClassVar[str] = "policy settings"
 
     encoder: str = setting("mlp", "Point encoder.", choices=ENCODERS)
+    blocks: int = setting(0, "Inverted residual blocks a stage of pointnext; 0 is PointNeXt-S.", low=0, high=16)
     text: str = setting("small", "Text encoder; none: the sentence is not looked at.", choices=TEXTS)
     text_model: str = setting("openai/clip-vit-base-patch32", "Folder or hub name of the weights of --text clip.")
     head: str = setting("chunk", "What makes actions of the trunk's tokens.", choices=HEADS)

@@ -5,13 +5,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gensim2.policy.heads.chunk import ChunkHead
+from gensim2.policy.heads.diffusion import DiffusionHead
+from gensim2.policy.heads.flow import FlowHead
 from gensim2.policy.heads.keypose import KeyposeHead
+from gensim2.policy.heads.transformer import TransformerHead
 
 if TYPE_CHECKING:
     from gensim2.policy.config import PolicyConfig
     from gensim2.policy.heads.protocol import Head
 
-_KINDS: dict[str, Any] = {"chunk": ChunkHead, "keypose": KeyposeHead}
+_KINDS: dict[str, Any] = {
+    "chunk": ChunkHead,
+    "transformer": TransformerHead,
+    "diffusion": DiffusionHead,
+    "flow": FlowHead,
+    "keypose": KeyposeHead,
+}
 
 
 def make_head(config: PolicyConfig, arm: int, features: int) -> Head:
