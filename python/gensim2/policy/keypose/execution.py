@@ -164,44 +164,49 @@ class _Rows:
 
     def __init__(self, profile: RobotProfile, command: float) -> None:
         self._profile, self.command = profile, command
-        self._lags, self._columns = np.array(profile.lag_steps), np.arange(profile.arm_size)
-        self._found: list[Array] = []
+        self._positions: list[Array] = []
+        self._ends: list[int] = []
+        self._commands: list[float] = []
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._positions)
 
     def follow(self, samples: Array) -> None:
-        """Samples (N, m) at the control rate, ahead by the drives' lag; the last one is held."""
-        last = len(samples) - 1
-        for index in range(len(samples)):
-            self._add(samples[np.minimum(index + self._lags, last), self._columns])
+        """Samples (N, m) at the control rate; the last one is held."""
+        last = len(self) + len(samples) - 1
+        for sample in samples:
+            self._add(sample, last)
 
     def dwell(self, target: Array, command: float, count: int) -> None:
         """Stay at (m,) joints with a gripper command."""
         self.command = command
         for _ in range(count):
-            self._add(target)
+            self._add(target, len(self))
 
     def act(self, target: Array, command: float, gently: bool) -> None:
         """Let the arm arrive at (m,) joints and the fingers act there, where they do."""
-        before = self.command
+        before, rate = self.command, self._profile.control_hz
         if abs(command - before) <= SAME_COMMAND:
             return
-        self.dwell(target, before, int(self._lags.max()))
+        self.dwell(target, before, self._profile.arrival_steps)
         if gently and command < before:
-            travel = self._profile.gripper.travel(before, command)
-            steps = ceil(travel * self._profile.control_hz / CLOSING_SPEED) + 1
+            steps = ceil(self._profile.gripper.travel(before, command) * rate / CLOSING_SPEED) + 1
             for each in np.linspace(before, command, steps)[1:]:
                 self.dwell(target, float(each), 1)
-            self.dwell(target, command, int(self._lags.max()) + ceil(HOLD_SECONDS * self._profile.control_hz))
+            self.dwell(target, command, self._profile.arrival_steps + ceil(HOLD_SECONDS * rate))
         else:
             self.dwell(target, command, self._profile.gripper_steps)
 
     def actions(self) -> Row:
-        return np.array(self._found, dtype=np.float32)
+        """(N, m + 1): targets of the arm, ahead by the drives' delay, and the gripper's commands."""
+        positions = np.array(self._positions, dtype=np.float32)
+        targets = self._profile.simulated_targets(positions, np.array(self._ends))
+        return np.column_stack([targets, self._commands]).astype(np.float32)
 
-    def _add(self, target: Array) -> None:
-        self._found.append(np.append(target, self.command))
+    def _add(self, position: Array, end: int) -> None:
+        self._positions.append(position)
+        self._ends.append(end)
+        self._commands.append(self.command)
 
 
 def _table(profile: RobotProfile) -> kpam.Body:

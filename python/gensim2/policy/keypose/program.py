@@ -64,7 +64,7 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
     """
     if planned.plan is None or planned.plan.trajectory is None or planned.schedule is None:
         raise ValueError(f"the step has no motion: {planned.reason}")
-    trajectory, actions = planned.plan.trajectory, planned.schedule
+    trajectory, rows = planned.plan.trajectory, planned.schedule
     reached = {frame["label"]: frame["time"] for frame in planned.plan.keyframes if frame["time"] is not None}
     if "actuation" not in reached:
         raise ValueError("the motion does not get to its actuation pose")
@@ -76,9 +76,9 @@ def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
     times = np.array([first, acting, *_evenly(planned, profile, acting, end), end if lets_go is None else lets_go])
     joints = np.array([trajectory.sample(time)[0] for time in times])
     poses = profile.model.forward_kinematics(joints)
-    commands = actions.actions[:, -1]
+    commands = rows.commands
     half = 0.5 / profile.control_hz
-    last = [max(0, int(np.searchsorted(actions.times, time + half)) - 1) for time in times]
+    last = [max(0, int(np.searchsorted(rows.times, time + half)) - 1) for time in times]
     return KeyposeProgram(
         positions=poses[:, :3, 3].astype(np.float32),
         rotations=poses[:, :3, :3].astype(np.float32),
