@@ -15,10 +15,11 @@ from gensim2.cli.output import line, report, table
 @click.argument("tasks", nargs=-1, required=True)
 @click.option(
     "--policy",
-    type=click.Choice(("keypose",)),
+    type=click.Choice(("keypose", "chunk", "transformer", "diffusion", "flow")),
     default="keypose",
     show_default=True,
-    help="keypose: the network says where the hand goes, the planner how. Chunks of actions: gensim2 train.",
+    help="keypose: the network says where the hand goes, the planner how; taught by plans. The others give chunks of "
+    "actions and are taught by episodes.",
 )
 @click.option(
     "--minutes",
@@ -28,7 +29,13 @@ from gensim2.cli.output import line, report, table
     help="CPU minutes for the data and the training of each policy; evaluation is not bounded.",
 )
 @click.option("--multi-task", is_flag=True, help="One policy for all TASKS; their sentences tell them apart.")
-@click.option("--scenes", type=options.count(), default=2000, show_default=True, help="Most of each task to plan.")
+@click.option(
+    "--scenes",
+    type=options.count(),
+    default=2000,
+    show_default=True,
+    help="Most of each task to plan; of episodes at most 200.",
+)
 @click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
 @click.option(
     "--control-episodes",
@@ -64,12 +71,12 @@ from gensim2.cli.output import line, report, table
 def learn(tasks: tuple[str, ...], out: Path | None, json_file: str | None, **given: Any) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
 
-    Draws scenes and plans them without simulating any of it, trains, and evaluates on objects and seeds that no
-    training saw, beside its controls.
+    Draws scenes and plans them (for action chunks: simulates and renders them), trains, and evaluates on objects and
+    seeds that no training saw, beside its controls.
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir
-        from gensim2.policy.keypose.learning import learn as function
+        from gensim2.policy.learning import learn as function
 
         result = function(tasks, out=out or default_run_dir(), progress=progress, **given)
         give(result.to_dict())
@@ -80,7 +87,7 @@ def _show(result: dict[str, Any]) -> None:
         (
             row["name"],
             f"{row['held_mean']:.2f} ({row['interval'][0]:.2f} to {row['interval'][1]:.2f})",
-            *(f"{row[f'{name}_mean']:.2f}" for name in ("blind", "shuffled", "no_op", "expert")),
+            *(_rate(row[f"{name}_mean"]) for name in ("blind", "shuffled", "no_op", "expert")),
             row["demonstrations"],
             row["steps"],
             f"{row['cpu_s']:.0f}",
@@ -88,6 +95,10 @@ def _show(result: dict[str, Any]) -> None:
         )
         for row in result["tasks"]
     ]
-    heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "plans", "steps", "CPU s", "causes")
+    heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "taught by", "steps", "CPU s", "causes")
     table(heads, rows)
     line(f"page: {Path(result['out']) / 'report.html'}")
+
+
+def _rate(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

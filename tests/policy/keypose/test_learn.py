@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
+from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
-from gensim2.policy.keypose import data, learning
+from gensim2.policy.keypose import data
 
 
 def test_learning_goes_from_nothing_to_a_measured_policy(

@@ -13,7 +13,7 @@ from gensim2.policy.curves import read_curves
 from gensim2.policy.train import TRAINING
 
 if TYPE_CHECKING:
-    from gensim2.policy.keypose.learning import LearnResult
+    from gensim2.policy.learning import LearnResult
 
 REPORT = "report.html"
 _WIDTH, _HEIGHT = 400.0, 100.0
@@ -29,7 +29,7 @@ def write_page(result: LearnResult) -> Path:
     curves, failures, films = {}, [], []
     for each in result.learned:
         points = read_curves(each.folder / TRAINING)
-        name = ", ".join(planned.record.task for planned in each.planned)
+        name = ", ".join(each.demonstrations)
         if points:
             curves[name] = _curve([point["loss"] for point in points], points[-1]["step"])
         for row in each.measured.policy.rows:

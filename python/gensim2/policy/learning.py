@@ -1,9 +1,9 @@
-"""From nothing to a policy that is measured: planned scenes, training, evaluation beside its controls, one page."""
+"""From nothing to a policy that is measured: data, training, evaluation beside its controls, one page."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Unpack
@@ -15,12 +15,13 @@ from pydantic import BaseModel, ConfigDict
 from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import ObservationSpec
-from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
 from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, PolicyResult, evaluate_policy
-from gensim2.policy.keypose.data import Planned, plan_scenes
+from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
+from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -40,6 +41,10 @@ LEAST_STEPS, MOST_STEPS = 20, 10_000
 LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
 PROBES = 3
 """Steps by which the time of one is measured."""
+CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
+"""What a policy of action chunks looks at."""
+EPISODES, SECONDS_AN_EPISODE = 200, 1.5
+"""Demonstrations of each task at most, and what one takes of CPU with its clouds."""
 
 
 class LearnRecord(BaseModel):
@@ -47,20 +52,22 @@ class LearnRecord(BaseModel):
 
     Attributes:
         minutes: of CPU for data and training.
-        steps: of each policy that were decided on when its training began, by name of the policy.
+        steps: of each policy that were decided on when its training began, by its folder.
+        data_cpu_s: CPU seconds that went into the data of each.
     """
 
     model_config = ConfigDict(extra="forbid")
 
     schema_version: Literal[1] = 1
     tasks: tuple[str, ...]
-    policy: Literal["keypose"]
+    policy: str
     minutes: float
     multi_task: bool
     seed: int
     scenes: int
     scene: dict[str, Any]
     steps: dict[str, int] = {}
+    data_cpu_s: dict[str, float] = {}
 
 
 @dataclass(frozen=True)
@@ -69,15 +76,22 @@ class Learned:
 
     Attributes:
         folder: of its checkpoint.
-        planned: what it was taught by, one a task.
+        demonstrations: that it was taught by, by task: plans, or episodes.
+        data_cpu_s: CPU seconds that they took.
         trained: how it went.
         measured: it and its controls.
     """
 
     folder: Path
-    planned: tuple[Planned, ...]
+    demonstrations: Mapping[str, int]
+    data_cpu_s: float
     trained: TrainResult
     measured: PolicyResult
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds of data and training."""
+        return self.data_cpu_s + self.trained.cpu_s
 
 
 @dataclass(frozen=True)
@@ -99,9 +113,9 @@ class LearnResult:
         return {
             "schema_version": SCHEMA_VERSION,
             "out": self.out,
-            **self.record.model_dump(mode="json", exclude={"tasks", "schema_version"}),
-            "tasks": [row for each in self.learned for row in _rows(each)],
-            "cpu_s": round(sum(_cpu(each) for each in self.learned), 3),
+            **self.record.model_dump(mode="json", exclude={"tasks", "schema_version", "data_cpu_s"}),
+            "tasks": [row for each in self.learned for row in _rows(each, self.record.policy)],
+            "cpu_s": round(sum(each.cpu_s for each in self.learned), 3),
         }
 
 
@@ -126,7 +140,7 @@ def learn(
 
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
-        policy: ``"keypose"``.
+        policy: name of the head: ``"keypose"``, taught by plans, or one of action chunks, taught by episodes.
         minutes: of CPU for the data and the training of each task; evaluation is not bounded.
         multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
         scenes: most of each task that are planned.
@@ -144,8 +158,8 @@ def learn(
         NotRunError: some scenes or episodes could not be run.
     """
     check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
-    if policy != "keypose":
-        raise InputError(f"cannot be {policy!r} here", field="policy", remedy="use keypose, or gensim2 train")
+    if policy not in HEADS:
+        raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
     if not 0 < minutes <= 1e5:
         raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
     train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
@@ -157,7 +171,7 @@ def learn(
     check_writable(out / LEARN_JSON)
     record = LearnRecord(
         tasks=tuple(one.spec.name for one in given),
-        policy="keypose",
+        policy=policy,
         minutes=minutes,
         multi_task=multi_task,
         seed=seed,
@@ -170,12 +184,12 @@ def learn(
     tested_on: dict[str, Any] = {**scene, "instances": test_instances}
     for group in groups:
         folder = out if len(groups) == 1 else out / group[0].spec.name
-        planned = _plan(group, folder, record, workers, progress)
-        trained = _train(planned, folder, out, record, progress)
+        teach = _teach_by_plans if policy == "keypose" else _teach_by_episodes
+        demonstrations, trained = teach(group, words(group, tasks), folder, out, record, workers, progress)
         measured = evaluate_policy(
             folder,
-            [_named(one, tasks) for one in group],
-            controls=CONTROLS,
+            words(group, tasks),
+            controls=CONTROLS if policy == "keypose" else tuple(each for each in CONTROLS if each != "shuffled"),
             control_episodes=control_episodes,
             episodes=episodes,
             seed=seed,
@@ -185,10 +199,11 @@ def learn(
             progress=progress,
             **tested_on,
         )
-        learned.append(Learned(folder, planned, trained, measured))
+        spent = record.data_cpu_s[_key(folder, out)]
+        learned.append(Learned(folder, demonstrations, spent, trained, measured))
     result = LearnResult(str(out), record, tuple(learned))
     write_json(out / RESULT_JSON, result.to_dict())
-    from gensim2.policy.keypose.page import write_page
+    from gensim2.policy.page import write_page
 
     write_page(result)
     return result
@@ -203,22 +218,28 @@ def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
         raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
     there = read_record(path, LearnRecord, "choose another --out")
     for name in LearnRecord.model_fields:
-        if name != "steps" and getattr(there, name) != getattr(record, name):
+        if name not in ("steps", "data_cpu_s") and getattr(there, name) != getattr(record, name):
             message = f"the run has {getattr(there, name)!r}, not {getattr(record, name)!r}"
             raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
     return there
 
 
-def _plan(
-    group: Sequence[TaskInput], folder: Path, record: LearnRecord, workers: int, progress: Progress
-) -> tuple[Planned, ...]:
+def _teach_by_plans(
+    group: Sequence[TaskInput],
+    named: Sequence[str],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
     from gensim2.rollout.evaluator import PoolEvaluator
 
-    found = []
+    planned = []
     limit = DATA_SHARE * 60.0 * record.minutes / len(group)
     with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
         for one in group:
-            found.append(
+            planned.append(
                 plan_scenes(
                     one,
                     SPEC,
@@ -230,25 +251,63 @@ def _plan(
                     progress=progress,
                 )
             )
-    return tuple(found)
+    source, key = PlannedSource(planned), _key(folder, out)
+    record.data_cpu_s[key] = sum(each.cpu_s for each in planned)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out)
+    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
+    trained = train_keypose(source, folder, training=training, resume=True, progress=progress)
+    return {each.record.task: each.demonstrations for each in planned}, trained
 
 
-def _train(planned: Sequence[Planned], folder: Path, out: Path, record: LearnRecord, progress: Progress) -> TrainResult:
-    source = PlannedSource(planned)
-    name = str(folder.relative_to(out))
-    if name not in record.steps:
-        left = 60.0 * record.minutes - sum(each.cpu_s for each in planned)
-        steps = int(left / seconds_a_step(source, POLICY, TRAINING))
-        record.steps[name] = max(LEAST_STEPS, min(steps, MOST_STEPS * len(planned)))
-        write_json(out / LEARN_JSON, record.model_dump(mode="json"))
-    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[name], "seed": record.seed})
-    return train_keypose(source, folder, training=training, resume=True, progress=progress)
+def _teach_by_episodes(
+    group: Sequence[TaskInput],
+    named: Sequence[str],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
+    from gensim2.data.collection import collect
+    from gensim2.data.rendering import render
+    from gensim2.policy.demonstrations import Demonstrations
+    from gensim2.policy.train import train_policy
+
+    data, key = folder / "data", _key(folder, out)
+    limit = DATA_SHARE * 60.0 * record.minutes / len(group)
+    episodes = max(1, min(EPISODES, record.scenes, int(limit / SECONDS_AN_EPISODE)))
+    scene: dict[str, Any] = dict(record.scene)
+    collected = collect(named, episodes=episodes, out=data, seed=record.seed, workers=workers, resume=True, **scene)
+    rendered = render(data, spec=CHUNK_SPEC, workers=workers, resume=True, progress=progress)
+    # What an earlier call took stands in the record.
+    record.data_cpu_s[key] = record.data_cpu_s.get(key, 0.0) + collected.cpu_s + rendered.cpu_s
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+    policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
+    source = Demonstrations.open([data], policy, (), progress=progress)
+    training = TrainConfig(seed=record.seed, threads=1)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out)
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
+    trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
+    return {task.name: task.held for task in collected.status.tasks}, trained
 
 
-def seconds_a_step(source: PlannedSource, policy: PolicyConfig, training: TrainConfig) -> float:
+def _decide_steps(record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path) -> None:
+    """Gradient steps for the CPU time that is left, once: a run that is gone on with takes as many."""
+    if key not in record.steps:
+        left = 60.0 * record.minutes - record.data_cpu_s[key]
+        record.steps[key] = max(LEAST_STEPS, min(int(left / seconds()), MOST_STEPS * tasks))
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+
+
+def _key(folder: Path, out: Path) -> str:
+    return str(folder.relative_to(out))
+
+
+def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) -> float:
     """CPU seconds of a gradient step: the median of some on a network that is thrown away."""
     torch.set_num_threads(training.threads or 1)
-    config = PolicyConfig.of({**policy.to_dict(), "ways": len(source.ways)})
+    ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
+    config = PolicyConfig.of({**policy.to_dict(), "ways": ways})
     table = prepare(source.sentences, config)
     network = fresh_network(config, source.action.arm, table.shape[1:], 0).train()
     generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), []
@@ -259,22 +318,21 @@ def seconds_a_step(source: PlannedSource, policy: PolicyConfig, training: TrainC
     return 1.15 * float(np.median(taken))  # the optimizer and the averages come on top
 
 
-def _named(one: TaskInput, tasks: str | Sequence[str]) -> str:
-    """The word that a user gave for a task."""
+def words(group: Sequence[TaskInput], tasks: str | Sequence[str]) -> list[str]:
+    """The words that a user gave for tasks: names, or folders."""
     given = (tasks,) if isinstance(tasks, str) else tuple(tasks)
-    return next((word for word in given if Path(word).is_dir() and Path(word).name == one.spec.name), one.spec.name)
+    folders = {Path(word).name: word for word in given if Path(word).is_dir()}
+    return [folders.get(one.spec.name, one.spec.name) for one in group]
 
 
-def _rows(learned: Learned) -> list[dict[str, Any]]:
+def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
     rows = []
-    share = _cpu(learned) / len(learned.planned)
-    for planned, row in zip(learned.planned, learned.measured.policy.rows, strict=True):
-        told = row.to_dict()
-        name = planned.record.task
+    for row in learned.measured.policy.rows:
+        told, name = row.to_dict(), row.task.name
         rows.append(
             {
                 "name": name,
-                "policy": "keypose",
+                "policy": policy,
                 "checkpoint": str(learned.folder),
                 "held_mean": told["held_mean"],
                 "interval": told["held_interval"],
@@ -283,16 +341,10 @@ def _rows(learned: Learned) -> list[dict[str, Any]]:
                 "no_op_mean": learned.measured.mean_of("no-op", name),
                 "expert_mean": learned.measured.mean_of("expert", name),
                 "episodes": told["episodes"],
-                "demonstrations": planned.demonstrations,
-                "scenes": planned.scenes,
+                "demonstrations": learned.demonstrations.get(name, 0),
                 "steps": learned.trained.steps,
                 "causes": told["causes"],
-                "cpu_s": round(share, 3),
+                "cpu_s": round(learned.cpu_s / len(learned.measured.policy.rows), 3),
             }
         )
     return rows
-
-
-def _cpu(learned: Learned) -> float:
-    """CPU seconds of data and training."""
-    return sum(each.cpu_s for each in learned.planned) + learned.trained.cpu_s
