@@ -38,6 +38,7 @@ COMMANDS = {
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
     "evaluate": "gensim2.cli.evaluate:evaluate",
+    "learn": "gensim2.cli.learn:learn",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",

@@ -53,7 +53,8 @@ class ObservedEpisode:
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
             ``language``, ``steps`` and everything of the spec.
-        arrays: by name; (T + 1, ...) but for the cameras' own.
+        arrays: by name; (T + 1, ...) but for the cameras' own: ``intrinsic`` and ``T_base_camera`` of fixed ones, and
+            ``T_link_camera`` of one that the robot carries, whose ``T_base_camera`` is (T + 1, 4, 4).
     """
 
     description: dict[str, Any]
