@@ -269,7 +269,9 @@ def writers(bench: Bench, seed: int) -> None:
 
 def surroundings(bench: Bench) -> None:
     """What a command usually finds is not there, or is off."""
-    ways = {"no /dev/shm": ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o ro none /dev/shm && exec "$@"', "sh")}
+    ways: dict[str, tuple[str, ...]] = {
+        "no /dev/shm": ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o ro none /dev/shm && exec "$@"', "sh")
+    }
     if shutil.which("faketime"):
         ways["a clock set back"] = ("faketime", "-f", "-400d")
     for what, prefix in ways.items():

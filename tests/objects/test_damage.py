@@ -121,6 +121,10 @@ def test_every_command_stands_damage(whole: Path, tmp_path: Path, capfd: pytest.
     reports = validate(opened, items, physics=False)
     assert [r.id for r in reports if [f.check for f in r.findings] == ["loads"]] == refused
     out, picture = str(tmp_path / "out"), str(tmp_path / "x.png")
+    assert cli.run(["assets", "prepare", f"box_rotate/{refused[0]}", *words]) == 1
+    said, counted = capfd.readouterr().out.splitlines()
+    assert said.startswith(f"box_rotate/{refused[0]}: {library}")
+    assert counted.startswith("0 objects of library lie ready")
     for command in (("show",), ("export", "--out", out), ("render", "--out", picture)):
         assert cli.run(["assets", command[0], f"box_rotate/{refused[0]}", *command[1:], *words]) == 2
         errors = capfd.readouterr().err

@@ -25,7 +25,7 @@ from gensim2.errors import InputError, MissingExtraError, NotRunError
 from gensim2.processes import ray_head
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
 from gensim2.processes.pool import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.processes.ray_head import LOOK_SECONDS, Head
+from gensim2.processes.ray_head import LOOK_SECONDS, Head, Latest
 from gensim2.processes.tries import Tries
 from gensim2.processes.worker import SINGLE_THREADED, START_LIMIT, answer
 
@@ -125,6 +125,7 @@ class RayPool:
         self._looked, self._target, self._failed_starts, self._alive = 0.0, 0, 0, time.monotonic()
         _connect(ray, address, workers)
         self._head = Head(ray.get_runtime_context().gcs_address)
+        self._cpus = Latest(lambda: int(ray.cluster_resources().get("CPU", 0)))
         self._remote = ray.remote(num_cpus=1, max_restarts=0)(_Environment)
 
     def __enter__(self) -> RayPool:
@@ -185,7 +186,8 @@ class RayPool:
         """Have as many actors as the cluster has CPUs now, and no more."""
         if time.monotonic() - self._looked > LOOK_SECONDS:
             self._looked = time.monotonic()
-            there = int(self._ray.cluster_resources().get("CPU", 0))
+            self._cpus.renew()
+            there = self._cpus.value
             self._target = there if self._workers is None else min(there, self._workers)
             for place in [place for place in self._places if not place.is_ready][: self._surplus]:
                 self._end(place)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
+from collections.abc import Callable
 
 LOOK_SECONDS = 1.0
 """Between two looks."""
@@ -48,3 +50,25 @@ class Head:
     def is_gone(self) -> bool:
         """Whether it has not answered for so long that it counts as gone."""
         return not self.is_there and time.monotonic() - self._answered > GONE_SECONDS
+
+
+class Latest:
+    """An answer of Ray's that may never come, asked for beside the work.
+
+    Args:
+        ask: gives it; the first is waited for.
+    """
+
+    def __init__(self, ask: Callable[[], int]) -> None:
+        self._ask = ask
+        self._thread: threading.Thread | None = None
+        self.value = ask()
+
+    def renew(self) -> None:
+        """Ask anew, where the question before has been answered."""
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._renewed, daemon=True)
+            self._thread.start()
+
+    def _renewed(self) -> None:
+        self.value = self._ask()
