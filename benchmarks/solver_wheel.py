@@ -4,7 +4,7 @@
 
 Builds source distribution and wheel (or takes FILE), makes a fresh environment a Python with uv, installs the wheel
 there, looks that no gensim2 is in it, and runs the lines of crates/python/README.md on the UR5 of examples/robots. A
-Python that is not on this machine and cannot be fetched is named and left out. Ends with 1 where something does not hold.
+Python that is not on this machine and cannot be fetched is named and left out. Ends with 1 where one of them fails.
 """
 
 from __future__ import annotations

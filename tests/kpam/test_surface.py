@@ -94,9 +94,11 @@ def test_a_status_is_a_string_of_an_enumeration(pendulum: kpam.Robot) -> None:
     assert plan.status is kpam.Status.SOLVED
     assert plan.status == "solved"
     assert f"{plan.status}" == json.loads(json.dumps(plan.status)) == "solved"
-    motion = kpam.Scene(pendulum).plan_to([0.0], [9.0])
-    assert isinstance(motion.status, kpam.MotionStatus)
-    assert motion.status != "solved"
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    motion = kpam.Scene(pendulum).plan_to([0.0], far)
+    assert motion.status is kpam.MotionStatus.UNREACHABLE
+    assert motion.status == "unreachable"
     assert motion.trajectory is None
 
 
