@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
+from solver_wheel import readme_lines
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SOLVER = tomllib.loads((ROOT / "crates/python/pyproject.toml").read_text())["project"]
 LOCK = (ROOT / "requirements.lock").read_text()
 
 
@@ -45,7 +47,24 @@ def test_pins_name_no_host() -> None:
 
 def test_one_version_everywhere() -> None:
     workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]
-    assert workspace["package"]["version"] == PROJECT["version"]
+    assert workspace["package"]["version"] == PROJECT["version"] == SOLVER["version"]
+
+
+def test_the_solver_alone_needs_numpy_and_nothing_else() -> None:
+    assert [Requirement(line).name for line in SOLVER["dependencies"]] == ["numpy"]
+    script = (
+        "import sys, gensim2_kpam\n"
+        "print(sorted(n for n in sys.modules if n.split('.')[0] in ('gensim2', 'scipy', 'trimesh', 'pydantic')))"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
+
+
+def test_the_readme_of_the_solver_plans(tmp_path: Path) -> None:
+    (tmp_path / "ur5.urdf").write_bytes((ROOT / "examples/robots/ur5.urdf").read_bytes())
+    script = readme_lines() + "assert motion.status == 'solved', motion.reason\n"
+    answer = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stderr
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,21 @@ from .options import ContactWindow as ContactWindow
 from .options import GraspOptions as GraspOptions
 from .options import Gripper as Gripper
 from .options import Options as Options
+from .results import ActuationPose as ActuationPose
+from .results import CheckedPair as CheckedPair
+from .results import Clearances as Clearances
+from .results import Collision as Collision
+from .results import CpuTimes as CpuTimes
+from .results import GraspQuality as GraspQuality
+from .results import Guess as Guess
+from .results import Keyframe as Keyframe
+from .results import MotionStatus as MotionStatus
+from .results import Refined as Refined
+from .results import Residual as Residual
+from .results import Status as Status
+from .results import TightPair as TightPair
+from .results import Touch as Touch
+from .results import TriedPose as TriedPose
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.ArrayLike
@@ -288,14 +303,14 @@ class Scene:
         """Smallest signed distance (m) of the same pairs, ``most`` where none is nearer: (n,) -> float, (N, n) ->
         (N,)."""
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
-        """Pairs that come within ``reach`` (m), nearest first, as dicts ``bodies`` (two names), ``distance`` (m,
-        negative where they overlap), ``point`` (3,): for (n,) a list of them, for (N, n) a list of such lists."""
+        """Pairs that come within ``reach`` (m), nearest first, each a :class:`CheckedPair`: for
+        (n,) a list of them, for (N, n) a list of such lists."""
 
 class Motion:
     """Motion to a goal, or why there is none."""
 
     @property
-    def status(self) -> str:
+    def status(self) -> MotionStatus:
         """ "solved", or "start_blocked", "goals_blocked", "unreachable", "not_found", "late" (the deadline passed),
         "cancelled"."""
     @property
@@ -397,7 +412,7 @@ class Plan:
     """What was solved, each residual, what failed. Pickles."""
 
     @property
-    def status(self) -> str:
+    def status(self) -> Status:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
         "unreachable", "collision", "start_in_collision", "not_found" (the search ended without a motion; there may be
         one), "too_fast", "cannot_stop" (no motion from the start stays within the joint limits), "untimed" (a path was
@@ -412,14 +427,14 @@ class Plan:
     def margin(self) -> float:
         """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
     @property
-    def tight(self) -> list[dict[str, Any]]:
+    def tight(self) -> list[TightPair]:
         """What is nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two
         names), ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
     @property
-    def touches(self) -> list[dict[str, Any]]:
+    def touches(self) -> list[Touch]:
         """What overlaps at keyframes, and may: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
     @property
-    def guesses(self) -> list[dict[str, Any]]:
+    def guesses(self) -> list[Guess]:
         """Motions that move the object's joint by an amount that is a guess: ``toward`` (keyframe), ``travel`` (rad or
         m), ``depth`` (m of overlap that is let pass for it)."""
     @property
@@ -438,10 +453,10 @@ class Plan:
     def q_best_effort(self) -> Array | None:
         """(n,) where no pose meets the constraints: the one that misses least."""
     @property
-    def residuals(self) -> list[dict[str, Any]]:
+    def residuals(self) -> list[Residual]:
         """One a constraint: ``name``, ``residual`` (m or rad), ``tolerance``, ``satisfied``."""
     @property
-    def keyframes(self) -> list[dict[str, Any]]:
+    def keyframes(self) -> list[Keyframe]:
         """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0", "let_go"), ``time`` (s or None),
         ``T_base_hand`` (4, 4), ``reached``."""
     @property
@@ -451,21 +466,21 @@ class Plan:
     def tried(self) -> int:
         """Number of poses whose motion was tried."""
     @property
-    def tried_poses(self) -> list[dict[str, Any]]:
+    def tried_poses(self) -> list[TriedPose]:
         """What became of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
         ``reason``."""
     @property
     def reached_fraction(self) -> float:
         """Part of the motion after the actuation pose that is reachable and free, 0..1."""
     @property
-    def collisions(self) -> list[dict[str, Any]]:
+    def collisions(self) -> list[Collision]:
         """``bodies`` (two names), ``time`` (s or None), ``toward`` (keyframe), ``distance`` (m, negative when
         overlapping), ``point`` (3,)."""
     @property
     def start_overlap(self) -> float:
         """Deepest judged overlap at the start, m."""
     @property
-    def cpu_ms(self) -> dict[str, float]:
+    def cpu_ms(self) -> CpuTimes:
         """Thread CPU time of planning: ``actuation``, ``trajectory``, ``total``. Does not pickle."""
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON holds them."""
@@ -495,7 +510,7 @@ def plan(
         explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
     """
 
-def ik(problem: KeypointProblem, most: int = 10) -> list[dict[str, Any]]:
+def ik(problem: KeypointProblem, most: int = 10) -> list[ActuationPose]:
     """The cheapest distinct poses that meet the constraints, cheapest first: ``q`` (n,), ``cost``. Obstacles are left
     out; ``Scene.check`` says what a pose touches."""
 
@@ -557,7 +572,7 @@ class Grasp:
     def score(self) -> float:
         """Rank, 0 to 1; higher is better."""
     @property
-    def quality(self) -> dict[str, float]:
+    def quality(self) -> GraspQuality:
         """What the rank is made of: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad
         that touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open
         hand), ``tilt`` (rad between approach and straight down)."""
@@ -582,7 +597,7 @@ def plan_batch(problems: Sequence[KeypointProblem], threads: int | None = None) 
     """Plans many on ``threads`` threads, 1 to 256 (default: all cores); the same results as ``plan``, in order. Ctrl-C
     ends it."""
 
-def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> dict[str, float] | None:
+def min_clearance(problem: KeypointProblem, plan: Plan, step: float) -> Clearances | None:
     """Smallest signed distance (m) of judged pairs along the motion, every ``step`` s: "self", "table", "object".
 
     ``step`` is at least a 100,000th of the motion.
@@ -625,7 +640,7 @@ def retime(
 
 def refine(
     problem: KeypointProblem, plan: Plan, *, times: npt.ArrayLike | None = None, keep_paths: bool = False
-) -> dict[str, Any]:
+) -> Refined:
     """A plan's whole waypoint path made shorter by sequential quadratic programming on Clarabel.
 
     The cost is the original's: squared joint steps between waypoints, 10 times for the first joint. Hand poses of

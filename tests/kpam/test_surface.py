@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -86,6 +87,29 @@ def test_typed_options_are_those_of_the_solver(pendulum: kpam.Robot) -> None:
         problem(pendulum, {"no_such_option": 1})
     known = {word.strip(" `.,") for word in str(refused.value).split("expected one of")[1].split(",")}
     assert known == set(get_type_hints(kpam.Options))
+
+
+def test_a_status_is_a_string_of_an_enumeration(pendulum: kpam.Robot) -> None:
+    plan = kpam.plan(problem(pendulum))
+    assert plan.status is kpam.Status.SOLVED
+    assert plan.status == "solved"
+    assert f"{plan.status}" == json.loads(json.dumps(plan.status)) == "solved"
+    far = np.eye(4)
+    far[0, 3] = 5.0
+    motion = kpam.Scene(pendulum).plan_to([0.0], far)
+    assert motion.status is kpam.MotionStatus.UNREACHABLE
+    assert motion.status == "unreachable"
+    assert motion.trajectory is None
+
+
+@pytest.mark.parametrize("name", ["keyframes", "residuals", "cpu_ms"])
+def test_results_have_the_keys_of_their_types(pendulum: kpam.Robot, name: str) -> None:
+    plan = kpam.plan(problem(pendulum))
+    (kind,) = {"keyframes": [kpam.Keyframe], "residuals": [kpam.Residual], "cpu_ms": [kpam.CpuTimes]}[name]
+    found = getattr(plan, name)
+    for value in found if isinstance(found, list) else [found]:
+        assert set(value) == set(get_type_hints(kind))
+    assert found
 
 
 def test_values_are_readable(pendulum: kpam.Robot) -> None:

@@ -16,6 +16,11 @@ use crate::errors::problem_error;
 /// Poses are written in single precision by simulators; this is how far from rigid they may be.
 const RIGID: f64 = 1e-3;
 
+/// A member of an enumeration of `gensim2_kpam.results`, by its value.
+pub(crate) fn member<'py>(py: Python<'py>, class: &str, value: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("gensim2_kpam.results")?.getattr(class)?.call1((value,))
+}
+
 /// Numbers of any array-like, flattened, with their shape.
 pub(crate) fn numbers(value: &Bound<'_, PyAny>, field: &str) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let array: PyArrayLikeDyn<'_, f64, AllowTypeChange> = value

@@ -18,9 +18,10 @@ fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyA
 
 #[pymethods]
 impl PyPlan {
+    /// How planning ended: a member of `Status`, which is a string.
     #[getter]
-    fn status(&self) -> &'static str {
-        self.0.status().name()
+    fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        convert::member(py, "Status", self.0.status().name())
     }
 
     #[getter]
@@ -131,7 +132,7 @@ impl PyPlan {
             let d = PyDict::new(py);
             d.set_item("q", convert::array1(py, &pose.q))?;
             d.set_item("rank", pose.rank)?;
-            d.set_item("status", pose.status.name())?;
+            d.set_item("status", convert::member(py, "Status", pose.status.name())?)?;
             d.set_item("reason", &pose.reason)?;
             out.append(d)?;
         }

@@ -16,11 +16,9 @@ use crate::timing::PyTrajectory;
 #[pyclass(name = "Motion", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyMotion(Result<Motion, NoMotion>, f64);
 
-#[pymethods]
 impl PyMotion {
-    /// "solved", or why not: "start_blocked", "goals_blocked", "unreachable", "not_found", "late", "cancelled".
-    #[getter]
-    fn status(&self) -> &'static str {
+    /// Name of the member of `MotionStatus`.
+    fn word(&self) -> &'static str {
         match &self.0 {
             Ok(_) => "solved",
             Err(NoMotion::StartBlocked(_)) => "start_blocked",
@@ -30,6 +28,15 @@ impl PyMotion {
             Err(NoMotion::Cancelled) => "cancelled",
             Err(_) => "not_found",
         }
+    }
+}
+
+#[pymethods]
+impl PyMotion {
+    /// How planning ended: a member of `MotionStatus`, which is a string.
+    #[getter]
+    fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        convert::member(py, "MotionStatus", self.word())
     }
 
     /// One sentence for a person; empty where solved.
@@ -79,7 +86,7 @@ impl PyMotion {
     fn __repr__(&self) -> String {
         match &self.0 {
             Ok(m) => format!("Motion(solved, {:.3} s, goal {})", m.trajectory.end(), m.goal),
-            Err(why) => format!("Motion({}: {why})", self.status()),
+            Err(why) => format!("Motion({}: {why})", self.word()),
         }
     }
 }

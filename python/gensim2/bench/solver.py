@@ -57,8 +57,10 @@ def _listed(value: Any) -> Any:
 
 def _clearance(question: kpam.KeypointProblem, plan: kpam.Plan) -> dict[str, float | None]:
     """Smallest signed distances of the judged pairs; None where there is no motion or no such pair."""
-    found = kpam.min_clearance(question, plan, CLEARANCE_STEP) or {}
-    values = {name: found.get(name) for name in ("self", "table", "object")}
+    found = kpam.min_clearance(question, plan, CLEARANCE_STEP)
+    values: dict[str, float | None] = {"self": None, "table": None, "object": None}
+    if found is not None:
+        values |= {"self": found["self"], "table": found["table"], "object": found["object"]}
     return {name: value if value is not None and math.isfinite(value) else None for name, value in values.items()}
 
 
