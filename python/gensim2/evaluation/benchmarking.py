@@ -31,6 +31,7 @@ class BenchmarkResult:
         skipped: tasks that could not be run on these objects, with the reason.
         speeds: episodes a second of wall time in this call, by task; None where all were there.
         cpu_s: CPU of all processes in this call, their start apart.
+        provenance: commit, date and command.
     """
 
     run_dir: str
@@ -40,6 +41,7 @@ class BenchmarkResult:
     skipped: dict[str, str]
     speeds: dict[str, float | None]
     cpu_s: float
+    provenance: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -48,6 +50,7 @@ class BenchmarkResult:
             "run_dir": self.run_dir,
             "arguments": self.arguments,
             "versions": self.versions,
+            "provenance": self.provenance,
             "tasks": [row.to_dict() for row in self.rows],
             "groups": groups(self.rows),
             "skipped": self.skipped,
@@ -107,7 +110,7 @@ def benchmark(
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.rollout import worker
     from gensim2.rollout.evaluator import PoolEvaluator
-    from gensim2.rollout.identity import identity, versions
+    from gensim2.rollout.identity import identity, provenance, versions
 
     library = given[0].library
     options, rollout = given[0].scene.options, replace(given[0].rollout, disturbance=disturbance, attempts=attempts)
@@ -159,7 +162,9 @@ def benchmark(
             folder.add_episodes(library, found, folder.path / "run.json")
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
-        result = BenchmarkResult(str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s)
+        result = BenchmarkResult(
+            str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s, provenance()
+        )
         told = result.to_dict()
         for task in told["tasks"]:
             del task["records"]  # they stand in the task's folder

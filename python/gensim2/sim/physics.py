@@ -223,7 +223,8 @@ class OriginalPhysics(Physics):
         for link in robot.links:
             for shape in link.collision_shapes:
                 shape.set_physical_material(material)
-        _drive_fingers(robot, profile, profile.finger_drive.stiffness, self._constants.finger_damping)
+        drive = profile.finger_drive
+        _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
 
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         loader.set_density(self._constants.density(asset_class))

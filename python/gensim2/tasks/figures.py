@@ -41,6 +41,7 @@ class Condition(_Value):
         attempts: tries of an episode from the same start.
         open_loop: everything was planned at the start.
         disturbance: ``"push"``, ``"drop"`` or None.
+        one_plan: each step was planned once, by its first strategy.
     """
 
     objects: Literal["generated", "real"]
@@ -51,6 +52,7 @@ class Condition(_Value):
     attempts: Annotated[int, Field(ge=1)]
     open_loop: bool
     disturbance: str | None
+    one_plan: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -71,6 +73,7 @@ class Condition(_Value):
             f"ranges {self.randomization}": self.randomization != "paper",
             f"{self.attempts} attempts": self.attempts > 1,
             "open loop": self.open_loop,
+            "one plan a step": self.one_plan,
             f"disturbed: {self.disturbance}": self.disturbance is not None,
         }
         return [words for words, deviates in found.items() if deviates]
