@@ -67,6 +67,7 @@ def benchmark(
     episodes: int = 50,
     seed: int = 0,
     attempts: int = 1,
+    one_plan: bool = False,
     disturbance: Disturbance | None = None,
     out: Path | None = None,
     workers: int = 2,
@@ -86,6 +87,7 @@ def benchmark(
         episodes: of each task in each run.
         seed: of the scenes; no search draws from the same ones.
         attempts: that an episode has at most from its start, until one holds.
+        one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes; the table does not depend on their number.
@@ -104,6 +106,8 @@ def benchmark(
         raise InputError(
             f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
+    if one_plan and scene.get("open_loop", False):
+        raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     names = [one.spec.name for one in given]
     # Only now what takes long to import.
@@ -113,7 +117,10 @@ def benchmark(
     from gensim2.rollout.identity import identity, provenance, versions
 
     library = given[0].library
-    options, rollout = given[0].scene.options, replace(given[0].rollout, disturbance=disturbance, attempts=attempts)
+    options, rollout = (
+        given[0].scene.options,
+        replace(given[0].rollout, one_plan=one_plan, disturbance=disturbance, attempts=attempts),
+    )
     arguments = {
         "seed": seed,
         "runs": runs,

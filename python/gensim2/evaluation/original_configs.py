@@ -26,7 +26,6 @@ from gensim2.rollout.record import Episode
 from gensim2.rollout.tally import Tally
 from gensim2.scenes.config import SceneOptions
 from gensim2.scenes.footprint import lowest_of_moving_link
-from gensim2.scenes.physics import PhysicsName
 from gensim2.seeding import check_seed
 from gensim2.tasks.library import PAPER as PAPER_SUITE
 from gensim2.tasks.library import load_task, task_names
@@ -151,7 +150,7 @@ def benchmark_configs(
     episodes: int = 30,
     seed: int = 0,
     assets: str | Path | None = None,
-    physics: PhysicsName = "original",
+    physics: str = "original",
     out: Path | None = None,
     workers: int = 2,
     resume: bool = False,

@@ -21,11 +21,9 @@ class RolloutArguments(SceneArguments, total=False):
 
     Keys:
         open_loop: everything is planned at the start of an episode, with the first strategy of each step.
-        one_plan: each step is planned once, at its turn, by its first strategy, as the paper's method has it.
     """
 
     open_loop: bool
-    one_plan: bool
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,7 @@ def read_task_input(task: str, *, seed: int = 0, **given: Unpack[RolloutArgument
         profile(options.robot),
         files,
     )
-    rollout = RolloutOptions(open_loop=given.get("open_loop", False), one_plan=given.get("one_plan", False))
-    if rollout.open_loop and rollout.one_plan:
-        raise InputError("plans everything at the start", field="open_loop", remedy="leave it out, or one_plan")
+    rollout = RolloutOptions(open_loop=given.get("open_loop", False))
     return TaskInput(options.with_task(spec, word), word, strategies, library, rollout)
 
 

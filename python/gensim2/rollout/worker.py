@@ -214,7 +214,8 @@ def _rollout(
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
         still = partial(still_episode, config.scene, seed)
-        return run(env, controller, seed=seed, record=record, stop=stop, still=still)
+        every = env.physics.criteria_steps(env.profile)
+        return run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording
