@@ -16,7 +16,7 @@ import time
 from gensim2.objects import open_library
 from gensim2.rollout.controller import spec_of
 from gensim2.rollout.motion import is_at_rest
-from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
 from gensim2.rollout.still import StillController, still_arm
 from gensim2.seeding import scene_seeds
 from gensim2.sim.headless import HeadlessEnv
@@ -26,15 +26,16 @@ from gensim2.tasks.library import load_task, task_names
 
 def beside_an_arm(lane: HeadlessEnv, seed: int) -> bool:
     """Whether the goal holds after an episode's length in which the arm holds where it stands."""
-    steps = lane.task.max_episode_steps - MAX_SETTLE_STEPS
+    longest, settle = lane.profile.steps(MAX_SETTLE_SECONDS), lane.profile.steps(SETTLE_SECONDS)
+    steps = lane.max_episode_steps - longest
     controller = StillController(lane.profile, steps)
     lane.reset(seed)
     controller.reset(lane.observe(spec_of(controller)))
     before = now = lane.measure()
-    for index in range(steps + MAX_SETTLE_STEPS):
+    for index in range(steps + longest):
         action = controller.act(lane.observe(spec_of(controller)))
         if action is None:
-            if index >= steps + SETTLE_STEPS and is_at_rest(before, now):
+            if index >= steps + settle and is_at_rest(before, now, 1.0 / lane.profile.control_hz):
                 break
             lane.wait()
         else:

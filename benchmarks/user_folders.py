@@ -1,6 +1,7 @@
 """Folders of objects as users have them, drawn by a seed: what is proposed and designed on each.
 
-    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--assets DIR] [--workers 2] [--json FILE]
+    python benchmarks/user_folders.py [--folders 60] [--whole 12] [--skip 0] [--no-proposals] [--assets DIR]
+        [--workers 2] [--made DIR] [--json FILE]
 
 A folder is a random subset of classes, of real objects (``--assets``) or of generated ones that were exported: with few
 objects or one, under other ids, rigid ones alone, class folders that are links, or classes of the user's own names. On
@@ -12,10 +13,12 @@ of those that have a class with a joint, and on one without, ``run-pipeline``, `
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import os
+import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -27,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from gensim2.cli import main as cli
 from gensim2.design import Brief, OfflineDesigner
 from gensim2.design.base import Known
 from gensim2.design.briefing import Classes, robot_summary
@@ -73,6 +77,8 @@ def make_folder(number: int, where: Path, pool: Path) -> Folder:
     rigid = sorted(path for path in (pool / "rigidbody_objs" / "models").iterdir() if path.is_dir())
     counts = {"one object": (1, 0), "only rigid": (0, int(generator.integers(1, 6)))}
     wanted, wanted_rigid = counts.get(kind, (int(generator.integers(1, 8)), int(generator.integers(0, 4))))
+    if where.is_dir():
+        return Folder(where, kind, wanted, wanted_rigid)
     for index in generator.choice(len(articulated), min(wanted, len(articulated)), replace=False):
         source = articulated[index]
         name = f"my_{source.name}" if kind == "unknown names" else source.name
@@ -94,8 +100,10 @@ def make_folder(number: int, where: Path, pool: Path) -> Folder:
 
 def make_pool(where: Path, assets: Path | None) -> list[Path]:
     """Return the folders that objects are drawn from: exported generated ones, and real ones where there are some."""
-    library = open_library("builtin")
     made = where / "generated"
+    if made.is_dir():
+        return [made] if assets is None else [made, assets]
+    library = open_library("builtin")
     for name in library.classes("articulated"):
         for each in library.instances(name)[:2]:
             export(library.load_articulated(name, each), made)
@@ -140,37 +148,40 @@ def proposals(folder: Folder) -> dict[str, Any]:
     return {"proposals": len(found), "objects": len(noted.objects), "tasks": len(tasks), "skipped": len(skipped)}
 
 
-def command(words: list[str], seconds: float) -> dict[str, Any]:
-    """Run a command of gensim2 and return its exit code and what it said."""
-    begin = time.monotonic()
-    try:
-        done = subprocess.run(
-            [str(Path(sys.executable).with_name("gensim2")), *words],
-            capture_output=True,
-            text=True,
-            timeout=seconds,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return {"code": None, "said": "ran out of time", "s": seconds}
-    said = done.stderr.strip().splitlines()
-    is_clean = "Traceback" not in done.stderr
+def command(words: list[str]) -> dict[str, Any]:
+    """Run a command of gensim2 and return its exit code and what it said; all in this process, which imports once."""
+    begin, cpu = time.monotonic(), cpu_seconds()
+    out, err = io.StringIO(), io.StringIO()
+    code = None
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = cli.run(words)
+        except Exception:  # noqa: BLE001 - what a user must never see is counted, not raised
+            err.write(traceback.format_exc())
+    said = err.getvalue().strip().splitlines()
     return {
-        "code": done.returncode,
+        "code": code,
         "said": said[-1] if said else "",
-        "clean": is_clean,
+        "clean": code is not None and "Traceback" not in err.getvalue(),
         "s": round(time.monotonic() - begin, 1),
+        "cpu_s": round(cpu_seconds() - cpu, 1),
     }
 
 
-def whole(folder: Folder, out: Path, workers: int, seconds: float) -> dict[str, Any]:
+def cpu_seconds() -> float:
+    """CPU of this process and of the workers that have ended."""
+    own, ended = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + ended.ru_utime + ended.ru_stime
+
+
+def whole(folder: Folder, out: Path, workers: int) -> dict[str, Any]:
     """Design, keep, demonstrate, collect and measure on one folder."""
     common = ["--assets", str(folder.path), "--workers", str(workers)]
     told = out / "pipeline.json"
     found: dict[str, Any] = {}
     words = ["run-pipeline", "--single", "1", "--episodes", "1", "--from-empty", "--verify", "10", "--no-video"]
     words += ["--out", str(out / "run"), "--json", str(told), "--library", str(out / "library")]
-    found["run-pipeline"] = command([*words, *common], seconds)
+    found["run-pipeline"] = command([*words, *common])
     result = json.loads(told.read_text()) if told.is_file() else {"tasks": [], "notes": []}
     kept = [task["name"] for task in result["tasks"] if task["kept"]]
     found |= {"designed": len(result["tasks"]), "kept": kept, "notes": result["notes"]}
@@ -181,10 +192,10 @@ def whole(folder: Folder, out: Path, workers: int, seconds: float) -> dict[str, 
     tasks = [str(out / "run" / "tasks" / name) for name in kept[:1]] or suite[:1]
     for task in tasks:
         end = ["--no-video", "--out"]
-        found["demo"] = command(["demo", task, "--episodes", "1", *end, str(out / "demo"), *common], seconds)
+        found["demo"] = command(["demo", task, "--episodes", "1", *end, str(out / "demo"), *common])
         end = ["--episodes", "2", "--out"]
-        found["collect"] = command(["collect", task, *end, str(out / "collected"), *common], seconds)
-        found["benchmark"] = command(["benchmark", task, "--runs", "1", *end, str(out / "bench"), *common], seconds)
+        found["collect"] = command(["collect", task, *end, str(out / "collected"), *common])
+        found["benchmark"] = command(["benchmark", task, "--runs", "1", *end, str(out / "bench"), *common])
     return found
 
 
@@ -192,19 +203,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folders", type=int, default=60)
     parser.add_argument("--whole", type=int, default=12)
+    parser.add_argument("--skip", type=int, default=0, help="leave out so many of those that are gone through whole")
+    parser.add_argument("--no-proposals", dest="propose", action="store_false")
     parser.add_argument("--assets", type=Path, default=os.environ.get("GENSIM2_ASSETS"))
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--time-limit", type=float, default=1200.0, help="seconds of one command")
+    parser.add_argument(
+        "--made", type=Path, help="keep the folders and what the commands leave here, or go on with them"
+    )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as made:
-        pools = make_pool(Path(made), options.assets)
-        folders = [make_folder(n, Path(made) / str(n), pools[n % len(pools)]) for n in range(options.folders)]
+    with tempfile.TemporaryDirectory() as elsewhere:
+        made = options.made or Path(elsewhere)
+        pools = make_pool(made, options.assets)
+        folders = [make_folder(n, made / str(n), pools[n % len(pools)]) for n in range(options.folders)]
         for number, folder in enumerate(folders):
             row: dict[str, Any] = {**asdict(folder), "path": number}
             try:
-                row |= proposals(folder)
+                row |= proposals(folder) if options.propose else {}
             except GenSim2Error as error:
                 row["refused"] = str(error)
             except Exception:  # noqa: BLE001 - what a user must never see is counted, not raised
@@ -213,10 +229,14 @@ def main() -> None:
             print(number, {name: value for name, value in row.items() if name != "path"}, flush=True)
         jointed = [n for n, folder in enumerate(folders) if folder.articulated]
         rigid = [n for n, folder in enumerate(folders) if not folder.articulated]
-        for number in [*jointed[: options.whole], *rigid[:1]] if options.whole else []:
-            out = Path(made) / f"out-{number}"
-            out.mkdir()
-            rows[number]["whole"] = whole(folders[number], out, options.workers, options.time_limit)
+        for number in [*jointed[options.skip : options.whole], *rigid[:1]] if options.whole else []:
+            out = made / f"out-{number}"
+            done = out / "done.json"
+            if not done.is_file():
+                shutil.rmtree(out, ignore_errors=True)
+                out.mkdir()
+                done.write_text(json.dumps(whole(folders[number], out, options.workers)))
+            rows[number]["whole"] = json.loads(done.read_text())
             print(number, rows[number]["whole"], flush=True)
             if options.json:
                 options.json.write_text(json.dumps(rows, indent=1, default=str))
@@ -226,7 +246,8 @@ def main() -> None:
         each[name] for each in done for name in ("run-pipeline", "demo", "collect", "benchmark") if name in each
     ]
     print(f"{len(rows)} folders, {len(wrong)} with a traceback: {wrong}")
-    print(f"median of proposals: {np.median([row.get('proposals', 0) for row in rows]):g}")
+    if options.propose:
+        print(f"median of proposals: {np.median([row.get('proposals', 0) for row in rows]):g}")
     print(f"of {len(done)} with a joint {sum(bool(each['kept']) for each in done)} have a task designed and kept")
     print(f"{sum(each.get('clean', False) for each in commands)} of {len(commands)} commands without a traceback")
     if options.json:

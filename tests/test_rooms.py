@@ -7,7 +7,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 import gensim2.objects
 
@@ -15,10 +18,24 @@ PYTHON = Path(__file__).parents[1] / "python"
 
 #: Rooms that know nothing of the simulator, and what lies above them.
 BELOW_SIM = ("gensim2.objects", "gensim2.planning", "gensim2.scenes", "gensim2.tasks")
-ABOVE_SIM = ("gensim2.rollout", "gensim2.data", "gensim2.evaluation", "gensim2.design", "gensim2.inspection")
+ABOVE_SIM = (
+    "gensim2.rollout",
+    "gensim2.data",
+    "gensim2.evaluation",
+    "gensim2.policy",
+    "gensim2.design",
+    "gensim2.inspection",
+)
 FROM_SIM_UP = ("gensim2.sim", *ABOVE_SIM)
 #: From the loop up: each room imports nothing of those that stand after it.
-UPWARDS = ("gensim2.rollout", "gensim2.data", "gensim2.evaluation", "gensim2.design", "gensim2.cli")
+UPWARDS = (
+    "gensim2.rollout",
+    "gensim2.data",
+    "gensim2.evaluation",
+    "gensim2.policy",
+    "gensim2.design",
+    "gensim2.cli",
+)
 #: Rooms within ``gensim2.objects``, each with those that it may import; ``core`` are the modules beside them.
 WITHIN_OBJECTS = {
     "core": {"core"},
@@ -136,3 +153,39 @@ def test_holding_an_object_loads_no_library() -> None:
     at_once = {name for node in tree.body if not isinstance(node, ast.If) for name in imports(ast.unparse(node))}
     assert at_once
     assert not any(lies_in(name, "gensim2.objects.library") for name in at_once)
+
+
+def modules_of_the_package() -> dict[str, Path]:
+    """Files by full name."""
+    found = {}
+    for path in sources("gensim2"):
+        name = ".".join(path.relative_to(PYTHON).with_suffix("").parts)
+        found[name.removesuffix(".__init__")] = path
+    return found
+
+
+def at_run_time(tree: ast.AST) -> ast.AST:
+    """A source without what only type checkers import."""
+
+    class Drop(ast.NodeTransformer):
+        def visit_If(self, node: ast.If) -> ast.AST | None:
+            return None if isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" else node
+
+    return Drop().visit(tree)
+
+
+def test_no_circle_of_files_goes_through_several_rooms() -> None:
+    """Imports within functions count, too; the front door, which gives everybody's names lazily, does not."""
+    files = {name: path for name, path in modules_of_the_package().items() if name != "gensim2"}
+    names = sorted(files)
+    links = np.zeros((len(names), len(names)), dtype=bool)
+    for row, name in enumerate(names):
+        for full in imports(ast.unparse(at_run_time(ast.parse(files[name].read_text())))):
+            target = full if full in files else full.rpartition(".")[0]
+            if target in files and target != name:
+                links[row, names.index(target)] = True
+    count, groups = connected_components(csr_array(links), connection="strong")
+    circles = [[n for n, group in zip(names, groups, strict=True) if group == number] for number in range(count)]
+    for circle in circles:
+        assert len({name.split(".")[1] for name in circle}) == 1, circle
+    assert [circle for circle in circles if len(circle) > 1] == [["gensim2.data.frame_access", "gensim2.data.store"]]

@@ -71,8 +71,9 @@ def new_folder(path: Path) -> Iterator[Path]:
         WriteError: the folder cannot be written to, or is full.
     """
     path = Path(os.path.realpath(path))
+    taken = InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
     if path.is_file() or (path.exists() and any(path.iterdir())):
-        raise InputError("is not an empty folder", file=path, remedy="choose another folder with --out")
+        raise taken
     filled = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.tmp")
     handle = -1
     try:
@@ -86,7 +87,12 @@ def new_folder(path: Path) -> Iterator[Path]:
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
-            filled.replace(path)
+            try:
+                filled.replace(path)
+            except OSError as error:
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another was quicker
+                    raise taken from error
+                raise
         finally:
             shutil.rmtree(filled, ignore_errors=True)
             if handle >= 0:

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.types import Instance
 from gensim2.planning.scene import JointState, Scene, SceneBody, SceneObject
 from gensim2.robots import robot
@@ -73,7 +72,7 @@ def _object(name: str, stands: Stands, T_base_world: Array) -> SceneObject:
             center_of_mass=model.center_of_mass,
         )
     joint = model.joint
-    moving = T_base_root @ link_pose(model, stands.openness)
+    moving = T_base_root @ model.link_pose(stands.openness)
     poses = {link: moving if link == joint.child_link else T_base_root for link in model.hulls}
     return SceneObject(
         name,

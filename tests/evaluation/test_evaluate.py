@@ -37,7 +37,7 @@ def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
     assert "controller" in capfd.readouterr().err
     assert run([*common, "--controller", f"{CONTROLLERS}:Nan", "--out", str(tmp_path / "nan")]) == 2
     (line,) = [each for each in capfd.readouterr().err.splitlines() if each.startswith("gensim2:")]
-    assert "Nan: CloseBox, seed " in line
+    assert "Nan: CloseBox, episode 0, seed " in line
     assert "must be finite" in line
 
 

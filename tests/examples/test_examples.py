@@ -109,6 +109,22 @@ def _own_robots(said: str, _: Path) -> None:
     assert re.findall(r"after a second: openness \S+, (\d) numbers", said) == ["7", "8"]
 
 
+def _exported(said: str, folder: Path) -> None:
+    """Two episodes in three formats, and as many frames in zarr as the data set has."""
+    frames = int(re.findall(r"(\d+) frames of", said)[0])
+    assert frames > 40
+    assert re.findall(r"2 episodes in \S+/(\w+)", said) == ["zarr", "lerobot", "maniskill"]
+    shapes = dict(re.findall(r"zarr: (\w+) \((.*)\)", said))
+    assert shapes == {
+        "state": f"{frames}, 9",
+        "tool_pose": f"{frames}, 7",
+        "action": f"{frames}, 8",
+        "point_cloud": f"{frames}, 128, 6",
+    }
+    for export in ("zarr", "lerobot", "maniskill"):
+        assert (folder / export / "README.md").is_file()
+
+
 OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "01_solve_a_config.py": (_solved, False),
     "02_make_an_env.py": (_stepped, False),
@@ -119,6 +135,7 @@ OUTCOMES: dict[str, tuple[Outcome, bool]] = {
     "07_grasp_an_object.py": (_grasped, False),
     "08_evaluate_a_controller.py": (_evaluated, True),
     "09_a_robot_of_your_own.py": (_own_robots, False),
+    "10_collect_and_export.py": (_exported, True),
 }
 """By name; and whether it takes an output folder."""
 

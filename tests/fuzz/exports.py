@@ -49,12 +49,16 @@ MEMORY = 2**30
 
 PIXELS, POINTS = 8, 16
 
+LARGE = 2**24
+"""Bytes of a file that no export of so few episodes has: damage made it so."""
+
 #: How an export is told of its damage: not at all, by a manifest made anew, or by none, as older ones.
 MANIFESTS = ("kept", "made anew", "removed")
 
 
 #: What no export may lead to; nothing writes to it.
 OUTSIDE = Path(tempfile.gettempdir()) / "gensim2-fuzz-outside"
+OF_SOMEBODY_ELSE = "of somebody else\n" * 100
 
 #: Imported once for all processes; this module, too, which holds the function that they run.
 MODULES = ("__main__", *PRELOAD, "pyarrow.parquet")
@@ -103,7 +107,7 @@ def damage(folder: Path, kind: Format, generator: np.random.Generator) -> str:
     for _ in range(int(generator.integers(1, 4))):
         files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
         files = [path for path in files if Path(os.path.realpath(path)).is_relative_to(folder)]  # nothing else is hurt
-        files = [path for path in files if path.stat().st_size < 2**24]  # made larger before: it stays so
+        files = [path for path in files if path.stat().st_size < LARGE]  # made larger before: it stays so
         if not files:
             break
         ways: tuple[Callable[[Path, list[Path], np.random.Generator], str], ...]
@@ -151,7 +155,7 @@ def _reseal(path: Path, body: bytes) -> None:
     """Write an episode's file as a stranger would who knows how, and its row."""
     digest = Seal("gensim2-episode", 1, "", "", InputError).write(path, body)
     rows = path.parents[1] / "episodes.jsonl"
-    if rows.is_file():
+    if rows.is_file() and not rows.is_symlink() and rows.stat().st_size < LARGE:  # a link's end is not ours
         try:
             lines = [json.loads(line) for line in rows.read_bytes().splitlines()]
         except ValueError:  # damaged before
@@ -428,7 +432,7 @@ class Tally:
 
 def prepare(folder: Path) -> dict[Format, Path]:
     """Good exports, and what they are imported as."""
-    OUTSIDE.write_text("of somebody else\n" * 100)
+    OUTSIDE.write_text(OF_SOMEBODY_ELSE)
     good = good_exports(folder)
     for kind, path in good.items():
         back = folder / f"{kind}.back"
@@ -452,6 +456,7 @@ def run(
         place.mkdir(parents=True)
         try:
             told, verdict = tried(good[kind], kind, place, np.random.default_rng([seed, number]))
+            assert OUTSIDE.read_text() == OF_SOMEBODY_ELSE, f"{told}: wrote outside its folder"
         except Exception as error:  # noqa: BLE001 - any other is what is looked for
             tally.faults += 1
             say(f"{kind} {number}: {type(error).__name__}: {str(error)[-1500:]}")

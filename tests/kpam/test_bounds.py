@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from .kpam_scenes import Q_START, config, problem
 
 POINT = {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "goal", "tolerance": 0.001}
 TO_A_POINT = {"constraint_list": [POINT]}
+POINTS = {"tool_keypoints": {"tip": [0.0, 0.0, 0.1]}, "object_keypoints": {"goal": [0.5, 0.0, 0.4]}}
 
 
 def still_robot(tmp_path: Path) -> kpam.Robot:
@@ -163,6 +165,26 @@ def test_ctrl_c_ends_measuring(panda: kpam.Robot) -> None:
     assert interrupted(lambda: [kpam.min_clearance(scene, plan, step) for _ in range(100)]) < 2.0
     many = np.repeat(Q_START[None], 1_000_000, axis=0)
     assert interrupted(lambda: [scene.scene.in_collision(many) for _ in range(100)]) < 2.0
+
+
+def test_ctrl_c_ends_making_ready_what_has_millions_of_triangles(panda: kpam.Robot) -> None:
+    """Trees over them are built in one go, which takes seconds; the thread that builds one is left behind."""
+    side = 1001
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, side), np.linspace(0.0, 1.0, side), indexing="ij")
+    points = np.stack([x, y, 0.05 * np.sin(20 * x) - 0.6], axis=-1).reshape(-1, 3)
+    corner = np.arange(side * side).reshape(side, side)[:-1, :-1].ravel()
+    halves = [[corner, corner + 1, corner + side], [corner + 1, corner + side + 1, corner + side]]
+    mesh = kpam.Shape.mesh(points, np.concatenate([np.stack(half, axis=1) for half in halves]))
+    body = kpam.Body("ground", "rigid", [mesh], np.eye(4))
+    calls: list[Callable[[], object]] = [
+        lambda: kpam.Scene(panda, [body]).in_collision(Q_START),
+        lambda: kpam.plan(problem(panda, bodies=[body], config=TO_A_POINT, **POINTS)),
+    ]
+    for call in calls:
+        threads = len(os.listdir("/proc/self/task"))
+        assert interrupted(call) < 1.0
+        while len(os.listdir("/proc/self/task")) > threads:  # what others measure is their own
+            time.sleep(0.05)
 
 
 def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:

@@ -17,7 +17,6 @@ from gensim2.objects.generators.classes import object_classes
 from gensim2.objects.generators.generate import blueprint, blueprint_hash, generate
 from gensim2.objects.known import JOINT_TYPES
 from gensim2.objects.meshwork.convexes import Block, depth_inside
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.physics import hull_moments
 from gensim2.objects.shapes import transform
 
@@ -110,7 +109,7 @@ HOLLOW = {"box_rotate": 0.0, "drawer": 1.0, "microwave": 0.0, "safe_rotate": 0.0
 def test_cavity_is_open(library: Library, name: str, number: str) -> None:
     """A 2 cm cube at the middle of the cavity touches nothing."""
     instance = library.load(name, number)
-    T = link_pose(instance, HOLLOW[name])
+    T = instance.link_pose(HOLLOW[name])
     inside = next(k for n, k in instance.keypoints.items() if "inside" in n)
     center = inside.position if "base" in inside.link else transform(T, inside.position[None])[0]
     if name == "box_rotate":  # its keypoint hovers over the rim

@@ -18,7 +18,6 @@ from gensim2.inspection.validate import check_object
 from gensim2.objects import AssetError, open_library
 from gensim2.objects.library.importer import import_object, on_surface, usual_size
 from gensim2.objects.library.sources import find_source
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.shapes import Look, Mesh, transform
 
 BOARDS = {
@@ -111,7 +110,7 @@ def test_size_joint_and_keypoints(partnet: Path, tmp_path: Path, asset_class: st
     # the longest side of the model is 1.2 units
     assert done.scale * 1.2 == pytest.approx(usual_size(asset_class), rel=1e-3)
     assert points[:, 1].max() - points[:, 1].min() == pytest.approx(1.2 * done.scale, rel=0.2)
-    head = transform(link_pose(instance, 0.0), instance.keypoints["articulated_object_head"].position[None])[0]
+    head = transform(instance.link_pose(0.0), instance.keypoints["articulated_object_head"].position[None])[0]
     # model (x, y, z) is root (-z, -x, y)
     part = TRAY["grip"] if joint == "joint_1" else LID["knob"]
     middle = done.scale * np.mean(part, axis=0)
@@ -186,7 +185,7 @@ def test_a_joint_that_opens_downwards_is_turned_around(partnet: Path, tmp_path: 
     assert any("turned around" in note for note in done.notes)
     assert not any("turned around" in note for note in whole.notes)
     one, two = (open_library(tmp_path / where).load("box_rotate", "a") for where in ("one", "two"))
-    np.testing.assert_allclose(link_pose(one, 0.7), link_pose(two, 0.7), atol=1e-9)
+    np.testing.assert_allclose(one.link_pose(0.7), two.link_pose(0.7), atol=1e-9)
 
 
 def test_a_continuous_joint_gets_a_range(partnet: Path, tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
-"""Plans as control actions, on a made-up plan whose joints say which step they belong to."""
+"""Plans as references and as commands of drives, on a made-up plan whose joints say which step they belong to."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,11 +17,12 @@ from gensim2.planning.actions import (
     MOST_GRIP_WEIGHTS,
     OPEN,
     Acts,
+    Schedule,
     grip_force,
     grip_on,
     schedule,
 )
-from gensim2.robots import RobotProfile, robot
+from gensim2.robots import JointDrive, RobotProfile, robot
 
 pytest.importorskip("mani_skill")
 
@@ -50,16 +52,22 @@ def plan(steps: int = STEPS, let_go: bool = False, reached: int = STEPS) -> Any:
     return SimpleNamespace(trajectory=SimpleNamespace(sample_every=sample_every), keyframes=keyframes, reason="")
 
 
+def targets(rows: Schedule, profile: RobotProfile) -> Any:
+    """(N,) targets of joint 0 in the simulation."""
+    return profile.simulated_targets(rows.reference[:, 0], rows.ends)[:, 0]
+
+
 @pytest.mark.parametrize("fingers", ["open", "closed", "grasp", "hold", "release"])
 @pytest.mark.parametrize("let_go", [False, True])
 def test_every_target_is_sent_and_the_last_one_is_held(panda: RobotProfile, fingers: Any, let_go: bool) -> None:
     rows = schedule(plan(let_go=let_go), Acts(fingers, CLOSED, lets_go=let_go), panda)
-    actions = rows.actions
-    assert actions.dtype == np.float32
-    assert actions.shape == (len(rows), 8)
-    assert (actions[-HOLD - LAG :, 0] == STEPS - 1).all()
-    assert (np.diff(actions[:, 0]) >= 0).all()
-    assert np.diff(actions[:, 0]).max() <= LAG + 1
+    meant, sent = rows.reference[:, 0, 0], targets(rows, panda)
+    assert rows.reference.dtype == rows.commands.dtype == sent.dtype == np.float32
+    assert (meant == np.round(rows.times * panda.control_hz)).all()
+    assert (sent[-HOLD - LAG :] == STEPS - 1).all()
+    assert ((sent >= meant) & (sent <= meant + LAG)).all()
+    assert (np.diff(sent) >= 0).all()
+    assert np.diff(sent).max() <= LAG + 1
     assert (np.diff(rows.times) >= 0).all()
     assert rows.times[rows.contact] == pytest.approx(4 / 20)
     assert rows.times[rows.actuation] == pytest.approx(ACTUATION / 20)
@@ -68,32 +76,46 @@ def test_every_target_is_sent_and_the_last_one_is_held(panda: RobotProfile, fing
 def test_open_fingers_stay_open_and_targets_are_ahead_by_the_lag(panda: RobotProfile) -> None:
     rows = schedule(plan(), Acts("open", OPEN), panda)
     assert len(rows) == STEPS + HOLD
-    assert (rows.actions[:, 7] == OPEN).all()
-    assert rows.actions[0, 0] == LAG
+    assert (rows.commands == OPEN).all()
+    assert targets(rows, panda)[0] == LAG
     assert rows.gripped is None
     assert rows.released is None
 
 
+def test_the_plan_is_the_same_whatever_drives_the_arm(panda: RobotProfile) -> None:
+    """Only how long the arm is given to arrive follows from its drives; their delays are in the targets alone."""
+    soft, stiff = JointDrive(1e3, 2e2, 100.0), JointDrive(1e4, 1e2, 100.0)
+    late = replace(panda, simulation=replace(panda.simulation, arm=(soft, stiff, *[soft] * 5)))
+    prompt = replace(panda, simulation=replace(panda.simulation, arm=stiff))
+    acts = Acts("open", OPEN)
+    rows, others = schedule(plan(), acts, prompt), schedule(plan(), acts, late)
+    assert rows.reference.tobytes() == others.reference.tobytes()
+    assert np.array_equal(prompt.simulated_targets(rows.reference[:, 0], rows.ends), rows.reference[:, 0])
+    assert late.lag_steps == (4, 0, 4, 4, 4, 4, 4)
+    assert targets(others, late)[0] == 4
+    assert [prompt.arrival_steps, late.arrival_steps] == [0, 4]
+
+
 def test_fingers_that_must_change_do_so_before_the_arm_moves(panda: RobotProfile) -> None:
     rows = schedule(plan(), Acts("closed", CLOSED, before=True), panda)
-    assert (rows.actions[:, 7] == CLOSED).all()
-    assert (rows.actions[:FINGERS, 0] == 0).all()
-    assert rows.actions[FINGERS, 0] == LAG
+    assert (rows.commands == CLOSED).all()
+    assert (targets(rows, panda)[:FINGERS] == 0).all()
+    assert targets(rows, panda)[FINGERS] == LAG
 
 
 def test_a_grasp_closes_at_the_actuation_pose_and_stays_closed(panda: RobotProfile) -> None:
     rows = schedule(plan(), Acts("grasp", OPEN), panda)
-    closed = rows.actions[:, 7] == CLOSED
+    closed = rows.commands == CLOSED
     first = int(closed.argmax())
     assert closed[first:].all()
-    assert (rows.actions[first - LAG : first + FINGERS, 0] == ACTUATION).all()
-    assert (rows.actions[:first, 0] <= ACTUATION).all()
+    assert (targets(rows, panda)[first - LAG : first + FINGERS] == ACTUATION).all()
+    assert (targets(rows, panda)[:first] <= ACTUATION).all()
     assert rows.gripped == first + FINGERS
 
 
 def test_what_can_be_pushed_away_is_closed_on_slowly_from_the_opening(panda: RobotProfile) -> None:
     rows = schedule(plan(), Acts("grasp", 0.2, opening=0.2, gently=True), panda)
-    commands = rows.actions[:, 7]
+    commands = rows.commands
     assert commands[0] == pytest.approx(0.2)
     meters = 0.5 * (panda.gripper.open - panda.gripper.closed) * -np.diff(commands)
     assert 0 < meters.max() <= 0.06 / 20 + 1e-6
@@ -103,20 +125,20 @@ def test_what_can_be_pushed_away_is_closed_on_slowly_from_the_opening(panda: Rob
 
 def test_a_release_opens_at_the_actuation_pose(panda: RobotProfile) -> None:
     rows = schedule(plan(), Acts("release", CLOSED), panda)
-    opens = rows.actions[:, 7] == OPEN
+    opens = rows.commands == OPEN
     first = int(opens.argmax())
     assert opens[first:].all()
     assert rows.released == first
-    assert (rows.actions[first - LAG : first + FINGERS, 0] == ACTUATION).all()
+    assert (targets(rows, panda)[first - LAG : first + FINGERS] == ACTUATION).all()
 
 
 @pytest.mark.parametrize("fingers", ["grasp", "hold"])
 def test_letting_go_opens_before_the_hand_backs_off(panda: RobotProfile, fingers: Any) -> None:
     rows = schedule(plan(let_go=True), Acts(fingers, CLOSED if fingers == "hold" else OPEN, lets_go=True), panda)
     assert rows.released is not None
-    assert (rows.actions[rows.released - LAG : rows.released + FINGERS, 0] == POST).all()
-    assert (rows.actions[rows.released :, 7] == OPEN).all()
-    assert rows.actions[rows.released - 1, 7] == CLOSED
+    assert (targets(rows, panda)[rows.released - LAG : rows.released + FINGERS] == POST).all()
+    assert (rows.commands[rows.released :] == OPEN).all()
+    assert rows.commands[rows.released - 1] == CLOSED
 
 
 def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
@@ -125,20 +147,20 @@ def test_what_was_taken_up_is_pressed_gently(panda: RobotProfile) -> None:
     finger = 0.5 * (gripper.open + gripper.closed) + 0.5 * (gripper.open - gripper.closed) * command
     assert (width / 2 - finger) * panda.finger_drive.stiffness == pytest.approx(2.0)
     rows = schedule(plan(), Acts("grasp", OPEN, grip=command, gently=True), panda)
-    assert rows.actions[:, 7].min() == pytest.approx(command)
-    assert rows.actions[-1, 7] == pytest.approx(command)
+    assert rows.commands.min() == pytest.approx(command)
+    assert rows.commands[-1] == pytest.approx(command)
 
 
 def test_closed_fingers_back_off_closed(panda: RobotProfile) -> None:
     rows = schedule(plan(let_go=True), Acts("closed", CLOSED, lets_go=True), panda)
-    assert (rows.actions[:, 7] == CLOSED).all()
+    assert (rows.commands == CLOSED).all()
     assert rows.released is None
 
 
 def test_a_part_of_a_motion_that_ends_before_letting_go_keeps_its_grasp(panda: RobotProfile) -> None:
     rows = schedule(plan(steps=12, let_go=True, reached=12), Acts("grasp", OPEN, lets_go=True), panda)
     assert rows.released is None
-    assert rows.actions[-1, 7] == CLOSED
+    assert rows.commands[-1] == CLOSED
 
 
 def test_a_plan_without_a_trajectory_is_refused(panda: RobotProfile) -> None:

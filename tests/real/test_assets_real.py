@@ -11,7 +11,6 @@ import pytest
 from gensim2.objects import open_library
 from gensim2.objects.library.importer import import_object
 from gensim2.objects.meshwork.convexes import Block, depth_inside
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.shapes import transform
 
 pytestmark = pytest.mark.real
@@ -59,7 +58,7 @@ def test_import_proposes_about_what_people_annotated(real_assets: Path, tmp_path
 def test_open_drawer_is_hollow(real_assets: Path, instance_id: str) -> None:
     """A 2 cm cube at the keypoint inside the open drawer touches nothing."""
     instance = open_library(real_assets).load_articulated("drawer", instance_id)
-    T = link_pose(instance, 1.0)
+    T = instance.link_pose(1.0)
     center = transform(T, instance.keypoints["articulated_object_inside"].position[None])[0]
     probe = center + 0.01 * np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
     blocks = [Block.of(h) for h in instance.hulls["base"]]
@@ -75,6 +74,6 @@ def test_lowest_point_rests_on_the_table(real_assets: Path, asset_class: str, in
         float(
             np.concatenate([*instance.hulls["base"], *(transform(T, h) for h in instance.hulls["link_0"])])[:, 2].min()
         )
-        for T in (link_pose(instance, share) for share in np.linspace(0, 1, 13))
+        for T in (instance.link_pose(share) for share in np.linspace(0, 1, 13))
     )
     assert instance.placement.position[2] + lowest == pytest.approx(0, abs=1e-5)

@@ -20,8 +20,8 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, sp
 from gensim2.rollout.controller_spec import CHAIN, ControllerError, ControllerSpec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.record import Cause
-from gensim2.rollout.run import GOAL_STEPS, run
-from gensim2.rollout.settling import MAX_SETTLE_STEPS
+from gensim2.rollout.run import GOAL_SECONDS, run
+from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 from gensim2.scenes.config import SceneOptions
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.library import load_strategies, load_task
@@ -50,14 +50,14 @@ def test_a_controller_that_never_ends_is_stopped_by_the_goal_and_can_hold() -> N
     episode = run(ScriptedWorld(OPEN_DRAWER, OPENED), controller, seed=0, stop="goal").episode
     assert episode.held
     assert not episode.truncated
-    assert len(controller.seen) < 20 + GOAL_STEPS + 2
+    assert len(controller.seen) < 20 + 20 * GOAL_SECONDS + 2
     assert [type(each) for each in controller.seen] == [Observation] * len(controller.seen)
 
 
 def test_the_step_limit_is_an_end_that_is_judged_and_leaves_time_to_settle() -> None:
     controller = Never()
     episode = run(ScriptedWorld(OPEN_DRAWER, OPENED[:1]), controller, seed=0, stop="goal").episode
-    assert len(controller.seen) - 1 == OPEN_DRAWER.max_episode_steps - MAX_SETTLE_STEPS
+    assert len(controller.seen) - 1 == OPEN_DRAWER.max_episode_steps - 20 * MAX_SETTLE_SECONDS
     assert (episode.held, episode.truncated) == (False, False)
     assert episode.cause is not Cause.TIME_OVER
 
@@ -141,6 +141,8 @@ def test_what_a_controller_does_wrong_is_one_line_that_names_it(name: str, words
         worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None)
     assert "\n" not in str(told.value)
     assert "controllers.py" in str(told.value)
+    with pytest.raises(ControllerError, match=f"{name}: CloseBox, episode 7, seed 3: act at step"):
+        worker.evaluate(config, ControllerSpec.of(f"{FILE}:{name}"), 3, "goal", None, 7)
 
 
 def test_a_controller_that_looks_is_shown_clouds_and_its_actions_are_taken() -> None:

@@ -14,7 +14,7 @@ from gensim2.errors import InputError
 from gensim2.planning.scene import Scene
 from gensim2.rollout.record import Cause, StrictMiss
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import SETTLE_STEPS
+from gensim2.rollout.settling import SETTLE_SECONDS
 from gensim2.rollout.still import StillController, StillResult, still_arm
 from gensim2.rollout.world import World
 from gensim2.sim.headless import HeadlessEnv
@@ -34,7 +34,7 @@ def test_an_episode_is_judged_after_the_object_has_settled(lane: HeadlessEnv) ->
     assert not episode.truncated
     assert episode.still is False
     assert episode.cause is None
-    assert episode.control_steps >= controller.count + SETTLE_STEPS
+    assert episode.control_steps >= controller.count + lane.profile.steps(SETTLE_SECONDS)
     drawer = episode.objects[ROLE]
     assert drawer.openness_end is not None
     assert drawer.openness_start is not None
@@ -161,7 +161,7 @@ def test_an_episode_over_the_limit_is_truncated_and_fails(lane: HeadlessEnv) -> 
         assert episode.paper
         assert not episode.held
         assert episode.cause is Cause.TIME_OVER
-        assert episode.control_steps <= limit + SETTLE_STEPS
+        assert episode.control_steps <= limit + lane.profile.steps(SETTLE_SECONDS)
 
 
 def test_float64_actions_give_the_states_that_a_file_would_replay(lane: HeadlessEnv) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scripted import AWAY, OPEN_DRAWER, PUT_BALL_AWAY, ScriptedController, ScriptedWorld, glide, instant
 
+from gensim2.robots import robot
 from gensim2.rollout.controller import ACTUATION, Event
 from gensim2.rollout.record import Cause, Episode, StepRecord, StrictMiss
 from gensim2.rollout.run import run
-from gensim2.rollout.settling import LASTING_STEPS, SETTLE_STEPS
+from gensim2.rollout.settling import LASTING_SECONDS, SETTLE_SECONDS
 
 PLACED = {"openness": 1.0, "ball": (-0.1, 0.0, 0.04), "hand": AWAY, "opening": 0.08}
 """The ball lies in the open drawer and the hand is away."""
@@ -108,12 +109,13 @@ def test_what_moves_before_the_actuation_pose_is_named() -> None:
 
 def test_a_goal_that_is_gone_a_second_after_the_last_command_was_held_and_is_not_strict() -> None:
     """It is judged half a second after the last command; what comes later is looked at, and not recorded."""
-    for undone, strict in ((40 + LASTING_STEPS - 1, False), (40 + LASTING_STEPS + 5, True)):
+    lasting = robot("panda").steps(LASTING_SECONDS)
+    for undone, strict in ((40 + lasting - 1, False), (40 + lasting + 5, True)):
         course = glide((0, BEFORE), (10, BEFORE), (30, {**PLACED, "opening": 0.04}), (31, PLACED), (undone, PLACED))
         course.append(instant(**{**PLACED, "ball": (-0.1, 0.3, 0.02)}))
         episode = _put(ScriptedWorld(PUT_BALL_AWAY, course))
         assert episode.held
-        assert episode.control_steps == 40 + SETTLE_STEPS
+        assert episode.control_steps == 40 + robot("panda").steps(SETTLE_SECONDS)
         assert episode.strict is strict
         assert (StrictMiss.NOT_LASTING in episode.strict_misses) is not strict
 

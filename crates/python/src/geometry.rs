@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use gensim2_geometry::{Chain, ChainFrames, Convex, Pose, Robot, ShapeError};
-use gensim2_kpam::{Body, ObjectJoint, ObjectJointKind, Role};
+use gensim2_kpam::{Body, Cancel, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray2, PyArray3, ndarray};
 use pyo3::prelude::*;
@@ -12,10 +12,10 @@ use pyo3::types::PyBytes;
 
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, from_shape, from_urdf, problem_error};
-use crate::interrupt::abandonable;
+use crate::interrupt::interruptible;
 
 /// Shapes of so many parts are made in pieces, with a look at signals before each.
-const LONG: usize = 8192;
+pub(crate) const LONG: usize = 8192;
 
 /// A URDF arm. Pickles.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
@@ -191,7 +191,7 @@ impl PyShape {
         if points.len() < LONG {
             return one(Convex::hull(&points));
         }
-        one(abandonable(py, move || Convex::hull(&points))?)
+        one(interruptible(py, Cancel::new(), move |_| Convex::hull(&points))?)
     }
 
     /// Triangles (M, 3) over vertices (N, 3): a surface; what lies wholly inside it does not touch it.

@@ -1,7 +1,7 @@
 //! Grippers and grasps.
 
-use gensim2_kpam::StageTimes;
 use gensim2_kpam::grasp::{Grasp, GraspPlan, GraspTask, GripperKeypoints, ParallelGripper, Target};
+use gensim2_kpam::{Cancel, StageTimes};
 use nalgebra::Point3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -9,6 +9,7 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::convert;
 use crate::errors::from_problem;
 use crate::geometry::{PyRobot, PyShape};
+use crate::interrupt::interruptible;
 use crate::plan::PyPlan;
 use crate::problem::read_options;
 use crate::scene::PyScene;
@@ -197,7 +198,7 @@ impl PyGraspPlan {
 }
 
 impl PyScene {
-    /// As [`Scene::grasps`], the GIL released.
+    /// As [`Scene::grasps`], the GIL released; Ctrl-C ends it.
     pub(crate) fn grasps_of(
         &self,
         py: Python<'_>,
@@ -208,13 +209,13 @@ impl PyScene {
     ) -> PyResult<Vec<PyGrasp>> {
         let options = read_options(options)?;
         let center = center_of_mass.map(|c| convert::vector3(c, "center_of_mass").map(Point3::from)).transpose()?;
-        let (scene, gripper) = (&self.0, &gripper.get().0);
-        py.detach(|| scene.grasps(body, gripper, center, &options))
+        let (scene, body, gripper) = (self.0.clone(), body.to_owned(), gripper.get().0.clone());
+        interruptible(py, Cancel::new(), move |_| scene.grasps(&body, &gripper, center, &options))?
             .map(|found| found.into_iter().map(PyGrasp).collect())
             .map_err(|e| from_problem(&e))
     }
 
-    /// As [`Scene::plan_grasp`], the GIL released.
+    /// As [`Scene::plan_grasp`], the GIL released; Ctrl-C ends it.
     pub(crate) fn plan_grasp_with(
         &self,
         py: Python<'_>,
@@ -230,7 +231,9 @@ impl PyScene {
         let targets: Vec<Target> = targets.iter().enumerate().map(target).collect::<PyResult<_>>()?;
         let task = targets.into_iter().fold(task, GraspTask::target);
         let grasps: Vec<Grasp> = grasps.iter().map(|g| g.0).collect();
-        let scene = &self.0;
-        py.detach(|| scene.plan_grasp(&task, &grasps)).map(|found| found.map(PyGraspPlan)).map_err(|e| from_problem(&e))
+        let scene = self.0.clone();
+        interruptible(py, Cancel::new(), move |_| scene.plan_grasp(&task, &grasps))?
+            .map(|found| found.map(PyGraspPlan))
+            .map_err(|e| from_problem(&e))
     }
 }

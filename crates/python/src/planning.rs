@@ -31,13 +31,19 @@ pub(crate) fn plan(
     explain: bool,
 ) -> PyResult<PyPlan> {
     let problem = Arc::clone(&problem.get().0);
-    let former = former.map(|plan| &plan.get().0);
+    let former = former.map(|plan| plan.clone().unbind());
+    let resume = resume.map(str::to_owned);
     let cancel = cancel.map_or_else(Cancel::new, |c| c.get().0.clone());
-    let mut request = Request::default();
-    (request.former, request.resume, request.most_checks) = (former, resume, max_checks);
-    request.deadline = deadline_ms.map(deadline).transpose()?;
-    (request.cancel, request.explain) = (Some(cancel.clone()), explain);
-    let planned = interruptible(py, cancel, |_| gensim2_kpam::plan_with(&problem, &request))?;
+    let deadline = deadline_ms.map(deadline).transpose()?;
+    let planned = interruptible(py, cancel, move |cancel| {
+        let mut request = Request::default();
+        request.former = former.as_ref().map(|plan| &plan.get().0);
+        (request.resume, request.most_checks, request.deadline) = (resume.as_deref(), max_checks, deadline);
+        (request.cancel, request.explain) = (Some(cancel.clone()), explain);
+        let planned = gensim2_kpam::plan_with(&problem, &request);
+        (planned, former) // which goes where the GIL is held
+    })?
+    .0;
     planned.map(|(plan, times)| PyPlan(plan, times)).map_err(|e| from_problem(&e))
 }
 
@@ -88,7 +94,7 @@ pub(crate) fn plan_batch(
 ) -> PyResult<Vec<PyPlan>> {
     let shared: Vec<Arc<KeypointProblem>> = problems.iter().map(|p| Arc::clone(&p.0)).collect();
     drop(problems);
-    let plans = interruptible(py, Cancel::new(), |cancel| {
+    let plans = interruptible(py, Cancel::new(), move |cancel| {
         let borrowed: Vec<&KeypointProblem> = shared.iter().map(AsRef::as_ref).collect();
         gensim2_kpam::plan_batch(&borrowed, threads, cancel)
     })?;
@@ -105,8 +111,9 @@ pub(crate) fn min_clearance<'py>(
     plan: &Bound<'py, PyPlan>,
     step: f64,
 ) -> PyResult<Option<Bound<'py, PyDict>>> {
-    let (problem, plan) = (problem.get().0.as_ref(), &plan.get().0);
-    let found = interruptible(py, Cancel::new(), |cancel| gensim2_kpam::min_clearance(problem, plan, step, cancel))?;
+    let (problem, plan) = (Arc::clone(&problem.get().0), plan.get().0.clone());
+    let found =
+        interruptible(py, Cancel::new(), move |cancel| gensim2_kpam::min_clearance(&problem, &plan, step, cancel))?;
     let Some([itself, table, object]) = found.map_err(|e| from_problem(&e))? else { return Ok(None) };
     let out = PyDict::new(py);
     out.set_item("self", itself)?;

@@ -10,7 +10,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::convert::{self, JointRows};
 use crate::errors::{from_problem, problem_error};
-use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::geometry::{LONG, PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
@@ -245,8 +245,9 @@ impl PyScene {
     /// Whether the robot overlaps a body or itself at each configuration: (n,) -> bool, (N, n) -> (N,) bool.
     fn in_collision<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let q = self.rows(q)?;
-        let hits = self.hits(py, &q)?;
-        if q.count.is_none() {
+        let single = q.count.is_none();
+        let hits = self.hits(py, q)?;
+        if single {
             return Ok(hits[0].into_pyobject(py)?.to_owned().into_any());
         }
         Ok(PyArray1::from_vec(py, hits).into_any())
@@ -258,8 +259,9 @@ impl PyScene {
     fn distance<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, most: f64) -> PyResult<Bound<'py, PyAny>> {
         is_reach(most, "most")?;
         let q = self.rows(q)?;
-        let found: Vec<f64> = self.each(py, &q, |checker, row| checker.distance(row, most))?;
-        if q.count.is_none() {
+        let single = q.count.is_none();
+        let found: Vec<f64> = self.each(py, q, false, move |checker, row| checker.distance(row, most))?;
+        if single {
             return Ok(found[0].into_pyobject(py)?.into_any());
         }
         Ok(convert::array1(py, &found).into_any())
@@ -271,8 +273,9 @@ impl PyScene {
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {
         is_reach(reach, "reach")?;
         let q = self.rows(q)?;
-        let found: Vec<Vec<Nearness>> = self.each(py, &q, |checker, row| checker.near(row, reach))?;
-        if q.count.is_none() {
+        let single = q.count.is_none();
+        let found: Vec<Vec<Nearness>> = self.each(py, q, true, move |checker, row| checker.near(row, reach))?;
+        if single {
             return listed(py, &found[0]);
         }
         let out = PyList::empty(py);
@@ -318,10 +321,19 @@ impl PyScene {
         JointRows::of(q, self.0.robot().joints().len())
     }
 
+    /// Whether a few configurations are looked at so quickly that a thread which listens for Ctrl-C would cost more than
+    /// they do: a scene of many shapes has to be ready, and its `places`, too, where they are told.
+    fn is_quick(&self, q: &JointRows, places: bool) -> bool {
+        let (scene, bodies) = (&self.0, self.0.bodies());
+        let ready = scene.is_ready() && (!places || bodies.is_ready());
+        q.rows().len() <= FEW && (ready || bodies.iter().map(|b| b.shapes().len()).sum::<usize>() < LONG)
+    }
+
     /// Whether something overlaps at each row.
-    fn hits(&self, py: Python<'_>, q: &JointRows) -> PyResult<Vec<bool>> {
-        let look = |cancel: &Cancel| {
-            let mut checker = self.0.checker();
+    fn hits(&self, py: Python<'_>, q: JointRows) -> PyResult<Vec<bool>> {
+        let (scene, quick) = (self.0.clone(), self.is_quick(&q, false));
+        let look = move |cancel: &Cancel| {
+            let mut checker = scene.checker();
             let rows: Vec<&[f64]> = q.rows().collect();
             let mut out = Vec::with_capacity(rows.len());
             for some in rows.chunks(LANES).take_while(|_| !cancel.is_cancelled()) {
@@ -329,36 +341,29 @@ impl PyScene {
             }
             Ok::<_, ProblemError>(out)
         };
-        let found = if q.rows().len() <= FEW {
-            py.detach(|| look(&Cancel::new()))
-        } else {
-            interruptible(py, Cancel::new(), look)?
-        };
+        let found =
+            if quick { py.detach(move || look(&Cancel::new())) } else { interruptible(py, Cancel::new(), look)? };
         found.map_err(|e| from_problem(&e))
     }
 
-    /// The answer to a question of each row.
-    fn each<T: Send>(
+    /// The answer to a question of each row, one that tells of `places` or not.
+    fn each<T: Send + 'static>(
         &self,
         py: Python<'_>,
-        q: &JointRows,
-        ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Sync,
+        q: JointRows,
+        places: bool,
+        ask: impl Fn(&mut Checker<'_>, &[f64]) -> Result<T, ProblemError> + Send + 'static,
     ) -> PyResult<Vec<T>> {
-        // A thread that listens for Ctrl-C costs more than some checks.
-        if q.rows().len() <= FEW {
-            let found = py.detach(|| {
-                let mut checker = self.0.checker();
-                q.rows().map(|row| ask(&mut checker, row)).collect::<Result<Vec<T>, _>>()
-            });
-            return found.map_err(|e| from_problem(&e));
-        }
-        let found = interruptible(py, Cancel::new(), |cancel| {
-            let mut checker = self.0.checker();
+        let (scene, quick) = (self.0.clone(), self.is_quick(&q, places));
+        let look = move |cancel: &Cancel| {
+            let mut checker = scene.checker();
             q.rows()
                 .take_while(|_| !cancel.is_cancelled())
                 .map(|row| ask(&mut checker, row))
                 .collect::<Result<Vec<T>, _>>()
-        })?;
+        };
+        let found =
+            if quick { py.detach(move || look(&Cancel::new())) } else { interruptible(py, Cancel::new(), look)? };
         found.map_err(|e| from_problem(&e))
     }
 }

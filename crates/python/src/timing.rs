@@ -1,5 +1,7 @@
 //! Trajectories, retiming and refinement.
 
+use std::sync::Arc;
+
 use gensim2_kpam::{Cancel, Limits, Method, RefineOptions, RetimeOptions, Trajectory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadwriteArray1, ndarray};
 use pyo3::prelude::*;
@@ -198,7 +200,7 @@ pub(crate) fn retime<'py>(
     };
     let cancel = Cancel::new();
     options.cancel = Some(cancel.clone());
-    let found = interruptible(py, cancel, |_| gensim2_kpam::retime(&rows, &limits, &options))?;
+    let found = interruptible(py, cancel, move |_| gensim2_kpam::retime(&rows, &limits, &options))?;
     let out = found.map_err(|e| from_problem(&e))?;
     Ok((PyTrajectory(out.trajectory), convert::array1(py, &out.times).into_any()))
 }
@@ -217,10 +219,11 @@ pub(crate) fn refine<'py>(
     let mut options = RefineOptions::default();
     options.times = times.map(|v| convert::vector(v, "times", None)).transpose()?;
     options.keep_paths = keep_paths;
-    let (problem, plan) = (&problem.get().0, &plan.get().0);
-    let found = py.detach(|| gensim2_kpam::refine(problem, plan, &options)).map_err(|e| from_problem(&e))?;
-    let out = PyDict::new(py);
+    let (problem, plan) = (Arc::clone(&problem.get().0), plan.get().0.clone());
     let columns = problem.robot().joints().len();
+    let found = interruptible(py, Cancel::new(), move |_| gensim2_kpam::refine(&problem, &plan, &options))?
+        .map_err(|e| from_problem(&e))?;
+    let out = PyDict::new(py);
     out.set_item("waypoints", convert::array2(py, &found.waypoints, columns))?;
     out.set_item("times", convert::array1(py, &found.times))?;
     out.set_item("keyframes", found.keyframes)?;

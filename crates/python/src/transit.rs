@@ -123,9 +123,10 @@ impl PyScene {
         let mut options = asked.options;
         options.cancel = Some(cancel.clone());
         options.deadline = asked.deadline_ms.map(deadline).transpose()?;
-        let (found, time) = interruptible(py, cancel, |_| {
+        let scene = self.0.clone();
+        let (found, time) = interruptible(py, cancel, move |_| {
             let clock = cpu_time::ThreadTime::now();
-            let found = gensim2_kpam::plan_to(&self.0, &q_start, &goal, &options);
+            let found = gensim2_kpam::plan_to(&scene, &q_start, &goal, &options);
             (found, clock.elapsed().as_secs_f64())
         })?;
         found.map(|m| PyMotion(m, 1e3 * time)).map_err(|e| from_problem(&e))

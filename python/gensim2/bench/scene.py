@@ -14,6 +14,7 @@ from gensim2.bench.meshes import convex_points, load_parts
 from gensim2.bench.problems import PlanProblem
 from gensim2.errors import InputError
 from gensim2.objects.errors import MissingFileError
+from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.urdf import MOVABLE, Urdf, fixed_frames, mesh_elements, read_urdf, unit_axis
 from gensim2.objects.shapes import transform
@@ -116,7 +117,6 @@ def _link_hulls(urdf: Urdf, link: str, T_body_link: Array, scale: float, warning
 
 def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tuple[list[SceneObstacle], SceneJoint]:
     """The object's body and moving link at the recorded joint value."""
-    from scipy.spatial.transform import Rotation
 
     record = problem.objects.articulated
     urdf = _urdf(folder / "articulated_objs" / record.cls / record.id)
@@ -130,11 +130,7 @@ def _articulated(problem: PlanProblem, folder: Path, warnings: list[str]) -> tup
     T_base_root = np.linalg.inv(problem.pose("T_world_base")) @ pose_from(record.root_p, record.root_q)
     T_root_joint = _scaled(frames["body"][joint.parent] @ joint.T, scale)
     kind: Literal["revolute", "prismatic"] = "prismatic" if joint.type == "prismatic" else "revolute"
-    motion = (
-        _pose(Rotation.identity(), value * axis)
-        if kind == "prismatic"
-        else _pose(Rotation.from_rotvec(value * axis), np.zeros(3))
-    )
+    motion = joint_motion(kind, axis, value)
     T_base_joint = T_base_root @ T_root_joint
     lower, upper = sorted((record.close_qpos, record.open_qpos))
     found = SceneJoint(kind, T_base_joint[:3, 3], T_base_joint[:3, :3] @ axis, value, lower, upper)

@@ -13,7 +13,7 @@ from gensim2.cli.output import report, table
 
 @click.group("bench")
 def bench() -> None:
-    """Measure the solver."""
+    """Measure the solver and policies."""
 
 
 @bench.command("solver", cls=options.Command, short_help="Solve a file of planning problems.")
@@ -121,3 +121,39 @@ def _show_motion(result: dict[str, Any]) -> None:
             ("length of ways, rad, median", f"{summary['length_median']:.3f}"),
         ],
     )
+
+
+@bench.command("policy", cls=options.Command, short_help="Time policies from observation to action.")
+@click.option("--head", "heads", multiple=True, metavar="NAME", help="Only this one; may be given again.")
+@click.option("--encoder", "encoders", multiple=True, metavar="NAME", help="May be given again.  [default: mlp]")
+@click.option("--points", type=options.count(49152), default=512, show_default=True, help="Of a cloud.")
+@click.option("--decisions", type=options.count(), default=100, show_default=True, help="Of each policy.")
+@click.option("--threads", type=options.count(1024), default=1, show_default=True, help="Of PyTorch.")
+@click.option("--device", default="cpu", show_default=True, help="As PyTorch names it.")
+@options.assets
+@options.json_file
+def policy(heads: tuple[str, ...], encoders: tuple[str, ...], json_file: str | None, **given: Any) -> None:
+    """Time decisions of every head on a live scene, rays included, with fresh weights, batch 1.
+
+    The planner that executes keyposes is not part of it.
+    """
+    with report(json_file, _show_policy) as (progress, give):
+        from gensim2.policy.config import HEADS
+        from gensim2.policy.latency import measure_latencies
+
+        give(measure_latencies(heads or HEADS, encoders or ("mlp",), progress=progress, **given))
+
+
+def _show_policy(result: dict[str, Any]) -> None:
+    stages = ("observation", "inputs", "network", "total")
+    rows = [
+        (
+            row["encoder"],
+            row["head"],
+            row["parameters"],
+            *(f"{row['p50'][stage]:.1f} {row['p95'][stage]:.1f} ({row['cpu'][stage]:.1f})" for stage in stages),
+        )
+        for row in result["rows"]
+    ]
+    heads = ("encoder", "head", "weights", *(f"{stage}, ms: p50 p95 (CPU)" for stage in stages))
+    table(heads, rows, title=f"{result['threads']} threads, load of the machine {result['load']:.1f}")

@@ -24,6 +24,9 @@ EXTRAS = {
     **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
+    "safetensors": "train",
+    "transformers": "clip",
+    **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
     **dict.fromkeys(("matplotlib", "pyarrow", "zarr"), "data"),
 }
 
@@ -36,6 +39,8 @@ COMMANDS = {
     "evaluate": "gensim2.cli.evaluate:evaluate",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
+    "train": "gensim2.cli.train:train",
+    "policy": "gensim2.cli.policy:policy",
     "data": "gensim2.cli.data:data",
     "tasks": "gensim2.cli.tasks:tasks",
     "assets": "gensim2.cli.assets:assets",

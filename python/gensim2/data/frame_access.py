@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.observation_file import checked_description, spec_of_file
+from gensim2.data.observation_file import CLOUDS, checked_description, columns_of_file, spec_of_file
 from gensim2.data.store import DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
-from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, DEPTH, IMAGE, SEGMENTATION, cloud_column
+from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
 from gensim2.observations.proprioception import proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.recording import Recording
@@ -36,7 +36,6 @@ OPEN_FILES = 64
 KEPT_EPISODES = 1024
 """Episodes whose states and actions a process keeps, some 20 kB each."""
 
-_PREFIXES = {"rgb": IMAGE, "depth": DEPTH, "segmentation": SEGMENTATION}
 _ROOT = 13
 """Numbers before the joints in a state of ManiSkill's: root pose and velocities."""
 
@@ -51,6 +50,14 @@ class _Episode:
     @property
     def observations(self) -> Path:
         return self.store.observation_path(self.row.index)
+
+
+@dataclass(frozen=True)
+class _Open:
+    """A file of observations and, of each column, what its rows are read from."""
+
+    file: h5py.File
+    columns: dict[str, h5py.Dataset]
 
 
 class FrameAccess:
@@ -103,8 +110,8 @@ class FrameAccess:
 
     def _forget(self) -> None:
         self._process = os.getpid()
-        self._files: OrderedDict[int, h5py.File] = OrderedDict()
-        self._whole: set[int] = set()
+        self._files: OrderedDict[int, _Open] = OrderedDict()
+        self._columns: dict[int, dict[str, str]] = {}
         self._recordings: OrderedDict[int, Recording] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -151,7 +158,7 @@ class FrameAccess:
             )
         )
         if self._observed:
-            found |= _seen(self._file(number), frame)
+            found |= _seen(self._file(number).columns, frame)
         return {
             **found,
             **self._actions(recording, frame),
@@ -193,30 +200,28 @@ class FrameAccess:
                 self._recordings.popitem(last=False)
         return self._recordings[number]
 
-    def _file(self, number: int) -> h5py.File:
+    def _file(self, number: int) -> _Open:
         if number in self._files:
             self._files.move_to_end(number)
             return self._files[number]
         episode = self._episodes[number]
         path = episode.observations
-        if number not in self._whole:
+        if number not in self._columns:
             spec = spec_of_file(checked_description(path, episode.row.episode_digest), path)
             self._spec = self._spec or spec
             self._spec.require(spec, str(path), of="the rest of the data set")
-            self._whole.add(number)
-        self._files[number] = h5py.File(path, "r")
+            found = columns_of_file(path, episode.row.control_steps)
+            self._columns[number] = next((known for known in self._columns.values() if known == found), found)
+        file = h5py.File(path, "r", rdcc_nbytes=0)  # a chunk is a frame: none is asked for again soon
+        self._files[number] = _Open(file, {column: file[name] for column, name in self._columns[number].items()})
         if len(self._files) > OPEN_FILES:
-            self._files.popitem(last=False)[1].close()
+            self._files.popitem(last=False)[1].file.close()
         return self._files[number]
 
 
-def _seen(file: h5py.File, frame: int) -> dict[str, Array]:
-    found: dict[str, Array] = {}
-    if (cloud := file.get("pointcloud")) is not None:
-        found[CLOUD] = cloud_column(from_steps(cloud["xyz"][frame]), cloud["rgb"][frame])
-        found[CLOUD_SEGMENTATION] = cloud["segmentation"][frame]
-    for camera, arrays in file["cameras"].items():
-        for what, prefix in _PREFIXES.items():
-            if what in arrays:
-                found[prefix + camera] = arrays[what][frame]
+def _seen(columns: Mapping[str, h5py.Dataset], frame: int) -> dict[str, Array]:
+    found = {name: rows[frame] for name, rows in columns.items()}
+    if (xyz := found.pop(f"{CLOUDS}xyz", None)) is not None:
+        found[CLOUD] = cloud_column(from_steps(xyz), found.pop(f"{CLOUDS}rgb"))
+        found[CLOUD_SEGMENTATION] = found.pop(f"{CLOUDS}segmentation")
     return found

@@ -14,13 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.data.episode_file import LIBVER
+from gensim2.data.formats.columns import column_of
 from gensim2.errors import InputError
-from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, group_in, is_group, members
+from gensim2.foreign.hdf5 import ForeignHdf5Error, array_in, dataset_in, group_in, is_group, members
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
-CLOUD = "pointcloud/xyz"
+CLOUDS = "pointcloud/"
+CLOUD = f"{CLOUDS}xyz"
 """Is kept in steps of 0.1 mm (:data:`gensim2.observations.cloud.RESOLUTION`), and read in m."""
 
 DESCRIPTION = "observation"
@@ -51,7 +53,8 @@ class ObservedEpisode:
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
             ``language``, ``steps`` and everything of the spec.
-        arrays: by name; (T + 1, ...) but for the cameras' own.
+        arrays: by name; (T + 1, ...) but for the cameras' own: ``intrinsic`` and ``T_base_camera`` of fixed ones, and
+            ``T_link_camera`` of one that the robot carries, whose ``T_base_camera`` is (T + 1, 4, 4).
     """
 
     description: dict[str, Any]
@@ -126,7 +129,7 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
         if episode_digest is not None and description.get("episode_digest") != episode_digest:
             raise InputError("is of another episode", file=path, remedy="delete it and render with --resume")
         try:
-            arrays = dict(_arrays(file, "", DEPTH))
+            arrays = {name: dataset[()] for name, dataset in _datasets(file, "", DEPTH)}
             if CLOUD in arrays:
                 arrays[CLOUD] = from_steps(arrays[CLOUD])
         except (ValueError, TypeError, OSError, RuntimeError) as error:
@@ -134,15 +137,44 @@ def read_observation(path: Path, episode_digest: str | None = None) -> ObservedE
     return ObservedEpisode(description, arrays)
 
 
-def _arrays(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Those in a group and in the groups in it, by their paths."""
+def columns_of_file(path: Path, frames: int) -> dict[str, str]:
+    """Names of the arrays of a file with a row a frame, by the columns that they become; those of the cloud by their
+    own. Once they are known, the file may be opened without a further look.
+
+    Args:
+        path: of a file that is known to be whole.
+        frames: rows that each must have.
+
+    Raises:
+        DamagedObservationError: one has fewer, or is not what may stand in such a file.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            found = dict(_datasets(file, "", DEPTH))
+            named = {name if name.startswith(CLOUDS) else column_of(name): name for name in found}
+            columns = {column: name for column, name in named.items() if column is not None}
+            if any(column.startswith(CLOUDS) for column in columns):
+                points = found[CLOUD].shape[1:2]
+                for name, rest in ((CLOUD, (3,)), (f"{CLOUDS}rgb", (3,)), (f"{CLOUDS}segmentation", ())):
+                    if found[name].shape[1:] != (*points, *rest):
+                        raise ForeignHdf5Error(name)
+            for name in columns.values():
+                if not found[name].shape or found[name].shape[0] < frames:
+                    raise ForeignHdf5Error(name)
+            return columns
+    except (ValueError, TypeError, KeyError, OSError, RuntimeError, InputError) as error:
+        raise _SEAL.broken(path, str(error) if isinstance(error, ForeignHdf5Error) else None) from error
+
+
+def _datasets(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Arrays in a group and in the groups in it, by their paths."""
     for name in members(group):
         if prefix + name == DESCRIPTION:
             continue
         if not is_group(group, name):
-            yield prefix + name, array_in(group, name)
+            yield prefix + name, dataset_in(group, name)
         elif depth:
-            yield from _arrays(group_in(group, name), f"{prefix}{name}/", depth - 1)
+            yield from _datasets(group_in(group, name), f"{prefix}{name}/", depth - 1)
         else:
             raise ForeignHdf5Error(f"{prefix}{name} lies too deep")
 

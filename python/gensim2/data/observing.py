@@ -49,10 +49,14 @@ def observe(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> 
     for observation in observer.recorded(recording.env_states, recording.actions):
         for name, array in _stored(observation).items():
             frames.setdefault(name, []).append(array)
+        for camera in observer.cameras_at(observation.joint_positions):
+            if camera.link is not None:
+                frames.setdefault(camera_array(camera.name, "T_base_camera"), []).append(camera.T_base_camera)
     arrays: Arrays = {name: np.stack(rows) for name, rows in frames.items()}
     for camera in observer.cameras:
         arrays[camera_array(camera.name, "intrinsic")] = camera.intrinsic
-        arrays[camera_array(camera.name, "T_base_camera")] = camera.T_base_camera
+        what = "T_base_camera" if camera.link is None else "T_link_camera"
+        arrays[camera_array(camera.name, what)] = camera.T_base_camera
     return arrays
 
 

@@ -15,8 +15,10 @@ from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import append, remove_temporaries
 from gensim2.observations import ObservationSpec
+from gensim2.observations.cameras import require_cameras
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT, Failure, Job, WorkerPool, results
 from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 
 SCHEMA_VERSION = 1
@@ -100,6 +102,7 @@ def render(
     if spec.is_proprioceptive:
         raise InputError("must name something that cameras give", field="modalities")
     dataset = DataSet.open(folder)
+    require_cameras(spec.cameras, robot(dataset.record.scene.robot))
     wanted = {name: dataset.task(name) for name in tasks or dataset.tasks}
     lock = FolderLock(folder)
     try:
@@ -194,6 +197,7 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
     # Here: it brings the ray caster, which refusing arguments needs not.
     from gensim2.data.observing import observe, segmentation_ids
 
+    profile = robot(scene.robot)
     begin = time.process_time()
     arrays = observe(recording, scene, spec)
     cpu = time.process_time() - begin
@@ -205,6 +209,7 @@ def render_episode(folder: Path, row: LoggedEpisode, scene: SceneConfig, spec: O
         "seed": recording.seed,
         "instances": recording.instances,
         "segmentation_ids": segmentation_ids(recording, scene, spec),
+        "camera_links": {each.name: each.link for each in profile.cameras if each.name in spec.cameras},
     }
     write_observation(path, description, arrays)
     return Rendered(recording.steps + 1, path.stat().st_size, cpu)

@@ -109,6 +109,8 @@ def picture(observation: ObservedEpisode, step: int) -> Frame | None:
     if CLOUD not in arrays:
         return None
     intrinsic, T_base_camera = (arrays[f"cameras/{names[0]}/{what}"] for what in ("intrinsic", "T_base_camera"))
+    if T_base_camera.ndim == 3:  # the robot carries it
+        T_base_camera = T_base_camera[step]
     return _splatted(arrays[CLOUD][step], arrays["pointcloud/rgb"][step], intrinsic, T_base_camera)
 
 

@@ -97,8 +97,12 @@ class TaskStore:
         return self.folder / ROWS
 
     def observation_path(self, index: int) -> Path:
-        """Where the observations of an episode lie."""
-        return self.folder / OBSERVATIONS / f"{index:06d}.h5"
+        """Where the observations of an episode lie.
+
+        Raises:
+            InputError: a link leads out of the folder.
+        """
+        return self._inside(self.folder / OBSERVATIONS / f"{index:06d}.h5")
 
     def add(self, index: int, episode: Episode, recording: Recording | None) -> str:
         """Write one finished episode, whole or not at all, and return the digest of its file.
@@ -178,14 +182,14 @@ class TaskStore:
         """All files of episodes that there are, damaged ones too.
 
         Raises:
-            InputError: one was written by another version of gensim2.
+            InputError: one was written by another version of gensim2, or a link leads out of the folder.
         """
         for held in (True, False):
             folder = self.path(0, held).parent
             for path in sorted(folder.iterdir()) if folder.is_dir() else ():
                 if match := _EPISODE_FILE.match(path.name):
                     try:
-                        row: EpisodeRow | None = read_row(path)
+                        row: EpisodeRow | None = read_row(self._inside(path))
                     except DamagedEpisodeError:
                         row = None
                     lies_right = row is not None and row.episode.held == held

@@ -20,6 +20,7 @@ from gensim2.design import joint_search
 from gensim2.design.base import CandidateResult, StageResult
 from gensim2.design.diagnosis import Diagnosis
 from gensim2.design.manipulation import Manipulation
+from gensim2.rollout.record import Cause
 
 Array = npt.NDArray[np.float64]
 
@@ -47,16 +48,28 @@ _YES: dict[Question, tuple[Part, ...]] = {
 }
 
 #: What speaks against what, by cause, of those that physics alone tells.
-_BY_CAUSE: dict[str, tuple[Part, ...]] = {
-    "object did not move": ("approach", "keypoint", "gripper", "offset"),
-    "contact slipped": ("approach", "gripper", "offset"),
-    "stopped short": ("approach", "gripper", "motion"),
-    "pushed the wrong way": ("approach", "keypoint", "offset"),
-    "goal undone after release": ("approach", "gripper", "motion"),
+_BY_CAUSE: dict[Cause, tuple[Part, ...]] = {
+    Cause.NO_CONTACT: ("approach", "keypoint", "gripper", "offset"),
+    Cause.CONTACT_SLIPPED: ("approach", "gripper", "offset"),
+    Cause.STOPPED_SHORT: ("approach", "gripper", "motion"),
+    Cause.WRONG_WAY: ("approach", "keypoint", "offset"),
+    Cause.GOAL_UNDONE: ("approach", "gripper", "motion"),
 }
 
 #: Causes of an episode in which no motion was executed, or none beyond the actuation pose.
-_PLANNED = ("no actuation pose", "keyframe out of reach", "collision on the way", "no motion found", "invalid problem")
+_PLANNED = frozenset(
+    {
+        Cause.NO_ACTUATION_POSE,
+        Cause.KEYFRAME_OUT_OF_REACH,
+        Cause.COLLISION_ON_THE_WAY,
+        Cause.NO_MOTION_FOUND,
+        Cause.INVALID_PROBLEM,
+    }
+)
+
+
+_CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
+"""By their phrases; a diagnosis may name a planner's status in the place of one."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +144,12 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
     """Which question a failure answers with no, and by which parts of the alignment."""
     plan: Mapping[str, Any] = diagnosis.numbers.get("plan", diagnosis.numbers)
     unreached = str(plan.get("unreached", ""))
-    if diagnosis.cause in _BY_CAUSE:
-        return "effect", _BY_CAUSE[diagnosis.cause]
+    cause = _CAUSES.get(diagnosis.cause)
+    if cause in _BY_CAUSE:
+        return "effect", _BY_CAUSE[cause]
     if unreached.startswith(("post", "let_go")):
         return "follow", ("approach", "motion", *_hit(plan))
-    if unreached or diagnosis.cause in _PLANNED or plan.get("residuals"):
+    if unreached or cause in _PLANNED or plan.get("residuals"):
         missed = [str(each["name"]) for each in plan.get("residuals", ())]
         if missed and all(name.startswith("frame_axis_orthogonal") for name in missed):
             return "reach", ("approach", "roll")

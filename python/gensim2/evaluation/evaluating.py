@@ -189,10 +189,13 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     Raises:
         InputError: it cannot be made, or looks at something else than its data.
     """
+    from gensim2.observations.cameras import require_cameras
     from gensim2.robots import robot
 
-    made = spec.make(given.spec, robot(given.scene.robot))
+    profile = robot(given.scene.robot)
+    made = spec.make(given.spec, profile)
     seen = spec_of(made)
+    require_cameras(seen.cameras, profile)
     if data is not None:
         from gensim2.data.store import DataSet
 
@@ -203,16 +206,16 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
 def _arguments(
     config: EpisodeConfig, spec: ControllerSpec, stop: Stop, folder: Path, videos: int, index: int, seed: int
 ) -> tuple[Any, ...]:
-    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None
+    return config, spec, seed, stop, partial(_keep, folder, index) if index < videos else None, index
 
 
 def _episode(
-    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None
+    config: EpisodeConfig, spec: ControllerSpec, seed: int, stop: Stop, keep: partial[Episode] | None, index: int
 ) -> Episode:
     """One episode; called in a worker."""
     from gensim2.rollout import worker
 
-    return worker.evaluate(config, spec, seed, stop, keep)
+    return worker.evaluate(config, spec, seed, stop, keep, index)
 
 
 def _keep(folder: Path, index: int, episode: Episode, recording: Recording | None) -> Episode:

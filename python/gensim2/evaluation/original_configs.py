@@ -335,9 +335,10 @@ def _check_tool(problem: PlanProblem, file: Path) -> None:
 def _with_time(spec: TaskSpec) -> TaskSpec:
     """The task with as many control steps as an episode of the original has."""
     from gensim2.rollout.hand_steps import MOST_STEPS, control_steps
-    from gensim2.rollout.settling import MAX_SETTLE_STEPS
+    from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 
-    most = MOST_STEPS * control_steps(robot(ROBOT)) + MAX_SETTLE_STEPS
+    profile = robot(ROBOT)
+    most = MOST_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
     return spec.model_copy(update={"max_episode_steps": most})
 
 

@@ -45,7 +45,19 @@ def array_in(
     shape: tuple[int | None, ...] | None = None,
     most: int = MOST_ARRAY,
 ) -> Array:
-    """Return the array ``name`` of a group.
+    """Return the array ``name`` of a group; arguments and errors as of :func:`dataset_in`."""
+    values: Array = dataset_in(parent, name, dtype, shape, most)[()]
+    return values
+
+
+def dataset_in(
+    parent: h5py.Group,
+    name: str,
+    dtype: npt.DTypeLike | None = None,
+    shape: tuple[int | None, ...] | None = None,
+    most: int = MOST_ARRAY,
+) -> h5py.Dataset:
+    """Return the array ``name`` of a group, of which parts may be read.
 
     Args:
         dtype: that it must have; None: any numbers or truth values.
@@ -71,8 +83,7 @@ def array_in(
     plist = item.id.get_create_plist()
     if any(plist.get_filter(number)[0] not in _FILTERS for number in range(plist.get_nfilters())):
         raise ForeignHdf5Error(f"{path} is compressed in an unknown way")
-    values: Array = item[()]
-    return values
+    return item
 
 
 def members(group: h5py.Group) -> Iterator[str]:

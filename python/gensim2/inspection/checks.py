@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects.meshwork.convexes import Block, depth_inside, surface_samples
-from gensim2.objects.meshwork.overlap import OPENNESS, link_pose, links_overlap
+from gensim2.objects.meshwork.overlap import OPENNESS, links_overlap
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 
@@ -70,7 +70,7 @@ def geometric_findings(instance: Instance) -> list[Finding]:
         "articulated_object_head" if "articulated_object_head" in instance.keypoints else next(iter(instance.keypoints))
     )
     for share in OPENNESS:
-        T = link_pose(instance, share)
+        T = instance.link_pose(share)
         points = np.concatenate(still + [transform(T, h) for h in instance.hulls[joint.child_link]])
         lowest = min(lowest, float((points @ R.T)[:, 2].min()) + float(position[2]))
     at_most("base above the table, mm", 1000 * abs(lowest), BASE_GAP)
@@ -104,7 +104,7 @@ def overlap_findings(instance: Instance) -> list[Finding]:
 def clearance_of(instance: Instance, name: str) -> float:
     """Distance in metres of a keypoint from the hulls of both links of the open object; negative inside one."""
     keypoint, child = instance.keypoints[name], instance.joint.child_link
-    T = link_pose(instance, 1.0)
+    T = instance.link_pose(1.0)
     point = transform(T, keypoint.position[None]) if keypoint.link == child else keypoint.position[None]
     nearest = np.inf
     for link, hulls in instance.hulls.items():

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from gensim2.errors import GenSim2Error, MissingExtraError
 from gensim2.inspection.checks import world_rotation
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.rigid import BODY, RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
@@ -205,7 +204,7 @@ def _clear_distance(points: Array, azimuth: float) -> float:
 def _world_points(instance: Instance, openness: float) -> Array:
     """(N, 3) hull vertices and keypoints in the world frame."""
     R, position = world_rotation(instance), instance.placement.position
-    T = link_pose(instance, openness)
+    T = instance.link_pose(openness)
     child = instance.joint.child_link
     points = [transform(T, hull) if link == child else hull for link, hulls in instance.hulls.items() for hull in hulls]
     in_root = np.concatenate(points) @ R.T + position
@@ -220,7 +219,7 @@ def _keypoints(instance: Instance | RigidObject, openness: float) -> dict[str, A
             name: place.rotation @ keypoint.position + place.position for name, keypoint in instance.keypoints.items()
         }
     R, position = world_rotation(instance), instance.placement.position
-    T = link_pose(instance, openness)
+    T = instance.link_pose(openness)
     found = {}
     for name, keypoint in instance.keypoints.items():
         point = keypoint.position

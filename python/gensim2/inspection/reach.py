@@ -8,7 +8,6 @@ import numpy as np
 
 import gensim2_kpam as kpam
 from gensim2.inspection.checks import Finding, world_rotation
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Array, Instance
 from gensim2.robots import RobotProfile
@@ -52,7 +51,7 @@ def in_base(instance: Instance, name: str, openness: float, robot: RobotProfile)
     keypoint = instance.keypoints[name]
     point = keypoint.position
     if keypoint.link == instance.joint.child_link:
-        point = transform(link_pose(instance, openness), point[None])[0]
+        point = transform(instance.link_pose(openness), point[None])[0]
     T_base_world = np.linalg.inv(robot.T_world_base)
     at = world_rotation(instance) @ point + instance.placement.position
     return np.asarray(T_base_world[:3, :3] @ at + T_base_world[:3, 3])

@@ -15,7 +15,6 @@ from gensim2.errors import InputError, MissingExtraError
 from gensim2.inspection import rigid
 from gensim2.inspection.checks import Finding, geometric_findings, world_rotation
 from gensim2.objects.library.catalogue import Library
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.physics import GRAVITY, class_rule, inertial
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.types import Instance
@@ -233,7 +232,7 @@ class _Stage:
                     break
             if step % CONTROL_STEPS == 0:
                 self._resistance.update()
-                T = link_pose(instance, float(np.clip(openness, 0, 1)))
+                T = instance.link_pose(float(np.clip(openness, 0, 1)))
                 center = T[:3, :3] @ moving.center + T[:3, 3]
                 weight = moving.mass * gravity
                 load = (

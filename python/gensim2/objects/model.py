@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.objects.shapes import Mesh, pose, transform
+from gensim2.objects.kinematics import joint_motion
+from gensim2.objects.shapes import Mesh, transform
 from gensim2.objects.types import Keypoint
 
 Array = npt.NDArray[np.float64]
@@ -61,8 +62,7 @@ class Model:
 
     def T_root_link_at(self, q: float) -> Array:
         """(4, 4) moving link in the root frame at joint value ``q``."""
-        motion = pose(q * self.axis) if self.joint_type == "prismatic" else pose(axis=self.axis, angle=q)
-        return np.asarray(self.T_root_link @ motion)
+        return np.asarray(self.T_root_link @ joint_motion(self.joint_type, self.axis, q))
 
     def keypoint_in_root(self, name: str, q: float) -> Array:
         """(3,) keypoint in the root frame at joint value ``q``."""

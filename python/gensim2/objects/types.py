@@ -10,6 +10,8 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.objects.kinematics import joint_motion
+
 Array = npt.NDArray[np.float64]
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
@@ -56,6 +58,10 @@ class MovingJoint:
     friction: float
     damping: float
     T_root_child: Array
+
+    def T_root_child_at(self, value: float) -> Array:
+        """(4, 4) frame of the child link in the root frame at a joint value (rad or m)."""
+        return np.asarray(joint_motion(self.type, self.axis, value, self.origin) @ self.T_root_child)
 
 
 @dataclass(frozen=True)
@@ -168,6 +174,11 @@ class Instance:
     license: str
     content_hash: str
     warnings: tuple[str, ...] = field(default=())
+
+    def link_pose(self, openness: float) -> Array:
+        """(4, 4) moving link in the root frame at an openness."""
+        joint = self.joint
+        return joint.T_root_child_at(joint.lower + openness * (joint.upper - joint.lower))
 
     def lever_arm(self, keypoint: str) -> float:
         """Distance in metres of a keypoint on the moving link from the joint axis."""

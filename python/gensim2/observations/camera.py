@@ -11,6 +11,12 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+def pinhole(width: int, height: int, fov: float) -> Array:
+    """(3, 3) intrinsic matrix in pixels, the axis through the picture's middle, for a field of view (rad) in height."""
+    focal = 0.5 * height / np.tan(0.5 * fov)
+    return np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A camera as OpenCV has it: x to the right of the picture, y down, z forward.
@@ -21,6 +27,7 @@ class Camera:
         intrinsic: (3, 3) in pixels.
         T_base_camera: (4, 4) camera in the robot's base frame.
         far: metres ahead beyond which nothing is seen.
+        link: of the robot, that carries it; None: it stands still.
     """
 
     name: str
@@ -29,6 +36,7 @@ class Camera:
     intrinsic: Array
     T_base_camera: Array
     far: float = 10.0
+    link: str | None = None
 
     @staticmethod
     def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:
@@ -45,9 +53,7 @@ class Camera:
         pose = np.eye(4)
         pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
         pose[:3, 3] = place
-        focal = 0.5 * height / np.tan(0.5 * fov)
-        intrinsic = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
-        return Camera(name, width, height, intrinsic, pose)
+        return Camera(name, width, height, pinhole(width, height, fov), pose)
 
     @cached_property
     def rays(self) -> npt.NDArray[np.float32]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
@@ -13,6 +14,9 @@ from gensim2.observations.cloud import CloudSettings
 Modality = Literal["pointcloud", "rgb", "depth", "segmentation"]
 MODALITIES: tuple[Modality, ...] = get_args(Modality)
 CAMERAS: tuple[str, ...] = tuple(PLACES)
+"""The fixed ones; a robot may carry others (:class:`~gensim2.robots.MountedCamera`)."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class ObservationSpec:
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; none of
             them: the robot's own state alone.
-        cameras: names of those that are used, in the environment's order.
+        cameras: names of those that are used: the fixed ones in their order, then the robot's own as they were given.
         cloud: how point clouds are made; its noise is on depth pictures, too.
     """
 
@@ -31,11 +35,14 @@ class ObservationSpec:
     cloud: CloudSettings = field(default_factory=CloudSettings)
 
     def __post_init__(self) -> None:
-        for name, given, known in (("modalities", self.modalities, MODALITIES), ("cameras", self.cameras, CAMERAS)):
+        own = [word for word in self.cameras if word not in CAMERAS and _NAME.fullmatch(str(word))]
+        choices = (("modalities", self.modalities, MODALITIES), ("cameras", self.cameras, (*CAMERAS, *own)))
+        for name, given, known in choices:
             unknown = [word for word in given if word not in known]
             if unknown or len(set(given)) < len(given) or (name == "cameras" and not given):
-                message = f"must be some of {', '.join(known)}, each once, is {', '.join(given) or 'nothing'}"
-                raise InputError(message, field=name)
+                beside = " or names of the robot's own" if name == "cameras" else ""
+                said = ", ".join(map(str, given)) or "nothing"
+                raise InputError(f"must be some of {', '.join(known)}{beside}, each once, is {said}", field=name)
             # One spelling of one spec, however it was given.
             object.__setattr__(self, name, tuple(word for word in known if word in given))
 

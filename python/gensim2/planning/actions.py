@@ -1,4 +1,4 @@
-"""A plan as control actions of a robot: joint targets and a gripper command at its control frequency."""
+"""A plan as the reference of a robot: arm joints, their velocities and a gripper command at its control frequency."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LEAST_GRIP_FORCE = 0.5
 #: m/s².
 GRAVITY = 9.81
 
-#: Seconds for which the last target is held, so that the arm arrives.
+#: Seconds for which the last position is held, so that the arm arrives.
 HOLD_SECONDS = 0.2
 
 
@@ -62,28 +62,30 @@ class Acts:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A plan, one row a control step.
+    """A plan, one row a control step; what drives the arm makes its own commands of it.
 
     Attributes:
-        actions: (N, m + 1) arm joint targets, ahead by the drives' lag, and the gripper command.
-        times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
         reference: (N, 2, m) arm joints and velocities that are meant at the end of each step, whatever drives them.
+        ends: (N,) row up to which the motion goes that the row is part of; its own where the arm stands.
+        commands: (N,) of the gripper, -1 to 1.
+        times: (N,) seconds on the plan's clock at which the arm is meant to be when the step ends.
         contact: the first step in which the hand may touch what it reaches for (the way to the actuation pose).
         actuation: the first step at the actuation pose.
         gripped: the first step after the fingers have closed on something, or None; may be N.
         released: the first step in which the fingers let go of something, or None.
     """
 
-    actions: npt.NDArray[np.float32]
-    times: Array
     reference: npt.NDArray[np.float32]
+    ends: npt.NDArray[np.int64]
+    commands: npt.NDArray[np.float32]
+    times: Array
     contact: int
     actuation: int
     gripped: int | None
     released: int | None
 
     def __len__(self) -> int:
-        return len(self.actions)
+        return len(self.commands)
 
 
 def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> float:
@@ -111,7 +113,7 @@ def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness:
 
 
 def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
-    """Return the actions that execute ``plan``.
+    """Return the rows that execute ``plan``.
 
     Args:
         plan: a plan that has a trajectory.
@@ -134,7 +136,7 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
     last = len(arm) - 1
     actuation = step_of("actuation")
     let_go = step_of(_before_letting_go(plan)) if acts.lets_go else None
-    rows = _Rows(arm, profile.lag_steps, rate, acts.command)
+    rows = _Rows(arm, profile.arrival_steps, rate, acts.command)
     if acts.before:
         rows.dwell(0, acts.command, profile.gripper_steps)
     at, gripped, released = 0, None, None
@@ -160,11 +162,12 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
         at = let_go
     rows.move(at, last)
     rows.dwell(last, rows.command, ceil(HOLD_SECONDS * rate))
-    actions, times = rows.finish()
+    times = rows.times()
     return Schedule(
-        actions,
-        times,
         rows.reference(),
+        np.array(rows.ends),
+        np.array(rows.commands, dtype=np.float32),
+        times,
         contact=_first(times, (step_of("pre_0") or 0) / rate),
         actuation=len(times) if actuation is None else _first(times, actuation / rate),
         gripped=gripped,
@@ -173,30 +176,37 @@ def schedule(plan: kpam.Plan, acts: Acts, profile: RobotProfile) -> Schedule:
 
 
 class _Rows:
-    """Actions under way."""
+    """Rows under way.
 
-    def __init__(self, arm: Array, lags: tuple[int, ...], rate: int, command: float) -> None:
-        self._arm, self._lags, self._rate = arm, np.array(lags), rate
-        self._columns = np.arange(len(lags))
-        self.settling = max(lags)
+    Args:
+        arm: (K, m) samples of the trajectory at the control frequency.
+        settling: control steps that the arm is given to arrive where it stops.
+        rate: control frequency, Hz.
+        command: of the gripper, at the start.
+    """
+
+    def __init__(self, arm: Array, settling: int, rate: int, command: float) -> None:
+        self._arm, self._rate = arm, rate
+        self.settling = settling
         self.command = command
-        self._targets: list[Array] = []
-        self._commands: list[float] = []
+        self.commands: list[float] = []
+        self.ends: list[int] = []
         self._steps: list[int] = []
 
     def __len__(self) -> int:
-        return len(self._targets)
+        return len(self._steps)
 
     def move(self, start: int, end: int) -> None:
-        """Follow the samples from one to another, ahead by the lag; the last one is held."""
+        """Follow the samples from one to another."""
+        last = len(self) + end - start
         for step in range(start, end + 1):
-            self._add(self._arm[np.minimum(step + self._lags, end), self._columns], step)
+            self._add(step, last)
 
     def dwell(self, step: int, command: float, count: int) -> None:
         """Stay at a sample with a gripper command."""
         self.command = command
         for _ in range(count):
-            self._add(self._arm[step], step)
+            self._add(step, len(self))
 
     def close(self, step: int, grip: float, profile: RobotProfile) -> None:
         """Close slowly at a sample to a command, and press."""
@@ -206,19 +216,19 @@ class _Rows:
         self.dwell(step, grip, self.settling + ceil(HOLD_SECONDS * self._rate))
 
     def reference(self) -> npt.NDArray[np.float32]:
-        """(N, 2, m) positions and velocities that the targets are made of; where a sample stays, nothing moves."""
+        """(N, 2, m) positions and velocities; where a sample stays, nothing moves."""
         positions = self._arm[self._steps]
         velocities = np.diff(positions, axis=0, prepend=positions[:1]) * self._rate
         return np.stack([positions, velocities], axis=1).astype(np.float32)
 
-    def _add(self, target: Array, step: int) -> None:
-        self._targets.append(target)
-        self._commands.append(self.command)
-        self._steps.append(step)
+    def times(self) -> Array:
+        """(N,) seconds on the plan's clock."""
+        return np.array(self._steps, dtype=np.float64) / self._rate
 
-    def finish(self) -> tuple[npt.NDArray[np.float32], Array]:
-        actions = np.column_stack([np.array(self._targets), np.array(self._commands)]).astype(np.float32)
-        return actions, np.array(self._steps, dtype=np.float64) / self._rate
+    def _add(self, step: int, end: int) -> None:
+        self._steps.append(step)
+        self.ends.append(end)
+        self.commands.append(self.command)
 
 
 def _before_letting_go(plan: kpam.Plan) -> str:

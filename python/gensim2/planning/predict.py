@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.planning.scene import JointState, Scene, SceneObject
+from gensim2.objects.kinematics import joint_motion
+from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.world import carried_by
 
 Array = npt.NDArray[np.float64]
@@ -19,7 +20,7 @@ def with_joint(scene: Scene, name: str, value: float) -> Scene:
     joint = thing.joint
     assert joint is not None, name
     value = float(np.clip(value, joint.lower, joint.upper))
-    motion = joint_motion(joint, value - joint.value)
+    motion = joint_motion(joint.type, joint.axis, value - joint.value, joint.origin)
     objects = dict(scene.objects)
     for other in scene.objects.values():
         if other.is_rigid and other.name != scene.held and carried_by(scene, other.name) == name:
@@ -53,20 +54,6 @@ def moved(thing: SceneObject, motion: Array) -> SceneObject:
         T_base_object=motion @ thing.T_base_object,
         keypoints={key: _point(motion, at) for key, at in thing.keypoints.items()},
     )
-
-
-def joint_motion(joint: JointState, by: float) -> Array:
-    """(4, 4) motion in the base frame of what a joint moves by so many rad or m."""
-    motion = np.eye(4)
-    if joint.type == "prismatic":
-        motion[:3, 3] = by * joint.axis
-    else:
-        from scipy.spatial.transform import Rotation  # here: refusing a strategy needs none of SciPy
-
-        turn = Rotation.from_rotvec(by * joint.axis).as_matrix()
-        motion[:3, :3] = turn
-        motion[:3, 3] = joint.origin - turn @ joint.origin
-    return motion
 
 
 def _point(motion: Array, point: Array) -> Array:

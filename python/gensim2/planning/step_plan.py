@@ -1,4 +1,4 @@
-"""A step planned: the motion, its actions and the scene after it, or why there is none."""
+"""A step planned: the motion, its reference and the scene after it, or why there is none."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StepPlan:
     Attributes:
         status, reason: the planner's; ``"no_grasp"`` where no grasp serves.
         plan: the motion; None where there was none to be looked for.
-        schedule: its actions, None without a motion.
+        schedule: its rows, None without a motion.
         after: the scene as it will be; None without a motion.
         picks: the object that is taken up, or None.
         width: distance of the finger pads that hold it, m.

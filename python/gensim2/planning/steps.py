@@ -130,7 +130,7 @@ class StepPlanner:
         assert trajectory is not None
         hand = self.profile.model.forward_kinematics
         end = np.array(trajectory.positions[-1])
-        end[self._fingers.joints] = self._fingers.positions(float(rows.actions[-1, -1]))
+        end[self._fingers.joints] = self._fingers.positions(float(rows.commands[-1]))
         acting = next((f["time"] for f in plan.keyframes if f["label"] == "actuation" and f["time"] is not None), None)
         after = scene
         joint = scene.objects[step.object].joint

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from gensim2.errors import InputError
+from gensim2.objects.kinematics import joint_motion
 from gensim2.objects.library.urdf import Urdf, UrdfJoint, parse_urdf, unit_axis
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +100,9 @@ class Tree:
                 continue
             found[:, index] = found[:, parent] @ joint.T
             if coordinate >= 0:
-                found[:, index] = found[:, index] @ _motion(joint, q[:, coordinate], self.file)
+                found[:, index] = found[:, index] @ joint_motion(
+                    joint.type, unit_axis(joint, self.file), q[:, coordinate]
+                )
         return found
 
 
@@ -138,14 +141,3 @@ def _coordinate(joint: UrdfJoint | None, active: Sequence[str], file: Path) -> i
     if joint.name not in active:
         raise InputError("moves, and no recorded coordinate says how far", file=file, field=field)
     return list(active).index(joint.name)
-
-
-def _motion(joint: UrdfJoint, value: Array, file: Path) -> Array:
-    """(T, 4, 4) by which a joint moves its child."""
-    axis = unit_axis(joint, file)
-    found = np.tile(np.eye(4), (len(value), 1, 1))
-    if joint.type == "prismatic":
-        found[:, :3, 3] = value[:, None] * axis
-    else:
-        found[:, :3, :3] = Rotation.from_rotvec(value[:, None] * axis).as_matrix()
-    return found

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
-from gensim2.observations import DepthNoise, EmptyCloudError, Encoder, Observation, ObservationSpec, View
-from gensim2.observations.cameras import observation_cameras
+from gensim2.observations import Camera, DepthNoise, EmptyCloudError, Encoder, Observation, ObservationSpec, View
+from gensim2.observations.cameras import mounted, observation_cameras, require_cameras
 from gensim2.raycast.kinematics import state_rows
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import OPEN, RobotProfile
@@ -50,7 +51,12 @@ class Observer:
         photograph: Photograph | None = None,
     ) -> None:
         self.spec, self._profile, self._seed, self._photograph = spec, profile, seed, photograph
-        self.cameras = tuple(camera for camera in observation_cameras(profile) if camera.name in spec.cameras)
+        require_cameras(spec.cameras, profile)
+        fixed = {camera.name: camera for camera in observation_cameras(profile)}
+        own = {camera.name: mounted(camera, np.eye(4)) for camera in profile.cameras}
+        #: Those that a link carries with their poses in its frame.
+        self.cameras = tuple((fixed | own)[name] for name in spec.cameras)
+        self._links = tuple(dict.fromkeys(camera.link for camera in self.cameras if camera.link is not None))
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
         self._encoder = Encoder(spec, profile, language, None if self._scene is None else self._scene.robot)
 
@@ -105,20 +111,33 @@ class Observer:
                     robot[row, _ROOT : _ROOT + joints],
                     robot[row, _ROOT + joints :],
                     command,
-                    () if poses is None else self.views(poses[row], step),
+                    () if poses is None else self.views(poses[row], step, robot[row, _ROOT : _ROOT + joints]),
                     None if self._photograph is None else self._photograph(states, row),
                 )
             except EmptyCloudError as error:
                 raise EmptyCloudError(f"step {step}: {error}") from error
 
-    def views(self, poses: Array, step: int) -> tuple[View, ...]:
+    def cameras_at(self, positions: npt.ArrayLike) -> tuple[Camera, ...]:
+        """The cameras in the base frame, where the (n,) joints stand at ``positions``."""
+        links = self._links_at(positions)
+        return tuple(
+            camera if camera.link is None else replace(camera, T_base_camera=links[camera.link] @ camera.T_base_camera)
+            for camera in self.cameras
+        )
+
+    def _links_at(self, positions: npt.ArrayLike) -> dict[str, Array]:
+        q = np.asarray(positions, dtype=np.float64)
+        return {link: self._profile.model.forward_kinematics(q, link) for link in self._links}
+
+    def views(self, poses: Array, step: int, positions: npt.ArrayLike | None = None) -> tuple[View, ...]:
         """The cameras' pictures, with the noise of the spec on them.
 
         Args:
             poses: (L, 4, 4), one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
+            positions: (n,) of all active joints, where the robot carries cameras that are looked through.
         """
-        views = self.scene.see(poses)
+        views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
         noise = self.spec.cloud.noise
         if noise is None:
             return views

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -32,7 +33,7 @@ class RaycastScene:
     Args:
         profile: of the robot.
         objects: by name, in the task's order.
-        cameras: that see the scene.
+        cameras: that see the scene; those that a link carries with their poses in its frame.
 
     Raises:
         InputError: a file of the robot or of an object cannot be used.
@@ -57,7 +58,11 @@ class RaycastScene:
                 self._add(name, name, None if model.visual is None else read_mesh(model.visual), still=False)
             else:
                 raise TypeError(f"no object of {type(model).__name__}")
-        self._caster = Caster(self._solids, self.cameras)
+        # Of a link that carries cameras everything is told in its frame, where they stand still.
+        self._casters: dict[str | None, Caster] = {
+            link: Caster(self._solids, [camera for camera in self.cameras if camera.link == link])
+            for link in dict.fromkeys(camera.link for camera in self.cameras)
+        }
 
     @property
     def names(self) -> Mapping[int, tuple[str, str]]:
@@ -101,17 +106,29 @@ class RaycastScene:
         found[self.ids(TABLE)[0]] = np.tile(self._T_base_world @ table, (steps, 1, 1))
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
 
-    def cast(self, poses: Array) -> Hits:
-        """What the cameras see where the solids stand at ``poses`` (L, 4, 4), in the base frame."""
-        return self._caster.cast(poses)
+    def cast(self, poses: Array, links: Mapping[str, Array] | None = None) -> dict[str | None, Hits]:
+        """What the cameras see, by the link that carries them.
 
-    def views(self, hits: Hits) -> tuple[View, ...]:
-        """The same as pictures, whose colours are worked out when somebody asks for them."""
-        return tuple(_RaycastView(self._caster, hits, number) for number in range(len(self.cameras)))
+        Args:
+            poses: (L, 4, 4) of the solids in the base frame.
+            links: (4, 4) of each link that carries cameras, in the base frame.
+        """
+        return {
+            link: caster.cast(poses if link is None else np.linalg.inv((links or {})[link]) @ poses)
+            for link, caster in self._casters.items()
+        }
 
-    def see(self, poses: Array) -> tuple[View, ...]:
-        """Pictures of the solids at ``poses`` (L, 4, 4), one a camera."""
-        return self.views(self.cast(poses))
+    def see(self, poses: Array, links: Mapping[str, Array] | None = None) -> tuple[View, ...]:
+        """Pictures, one a camera, in the cameras' order; arguments as of :meth:`cast`."""
+        found: dict[str, View] = {}
+        for link, hits in self.cast(poses, links).items():
+            caster = self._casters[link]
+            for number, camera in enumerate(caster.cameras):
+                placed = camera
+                if link is not None:
+                    placed = replace(camera, T_base_camera=(links or {})[link] @ camera.T_base_camera)
+                found[camera.name] = _RaycastView(caster, hits, number, placed)
+        return tuple(found[camera.name] for camera in self.cameras)
 
     def _links(self, states: Mapping[str, Any], name: str) -> Array:
         """(T, links, 4, 4) of an articulation in the base frame."""
@@ -138,11 +155,10 @@ class RaycastScene:
 
 
 class _RaycastView:
-    """One camera's picture out of what its rays met."""
+    """One camera's picture out of what its rays met; colours are worked out where they are asked for."""
 
-    def __init__(self, caster: Caster, hits: Hits, number: int) -> None:
-        self._caster, self._hits, self._number = caster, hits, number
-        self.camera = caster.cameras[number]
+    def __init__(self, caster: Caster, hits: Hits, number: int, camera: Camera) -> None:
+        self._caster, self._hits, self._number, self.camera = caster, hits, number, camera
 
     @cached_property
     def depth(self) -> npt.NDArray[np.float32]:

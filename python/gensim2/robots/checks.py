@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from math import isclose
 from typing import Protocol
@@ -13,6 +14,7 @@ from gensim2.robots.profile import RobotProfile
 
 KEYPOINTS = ("tool_head", "tool_tail", "tool_side")
 NEAR = 1e-6
+CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class Refuse(Protocol):
@@ -49,6 +51,7 @@ def check_profile(profile: RobotProfile, where: str) -> None:
         raise refuse("simulation.arm", f"has {len(profile.arm_drives)} drives for {len(profile.arm_joints)} arm joints")
     _check_gripper(profile, refuse)
     _check_joints(profile, refuse)
+    _check_cameras(profile, refuse)
 
 
 def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
@@ -68,6 +71,28 @@ def _check_gripper(profile: RobotProfile, refuse: Refuse) -> None:
     for name, mimic in gripper.mimics.items():
         if mimic.joint not in gripper.driven or mimic.multiplier == 0.0:
             raise refuse("gripper.mimics", f"{name!r} must follow a driven joint by a multiplier that is not 0")
+
+
+def _check_cameras(profile: RobotProfile, refuse: Refuse) -> None:
+    names = [camera.name for camera in profile.cameras]
+    if len(set(names)) < len(names):
+        raise refuse("cameras", f"two are called {max(names, key=names.count)!r}")
+    for camera in profile.cameras:
+        field = f"cameras.{camera.name}"
+        if not CAMERA_NAME.fullmatch(camera.name):
+            raise refuse(field, "a name must be small letters, digits and _, a letter first, 40 at most")
+        if camera.link not in profile.model.link_names:
+            raise refuse(field, f"the URDF has no link {camera.link!r}")
+        pose = np.asarray(camera.T_link_camera, dtype=np.float64)
+        if (
+            pose.shape != (4, 4)
+            or not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=NEAR)
+            or not np.linalg.det(pose[:3, :3]) > 0
+            or not np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0])
+        ):
+            raise refuse(f"{field}.T_link_camera", "must be a rigid transform, (4, 4)")
+        if min(camera.width, camera.height) < 1 or not 0.0 < camera.field_of_view < 3.0:
+            raise refuse(field, "must have pixels, and a field of view between 0 and 3 rad")
 
 
 def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:

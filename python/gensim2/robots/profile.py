@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.robots.gripper import OPEN, Gripper
+from gensim2.robots.gripper import OPEN, Gripper, Row
 
 if TYPE_CHECKING:
     import gensim2_kpam as kpam
@@ -44,6 +44,11 @@ class JointDrive:
     damping: float
     force_limit: float
 
+    @property
+    def lag(self) -> float:
+        """Steady-state tracking delay (s) behind a target of constant velocity: kd/kp."""
+        return self.damping / self.stiffness
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -68,6 +73,26 @@ class Simulation:
     passive: JointDrive = JointDrive(0.0, 0.1, 1e10)
     tendons: bool = False
     physics_hz: int = 100
+
+
+@dataclass(frozen=True, eq=False)
+class MountedCamera:
+    """A camera that a link of the robot carries.
+
+    Attributes:
+        name: unique among those of the robot; none of the fixed cameras'.
+        link: that carries it.
+        T_link_camera: (4, 4) as OpenCV has cameras: x to the right of the picture, y down, z forward; m.
+        width, height: pixels.
+        field_of_view: rad, of the picture's height.
+    """
+
+    name: str
+    link: str
+    T_link_camera: Array
+    width: int = 128
+    height: int = 128
+    field_of_view: float = 1.2
 
 
 @dataclass(frozen=True)
@@ -104,6 +129,7 @@ class RobotProfile:
         simulation: what stands for its motors in a simulation.
         base_quaternion: (4,) of its base in the world, (w, x, y, z).
         control_hz: rate of its actions.
+        cameras: that its links carry, beside the fixed ones.
     """
 
     name: str
@@ -121,6 +147,7 @@ class RobotProfile:
     simulation: Simulation
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
+    cameras: tuple[MountedCamera, ...] = ()
 
     @cached_property
     def _files(self) -> RobotFiles:
@@ -223,18 +250,41 @@ class RobotProfile:
 
     @cached_property
     def lags(self) -> Array:
-        """(m,) steady-state tracking delay (s) of the arm's drives behind a target of constant velocity: kd/kp."""
-        return np.array([drive.damping / drive.stiffness for drive in self.arm_drives])
+        """(m,) tracking delays (s) of the arm's simulated drives."""
+        return np.array([drive.lag for drive in self.arm_drives])
 
     @cached_property
     def lag_steps(self) -> tuple[int, ...]:
-        """(m,) the delays in control steps, by which targets are sent ahead."""
+        """(m,) the same in control steps."""
         return tuple(round(float(lag) * self.control_hz) for lag in self.lags)
+
+    @property
+    def arrival_steps(self) -> int:
+        """Control steps that the arm is given to arrive where it stops."""
+        return max(self.lag_steps)
+
+    def simulated_targets(self, positions: Row, ends: npt.NDArray[np.int64]) -> Row:
+        """Targets by which the simulated drives bring the arm where it is meant to be: each ahead by its drive's delay.
+
+        Args:
+            positions: (N, m) of the arm joints that are meant at the end of each control step.
+            ends: (N,) row up to which the motion goes that a row is part of; no target lies beyond it.
+
+        Returns:
+            (N, m) targets of each control step.
+        """
+        rows = np.minimum(np.arange(len(positions))[:, None] + np.array(self.lag_steps), ends[:, None])
+        targets: Row = positions[rows, np.arange(self.arm_size)]
+        return targets
 
     @property
     def gripper_steps(self) -> int:
         """Control steps that the fingers are given to open or to close."""
-        return round(self.gripper.travel_seconds * self.control_hz)
+        return self.steps(self.gripper.travel_seconds)
+
+    def steps(self, seconds: float) -> int:
+        """Control steps in so many seconds."""
+        return round(seconds * self.control_hz)
 
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:

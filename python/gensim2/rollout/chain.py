@@ -31,10 +31,10 @@ MOST_ROUNDS = 8
 """Times that one step is planned in one episode, each time by its strategies in order until one is whole."""
 MOST_TRIES = 2
 """Times that a strategy is executed to its end without its step being done."""
-WAIT_STEPS = 10
-"""Control steps that a step has after its motion to become done, and that what slipped from the hand has to fall."""
-CALM_STEPS = 40
-"""Control steps for which the arm waits at most for an object that rolls."""
+WAIT_SECONDS = 0.5
+"""That a step has after its motion to become done, and that what slipped from the hand has to fall."""
+CALM_SECONDS = 2.0
+"""For which the arm waits at most for an object that rolls."""
 CALM = 0.02
 """Speed (m/s) below which an object lies still enough to be planned for."""
 CALM_JOINT = 0.02
@@ -160,7 +160,7 @@ class ChainController:
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
                 done = deviation is None and turn.is_done(observation.measurement)
-                if deviation is None and not done and self._waited < WAIT_STEPS:
+                if deviation is None and not done and self._waited < self._profile.steps(WAIT_SECONDS):
                     self._waited += 1
                     return self._last
                 self._running, self._waited = None, 0
@@ -201,8 +201,7 @@ class ChainController:
     def _profile_width(self, command: float) -> float:
         """Distance of the pads (m) that a gripper command asks for."""
         gripper = self._profile.gripper
-        target = float(gripper.target(np.array([command], dtype=np.float32))[0])
-        return max(0.0, target) * len(gripper.joints)
+        return gripper.opening(gripper.at_command(command))
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """The action with fingers that press on what they hold as hard as they are to, however far they are apart.
@@ -257,11 +256,12 @@ class ChainController:
         """Whether what the step acts on still falls or rolls, or what could not be planned under way is not at rest;
         not for ever.
         """
-        if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < WAIT_STEPS:
+        if self._trigger in (Cause.GRASP_LOST, Cause.GRASP_MISSED) and self._waited < self._profile.steps(WAIT_SECONDS):
             return True
         speed = observation.measurement.speeds.get(self._step.object)
         moves = speed is not None and self._step.object != self._holds and float(speed[0]) > CALM
-        return (moves or (self._from_rest and self._is_under_way(observation))) and self._waited < CALM_STEPS
+        waits = self._waited < self._profile.steps(CALM_SECONDS)
+        return waits and (moves or (self._from_rest and self._is_under_way(observation)))
 
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
         """Whether the arm moves, or the joint of what the step acts on."""
@@ -336,7 +336,7 @@ class ChainController:
             )
         except kpam.ProblemError as error:  # it does not fit this scene's objects
             planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
-        return ChainPlan(name, planned, scene, at_step, self._trigger)
+        return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile)
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
         """The plans of every step, a whole one last, up to the first step that has none."""

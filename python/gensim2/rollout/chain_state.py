@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
 
 from gensim2.planning.scene import Scene
 from gensim2.planning.step_plan import StepPlan
+from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Action
 from gensim2.rollout.record import PlanRecord
 from gensim2.tasks.criteria import OF_GRIPPER
@@ -24,6 +29,7 @@ class ChainPlan:
         scene: on which.
         at_step: control step at which it was made.
         trigger: why.
+        profile: whose simulated drives execute it.
         ran: actions of it that were given.
     """
 
@@ -32,6 +38,7 @@ class ChainPlan:
     scene: Scene
     at_step: int
     trigger: str
+    profile: RobotProfile
     ran: int = 0
 
     @property
@@ -41,10 +48,17 @@ class ChainPlan:
 
     def next_action(self) -> Action:
         """Of a plan that is not over."""
-        assert self.planned.schedule is not None
-        action: Action = self.planned.schedule.actions[self.ran]
+        action: Action = self._actions[self.ran]
         self.ran += 1
         return action
+
+    @cached_property
+    def _actions(self) -> npt.NDArray[np.float32]:
+        """(N, m + 1) commands of the simulated drives that execute the reference."""
+        schedule = self.planned.schedule
+        assert schedule is not None
+        targets = self.profile.simulated_targets(schedule.reference[:, 0], schedule.ends)
+        return np.column_stack([targets, schedule.commands])
 
     def record(self) -> PlanRecord:
         """For the episode's record."""

@@ -22,14 +22,16 @@ from gensim2.tasks.spec import TaskSpec
 
 PUSHED = 0.03
 """Metres by which an object is pushed, in a drawn direction."""
+TICKS_HZ = 20
+"""Ticks a second: the moments that are drawn, whatever the rate of control."""
 PUSHED_WITHIN = 25
-"""Control steps within which it is pushed once the step that takes hold of it has its turn."""
+"""Ticks within which it is pushed once the step that takes hold of it has its turn."""
 LIFTED = 0.01
 """Metres above its place at which an object counts as held."""
 DROPPED_WITHIN = 40
-"""Control steps within which the fingers are opened once they hold the object."""
-OPEN_STEPS = 8
-"""Control steps for which they stay open."""
+"""Ticks within which the fingers are opened once they hold the object."""
+OPEN_TICKS = 8
+"""For which they stay open."""
 
 
 class Pushable(Protocol):
@@ -68,6 +70,7 @@ class Disturbed(WrappedController):
         self._step = next((step for step in self._task.steps if step.object in rigid), None)
         self._since: int | None = None
         self._height: float | None = None
+        self._opened = 0
         self.happened_at = None
 
     def act(self, observation: PrivilegedObservation) -> Action | None:
@@ -81,8 +84,8 @@ class Disturbed(WrappedController):
     def _push(self, observation: PrivilegedObservation, action: Action) -> Action:
         assert self._step is not None
         if self.happened_at is None and self.turn == self._step.name and not self._touched():
-            self._since = observation.step if self._since is None else self._since
-            if observation.step - self._since >= self._push_at:
+            self._since = _tick(observation) if self._since is None else self._since
+            if _tick(observation) - self._since >= self._push_at:
                 dx, dy = PUSHED * math.cos(self._direction), PUSHED * math.sin(self._direction)
                 self._world.nudge(self._step.object, dx, dy)
                 self.happened_at = observation.step
@@ -93,11 +96,12 @@ class Disturbed(WrappedController):
         height = float(observation.measurement.poses[self._step.object][2])
         self._height = height if self._height is None else self._height
         if self._since is None:
-            self._since = observation.step if height > self._height + LIFTED else None
-        if self._since is None or observation.step < self._since + self._drop_after:
+            self._since = _tick(observation) if height > self._height + LIFTED else None
+        if self._since is None or _tick(observation) < self._since + self._drop_after:
             return action
-        self.happened_at = observation.step if self.happened_at is None else self.happened_at
-        if observation.step >= self.happened_at + OPEN_STEPS:
+        if self.happened_at is None:
+            self.happened_at, self._opened = observation.step, _tick(observation)
+        if _tick(observation) >= self._opened + OPEN_TICKS:
             return action
         return np.append(action[:-1], np.float32(1.0)).astype(np.float32)
 
@@ -105,3 +109,7 @@ class Disturbed(WrappedController):
         """When the hand was first at the pose in which it takes the object."""
         assert self._step is not None
         return next((e for e in self.events if e.what == ACTUATION and e.step == self._step.name), None)
+
+
+def _tick(observation: PrivilegedObservation) -> int:
+    return round(observation.time * TICKS_HZ)

@@ -182,4 +182,4 @@ class HandStepsController:
 
 def control_steps(profile: RobotProfile) -> int:
     """Control steps in one step of the hand."""
-    return round(STEP_SECONDS * profile.control_hz)
+    return profile.steps(STEP_SECONDS)

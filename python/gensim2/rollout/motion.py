@@ -14,15 +14,15 @@ from gensim2.tasks.measurement import Measurement
 
 Array = npt.NDArray[np.float64]
 
-SETTLED_CHANGE = 0.001
-"""Change of openness in one control step (0.05 s) below which a joint counts as settled."""
+SETTLED_CHANGE = 0.02
+"""Change of openness a second, over one control step, below which a joint counts as settled."""
 
-SETTLED_DISTANCE = 0.0005
-"""Metres in one control step below which a rigid object counts as settled: 1 cm/s."""
+SETTLED_DISTANCE = 0.01
+"""Speed (m/s) over one control step below which a rigid object counts as settled."""
 
-SETTLED_TURN = 0.025
-"""Radians in one control step below which a rigid object counts as settled: half a radian a second, at which a ball
-that rolls in place is no matter."""
+SETTLED_TURN = 0.5
+"""Rad/s over one control step below which a rigid object counts as settled: at which a ball that rolls in place is no
+matter."""
 
 LARGEST_OVERSHOOT = 0.5
 """Openness by which a joint may stand outside 0..1; the give of its limits is a hundredth of that."""
@@ -73,10 +73,10 @@ def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
     return {name: change(before, after, name) for name in (*after.openness, *after.poses)}
 
 
-def is_at_rest(before: Measurement, after: Measurement) -> bool:
-    """Whether nothing moved to speak of from one control step to the next."""
+def is_at_rest(before: Measurement, after: Measurement, period: float) -> bool:
+    """Whether nothing moved to speak of from one control step to the next, which is ``period`` (s) later."""
     return all(
-        not moved.exceeds(SETTLED_CHANGE, SETTLED_DISTANCE) and moved.turn <= SETTLED_TURN
+        not moved.exceeds(SETTLED_CHANGE * period, SETTLED_DISTANCE * period) and moved.turn <= SETTLED_TURN * period
         for moved in changes(before, after).values()
     )
 

@@ -79,7 +79,7 @@ class Recorder:
         self._obs.append(world.observation())
         self._states.append(world.state())
         self._success.append(all_hold(world.task.success, measured))
-        self._truncated.append(world.elapsed_steps >= world.task.max_episode_steps)
+        self._truncated.append(world.elapsed_steps >= world.profile.steps(world.task.max_seconds))
 
     def finish(self) -> Recording:
         """Return what was collected; rewards and ends are those of the registered environment."""

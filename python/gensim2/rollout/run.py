@@ -30,7 +30,7 @@ from gensim2.rollout.driving import Asked
 from gensim2.rollout.motion import is_at_rest, is_stable
 from gensim2.rollout.record import Cause, Episode, ObjectRecord, StrictMiss
 from gensim2.rollout.recording import Recorder, Recording
-from gensim2.rollout.settling import LASTING_STEPS, MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.settling import LASTING_SECONDS, MAX_SETTLE_SECONDS, SETTLE_SECONDS
 from gensim2.rollout.still import StillResult, still_arm
 from gensim2.rollout.strict import StrictMisses, strict_misses
 from gensim2.rollout.turns import judged_steps, paper_verdict, told_turns, turns_by_criteria
@@ -40,12 +40,12 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
 Stop = Literal["controller", "goal"]
-"""Who ends an episode: the controller alone, by None; or also the goal, where it has held for ``GOAL_STEPS``, and the
-step limit, so that one that never says that it is done can be judged."""
+"""Who ends an episode: the controller alone, by None; or also the goal, where it has held for ``GOAL_SECONDS``, and
+the step limit, so that one that never says that it is done can be judged."""
 STOPS: tuple[Stop, ...] = get_args(Stop)
 
-GOAL_STEPS = 10
-"""Control steps in a row for which the goal holds before it ends an episode: half a second."""
+GOAL_SECONDS = 0.5
+"""For which the goal holds without a break before it ends an episode."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def run(
         options: of the reset.
         record: keep states and observations of every step.
         stop: ``"controller"``: one that never says that it is done is cut at the step limit and cannot have held.
-            ``"goal"``: the episode also ends where the goal has held for ``GOAL_STEPS``, or as long before the step
+            ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS``, or as long before the step
             limit as settling may take; then it is judged as any other.
         still: gives what the scene of this seed does by itself, for callers that keep it; default: ``still_arm``.
         every: control steps from one look at the criteria of steps to the next, for the verdict ``paper``.
@@ -98,12 +98,14 @@ def run(
     motion = _Motion(world, controller, record)
     asked = Asked(controller, world)
     begun: list[tuple[str, int]] = []
-    limit = world.task.max_episode_steps - (MAX_SETTLE_STEPS if stop == "goal" else 0)
+    steps_in = world.profile.steps
+    most = steps_in(world.task.max_seconds)
+    limit = most - (steps_in(MAX_SETTLE_SECONDS) if stop == "goal" else 0)
     held_for, cut = 0, stop == "controller"
     try:
         first = motion.observation()
         asked.reset(first, controller_seed(seed))
-        while world.elapsed_steps < limit and held_for < GOAL_STEPS:
+        while world.elapsed_steps < limit and held_for < steps_in(GOAL_SECONDS):
             action = asked.act(motion.observation() if motion.steps else first)
             turn = turn_of(controller)
             if turn is not None and (not begun or begun[-1][0] != turn):
@@ -121,7 +123,7 @@ def run(
         motion.settle()
     steps, trace = motion.steps, motion.trace
     turns = told_turns(world.task, trace, begun, every) if begun else turns_by_criteria(world.task, trace, every)
-    truncated = cut or steps > world.task.max_episode_steps
+    truncated = cut or steps > most
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])
     events = events_of(controller)
@@ -132,7 +134,7 @@ def run(
     lacking: StrictMisses = {StrictMiss.NOT_HELD: {}}
     by_itself: StillResult | None = None
     if ended and goal and stable and settled and not truncated:
-        later = motion.measure_at(ended + LASTING_STEPS)
+        later = motion.measure_at(ended + steps_in(LASTING_SECONDS))
         lacking = strict_misses(world, trace[0], _at_actuation(trace, events), later)
         by_itself = still_arm(world, seed, options=options) if still is None else still()
     held = by_itself is not None and by_itself.stable and not by_itself.success
@@ -186,6 +188,7 @@ class _Motion:
         self._world, self._spec, self._privileged = world, spec_of(controller), is_privileged(controller)
         self._action: Action | None = None
         self.trace = [world.measure()]
+        self._period = 1.0 / world.profile.control_hz
         self._recorder = Recorder(world) if record else None
 
     @property
@@ -196,7 +199,7 @@ class _Motion:
     @property
     def is_at_rest(self) -> bool:
         """Whether nothing moved to speak of in the last control step."""
-        return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1])
+        return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1], self._period)
 
     def observation(self) -> Observation:
         """What the controller may look at."""
@@ -216,8 +219,9 @@ class _Motion:
     def settle(self) -> None:
         """Hold the last command until the scene has settled."""
         assert self._action is not None
-        for index in range(MAX_SETTLE_STEPS):
-            if index >= SETTLE_STEPS and self.is_at_rest:
+        steps_in = self._world.profile.steps
+        for index in range(steps_in(MAX_SETTLE_SECONDS)):
+            if index >= steps_in(SETTLE_SECONDS) and self.is_at_rest:
                 break
             self.step(self._action)
 

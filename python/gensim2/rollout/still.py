@@ -12,13 +12,13 @@ from gensim2.observations import Observation
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import PROPRIOCEPTIVE, Action
 from gensim2.rollout.motion import changes, is_at_rest, is_stable
-from gensim2.rollout.settling import MAX_SETTLE_STEPS, SETTLE_STEPS
+from gensim2.rollout.settling import MAX_SETTLE_SECONDS, SETTLE_SECONDS
 from gensim2.rollout.world import World
 from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
-STILL_STEPS = 40
-"""Control steps (2 s) after which objects that have not moved count as ones that stay where they are."""
+STILL_SECONDS = 2.0
+"""After which objects that have not moved count as ones that stay where they are."""
 
 STILL_CHANGE = 0.002
 """Change of openness in that time below which a joint has not moved; at that rate an episode of 20 s ends 0.02 away."""
@@ -78,22 +78,24 @@ def still_arm(
     """What becomes of the scene of ``seed`` where no arm moves, after ``steps`` control steps and the time to settle.
 
     The scene is built without the arm: one that stands still touches nothing, and without it physics is ten times
-    quicker. Objects that have lain still for ``STILL_STEPS`` from the start will not start later, since nothing in the
-    scene moves; they are left there.
+    quicker. Objects that have lain still for ``STILL_SECONDS`` from the start will not start later, since nothing in
+    the scene moves; they are left there.
 
     Args:
         world: is reset.
         seed: of the reset.
         options: of the reset.
-        steps: default ``task.max_episode_steps`` less the time to settle.
+        steps: default the task's limit less the time to settle.
     """
-    count = world.task.max_episode_steps - MAX_SETTLE_STEPS if steps is None else steps
+    steps_in, period = world.profile.steps, 1.0 / world.profile.control_hz
+    longest, settle = steps_in(MAX_SETTLE_SECONDS), steps_in(SETTLE_SECONDS)
+    count = steps_in(world.task.max_seconds) - longest if steps is None else steps
     world.reset(seed, options, robot=False)
     start = before = now = world.measure()
-    for index in range(count + MAX_SETTLE_STEPS):
-        if index == STILL_STEPS + SETTLE_STEPS and _lie_still(start, now):
+    for index in range(count + longest):
+        if index == steps_in(STILL_SECONDS) + settle and _lie_still(start, now):
             break
-        if index >= count + SETTLE_STEPS and is_at_rest(before, now):
+        if index >= count + settle and is_at_rest(before, now, period):
             break
         world.wait()
         before, now = now, world.measure()

@@ -169,6 +169,7 @@ def evaluate(
     seed: int,
     stop: Stop,
     keep: Callable[[Episode, Recording | None], Result] | None,
+    index: int | None = None,
 ) -> Episode | Result:
     """Run one episode of any controller.
 
@@ -176,6 +177,7 @@ def evaluate(
         controller: made once a process, and reset for each episode.
         stop: who ends the episode, as in :func:`gensim2.rollout.run.run`.
         keep: as for :func:`record`; None keeps no states.
+        index: of the episode among those of its task, for messages.
 
     Returns:
         The record, or what ``keep`` returned.
@@ -183,7 +185,7 @@ def evaluate(
     Raises:
         ControllerError: the controller fails, or gives no action that can be used.
     """
-    found, recording = _rollout(config, config.task, controller, seed, keep is not None, stop)
+    found, recording = _rollout(config, config.task, controller, seed, keep is not None, stop, index)
     return found if keep is None else keep(found, recording)
 
 
@@ -200,7 +202,13 @@ def _run(
 
 
 def _rollout(
-    config: EpisodeConfig, task: TaskSpec, spec: ControllerSpec, seed: int, record: bool, stop: Stop = "controller"
+    config: EpisodeConfig,
+    task: TaskSpec,
+    spec: ControllerSpec,
+    seed: int,
+    record: bool,
+    stop: Stop = "controller",
+    index: int | None = None,
 ) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.attempts import Attempt, attempted
     from gensim2.rollout.disturbance import Disturbed
@@ -208,9 +216,10 @@ def _rollout(
 
     given = config.rollout
     env = simulator(config.scene)
+    which = f"{task.name}, seed {seed}" if index is None else f"{task.name}, episode {index}, seed {seed}"
 
     def once(attempt: Attempt) -> EpisodeResult:
-        controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, seed)
+        controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, which)
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
         still = partial(still_episode, config.scene, seed)
@@ -221,7 +230,7 @@ def _rollout(
     return result.episode, result.recording
 
 
-def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, seed: int) -> Controller:
+def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, which: str) -> Controller:
     """A controller for an episode; those that know nothing of tasks are kept: loading a network takes its time."""
     from gensim2.rollout.controller import is_privileged
     from gensim2.rollout.guarded import Guarded
@@ -237,7 +246,7 @@ def _made(spec: ControllerSpec, task: TaskSpec, robot_name: str, seed: int) -> C
             _kept.clear()
             _kept[key] = spec.make(task, profile)
         controller = _kept[key]
-    return Guarded(controller, spec, profile, f"{task.name}, seed {seed}")
+    return Guarded(controller, spec, profile, which)
 
 
 _kept: dict[tuple[str, str], Controller] = {}

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.objects import RigidObject
 from gensim2.objects.rigid import BODY
+from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
@@ -90,8 +91,4 @@ def _beyond_an_edge(of: Array, other: Array, gap: float) -> bool:
 
 def _on_moving_link(points: Array, model: Instance, value: float) -> Array:
     """(N, 3) points of the moving link's frame in the root frame, where the joint stands at ``value`` (rad or m)."""
-    joint = model.joint
-    at_zero = points @ joint.T_root_child[:3, :3].T + joint.T_root_child[:3, 3]
-    if joint.type == "prismatic":
-        return np.asarray(at_zero + value * joint.axis)
-    return np.asarray(Rotation.from_rotvec(value * joint.axis).apply(at_zero - joint.origin) + joint.origin)
+    return transform(model.joint.T_root_child_at(value), points)

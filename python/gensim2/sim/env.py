@@ -126,7 +126,7 @@ class GenSim2Env(RaycastObservations):
     @property
     def max_episode_steps(self) -> int:
         """Control steps after which an episode is truncated."""
-        return self.task.max_episode_steps
+        return self.profile.steps(self.task.max_seconds)
 
     @property
     def instance_ids(self) -> Mapping[str, tuple[str, ...]]:
@@ -155,7 +155,7 @@ class GenSim2Env(RaycastObservations):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        return rendering.observation_cameras()
+        return rendering.observation_cameras(self.profile, self.agent.robot.links_map)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
@@ -230,7 +230,7 @@ class GenSim2Env(RaycastObservations):
         return reward
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One control step. ``truncated`` from ``task.max_episode_steps`` on.
+        """One control step. ``truncated`` from ``max_episode_steps`` on.
 
         Raises:
             InputError: the action has the wrong shape or is not finite.

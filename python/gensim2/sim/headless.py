@@ -77,7 +77,7 @@ class HeadlessEnv(SceneAccessMixin):
     @property
     def max_episode_steps(self) -> int:
         """Control steps after which an episode is truncated."""
-        return self.task.max_episode_steps
+        return self.profile.steps(self.task.max_seconds)
 
     # ------------------------------------------------------------------ scene
 

@@ -194,7 +194,7 @@ class Physics:
     def criteria_steps(self, profile: RobotProfile) -> int:
         """Control steps from one look at the criteria of ``paper`` to the next."""
         seconds = self.switches.criteria_seconds
-        return 1 if seconds is None else round(seconds * profile.control_hz)
+        return 1 if seconds is None else profile.steps(seconds)
 
     def _material(self) -> physx.PhysxMaterial:
         return physx.PhysxMaterial(**self._constants.material)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 import numpy as np
 import sapien
@@ -14,6 +16,10 @@ from mani_skill.utils import sapien_utils
 
 from gensim2.errors import InputError
 from gensim2.observations.cameras import FAR, FIELD_OF_VIEW, NEAR, PIXELS, PLACES, TARGET
+from gensim2.robots import RobotProfile
+
+_T_OPENCV_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+"""SAPIEN's cameras look along x, y to the left, z up: its axes in OpenCV's frame, as columns."""
 
 NO_DRIVER = (
     "no Vulkan driver that SAPIEN can use was found, so no pictures can be made "
@@ -47,12 +53,31 @@ def add_lights(scene: ManiSkillScene, shadows: bool) -> None:
     scene.add_directional_light([-0.6, 0.5, -1.0], [0.45, 0.45, 0.5])
 
 
-def observation_cameras() -> list[CameraConfig]:
-    """The cameras of :mod:`gensim2.observations.cameras` for SAPIEN's renderer; poses in the world frame."""
-    return [
+def observation_cameras(profile: RobotProfile, links: Mapping[str, Any]) -> list[CameraConfig]:
+    """The cameras of :mod:`gensim2.observations.cameras` for SAPIEN's renderer.
+
+    Args:
+        profile: of the robot, which may carry some.
+        links: of the agent, by name.
+    """
+    fixed = [
         CameraConfig(name, sapien_utils.look_at(place, TARGET), PIXELS, PIXELS, fov=FIELD_OF_VIEW, near=NEAR, far=FAR)
         for name, place in PLACES.items()
     ]
+    carried = [
+        CameraConfig(
+            camera.name,
+            sapien.Pose(np.asarray(camera.T_link_camera) @ _T_OPENCV_SAPIEN),
+            camera.width,
+            camera.height,
+            fov=camera.field_of_view,
+            near=NEAR,
+            far=FAR,
+            mount=links[camera.link],
+        )
+        for camera in profile.cameras
+    ]
+    return fixed + carried
 
 
 def video_camera() -> CameraConfig:

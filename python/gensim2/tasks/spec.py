@@ -16,6 +16,10 @@ from gensim2.tasks.criteria import Criterion
 
 SCHEMA_VERSION: Literal[2] = 2
 
+STEPS_A_SECOND = 20
+"""In which a task counts how long an episode may take; a robot that is controlled at another rate has as many seconds.
+"""
+
 HAND = "hand"
 """Name of the robot's own tool; no object is called so."""
 TABLE = "table"
@@ -206,7 +210,7 @@ class TaskSpec(_Value):
         objects: by name, in the order in which they are placed.
         steps: in order.
         goal: what must hold at the end, all of it; None: what the last step's ``done`` says.
-        max_episode_steps: control steps (20 a second) after which an episode is truncated.
+        max_episode_steps: steps, ``STEPS_A_SECOND`` of them a second, after which an episode is truncated.
         provenance: where it comes from; None where nobody says.
     """
 
@@ -218,6 +222,11 @@ class TaskSpec(_Value):
     goal: Annotated[tuple[Criterion, ...], Field(min_length=1, max_length=20)] | None = None
     max_episode_steps: Annotated[int, Field(gt=0, le=10_000)] = 400
     provenance: Provenance | None = None
+
+    @property
+    def max_seconds(self) -> float:
+        """Seconds after which an episode is truncated, at whatever rate a robot is controlled."""
+        return self.max_episode_steps / STEPS_A_SECOND
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:

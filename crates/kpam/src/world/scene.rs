@@ -35,6 +35,12 @@ impl Bodies {
             }))
         })
     }
+
+    /// Whether what tells of places begins at once, as [`Scene::is_ready`].
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.0.obstacles.get().is_some()
+    }
 }
 
 impl From<Vec<Body>> for Bodies {
@@ -154,6 +160,13 @@ impl Scene {
     /// The scene ready for quick collision checks: made when first asked for, and shared by clones.
     pub(crate) fn compiled(&self) -> &Compiled {
         self.compiled.get_or_init(|| Compiled::new(self))
+    }
+
+    /// Whether collision checks begin at once: the first makes the scene ready, which takes seconds where its bodies have
+    /// millions of triangles.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.compiled.get().is_some()
     }
 
     fn check(&self) -> Result<(), ProblemError> {

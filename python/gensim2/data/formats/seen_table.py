@@ -17,7 +17,8 @@ _SPEC = ("modalities", "cameras", "cloud")
 class SeenTable:
     """Collects it from the episodes of an export, in their order.
 
-    ``observations.json``: ``spec``; ``cameras``: of each ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4);
+    ``observations.json``: ``spec``; ``cameras``: of each ``intrinsic`` (3, 3) in pixels and ``T_base_camera`` (4, 4),
+    of one that the robot carries ``T_link_camera`` and the ``link``;
     ``tables``: id to what it belongs to and its link; ``episodes``: of each ``task``, ``index`` and the number of its
     ``table``, None of one that was rendered before tables were kept.
     """
@@ -34,8 +35,11 @@ class SeenTable:
         self._spec = {name: description.get(name) for name in _SPEC}
         for name in arrays:
             camera, _, what = name.removeprefix("cameras/").rpartition("/")
-            if name.startswith("cameras/") and what in ("intrinsic", "T_base_camera"):
+            is_own = name.startswith("cameras/") and what in ("intrinsic", "T_base_camera", "T_link_camera")
+            if is_own and arrays[name].ndim == 2:  # where one is at each instant follows from the joints
                 self._cameras.setdefault(camera, {})[what] = arrays[name].tolist()
+        for camera, link in description.get("camera_links", {}).items():
+            self._cameras.setdefault(camera, {})["link"] = link
         ids = description.get("segmentation_ids")
         if ids and ids not in self._tables:
             self._tables.append(ids)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from gensim2.objects.library.catalogue import Library
-from gensim2.objects.meshwork.overlap import link_pose
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance, ObjectModel
@@ -58,7 +57,7 @@ def _of_rigid(rigid: RigidObject) -> dict[str, Any]:
 
 def _of_articulated(instance: Instance) -> dict[str, Any]:
     joint = instance.joint
-    T = link_pose(instance, 0.0)
+    T = instance.link_pose(0.0)
     points = np.concatenate(
         [
             transform(T, hull) if link == joint.child_link else hull

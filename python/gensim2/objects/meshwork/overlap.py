@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from gensim2.objects.meshwork.convexes import HINGE, Block, depth_inside, surface_samples
 from gensim2.objects.meshwork.voidspace import Faces, VoidSpace
-from gensim2.objects.shapes import pose, transform
+from gensim2.objects.shapes import transform
 from gensim2.objects.types import Instance
 
 Array = npt.NDArray[np.float64]
@@ -21,15 +21,6 @@ MESH_SPACING = 0.002  # m between points that stand for a mesh
 GAP = 0.0012  # m: narrower gaps of a mesh count as closed
 SKIN = 0.0032  # m around a mesh that its convex parts may stand for: they are thicker than a sheet
 NEAREST = 8  # triangles among which the closest is looked for
-
-
-def link_pose(instance: Instance, openness: float) -> Array:
-    """(4, 4) moving link in the root frame at an openness."""
-    joint = instance.joint
-    q = joint.lower + openness * (joint.upper - joint.lower)
-    axis = joint.T_root_child[:3, :3].T @ joint.axis
-    motion = pose(q * axis) if joint.type == "prismatic" else pose(axis=axis, angle=q)
-    return np.asarray(joint.T_root_child @ motion)
 
 
 def _off_hinge(instance: Instance, points: Array) -> Array:
@@ -81,7 +72,7 @@ def links_overlap(instance: Instance, threshold: float) -> Overlap:
     in_root = np.concatenate([points for _, points, _ in common])
     in_child = np.concatenate([transform(np.asarray(np.linalg.inv(T), float), points) for T, points, _ in common])
     added = ~(body.encloses(in_root) & child.encloses(in_child))
-    poses = [link_pose(instance, share) for share in OPENNESS]
+    poses = [instance.link_pose(share) for share in OPENNESS]
     theirs = [_off_hinge(instance, transform(T, child.points)) for T in poses]
     ours = _off_hinge(instance, body.points)
     back = [transform(np.asarray(np.linalg.inv(T), float), ours) for T in poses]
@@ -104,7 +95,7 @@ def _common_points(instance: Instance, threshold: float) -> list[tuple[Array, Ar
     body_blocks, moving_blocks = ([Block.of(h) for h in hulls] for hulls in (body, moving))
     found = []
     for share in OPENNESS:
-        T = link_pose(instance, share)
+        T = instance.link_pose(share)
         back = np.asarray(np.linalg.inv(T), float)
         theirs, ours = _off_hinge(instance, transform(T, of_moving)), _off_hinge(instance, of_body)
         points = np.concatenate([theirs, ours])

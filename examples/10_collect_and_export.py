@@ -1,0 +1,25 @@
+"""Collect demonstrations, render what cameras would have seen, and export them for other people's training code."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import zarr
+
+import gensim2
+from gensim2.data.formats.export import export
+
+if __name__ == "__main__":  # the simulator's worker processes import this file
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp()) / "run"
+    gensim2.collect(["CloseBox"], episodes=2, out=out / "data", assets="builtin")
+    gensim2.render(out / "data", spec=gensim2.ObservationSpec.of({"points": 128, "candidates": 1024}))
+
+    data = gensim2.DataSet.open(out / "data")
+    frames = data.frames(horizon=8)  # any frame by its number, with the actions that follow
+    print(f"{len(frames)} frames of", {name: array.shape for name, array in frames[3].items()})
+
+    for to in ("zarr", "lerobot", "maniskill"):
+        print(f"{export(out / 'data', out / to, to)} episodes in {out / to}")
+    arrays = zarr.open(out / "zarr", mode="r")["data"]
+    for name in ("state", "tool_pose", "action", "point_cloud"):
+        print(f"zarr: {name} {arrays[name].shape}")

@@ -1,0 +1,255 @@
+"""Checkpoints: a folder with ``config.json`` and weights as safetensors; nothing in it is code.
+
+``config.json`` names the file of weights and its digest, and is replaced last: a reader sees the old checkpoint or the
+new one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gensim2.errors import InputError
+from gensim2.files import write_atomic, write_json
+from gensim2.foreign.tree import read_regular, why
+from gensim2.observations import ObservationSpec
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.record_files import read_record
+
+if TYPE_CHECKING:
+    import torch
+
+    from gensim2.policy.network import PolicyNetwork
+
+CONFIG_JSON = "config.json"
+KIND: Literal["gensim2-policy"] = "gensim2-policy"
+VERSION = 1
+MOST_WEIGHTS = 8 * 2**30  # bytes
+
+_REMEDY = "give the folder of a policy that `gensim2 train` made"
+_NETWORK, _TABLE = "network.", "sentences"
+
+
+class CheckpointError(InputError):
+    """A checkpoint cannot be used: it is damaged, of another version, or not for this."""
+
+
+class DataRecord(BaseModel):
+    """What a policy was trained on.
+
+    Attributes:
+        digest: of all episodes and their observations.
+        tasks: names.
+        episodes, frames: counts; of scenes that were planned and not simulated a frame each.
+        folders: names of the data sets.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    digest: str
+    tasks: tuple[str, ...] = Field(strict=False)
+    episodes: int
+    frames: int
+    folders: tuple[str, ...] = Field(strict=False)
+
+
+class ActionSpec(BaseModel):
+    """What a policy's output means.
+
+    Attributes:
+        kind: ``joint-relative``: chunks of (m + 2) numbers (:mod:`gensim2.policy.heads.actions`); ``keypose``.
+        arm: m, number of the arm's joints.
+        control_hz: rate of the actions.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    kind: Literal["joint-relative", "keypose"]
+    arm: int = Field(ge=1, le=64)
+    control_hz: int = Field(ge=1, le=10_000)
+
+
+class _Weights(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    file: str = Field(pattern=r"^weights-[0-9a-f]{16}\.safetensors$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class _Record(BaseModel):
+    """``config.json``."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    schema_version: int
+    kind: Literal["gensim2-policy"]
+    policy: dict[str, Any]
+    training: dict[str, Any]
+    step: int
+    robot: str
+    action: ActionSpec
+    observation: dict[str, Any]
+    sentences: list[str]
+    data: DataRecord
+    versions: dict[str, str]
+    weights: _Weights
+
+
+class _Version(BaseModel):
+    """The fields of ``config.json`` that every version has."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    schema_version: int
+    kind: Literal["gensim2-policy"]
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyCheckpoint:
+    """A trained policy with all that it takes to run it.
+
+    Attributes:
+        network: with its weights; after :meth:`load` in evaluation mode, on the CPU.
+        robot: name of the profile.
+        action: what the output means.
+        observation: what it looks at.
+        sentences: those that were trained on, in the order of the table.
+        table: (S, ...) rows of the sentences (:func:`gensim2.policy.text.prepare`).
+        data: what it was trained on.
+        training: how.
+        step: gradient steps that were taken.
+        versions: of the packages that made it.
+    """
+
+    network: PolicyNetwork
+    robot: str
+    action: ActionSpec
+    observation: ObservationSpec
+    sentences: tuple[str, ...]
+    table: torch.Tensor
+    data: DataRecord
+    training: TrainConfig
+    step: int
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def config(self) -> PolicyConfig:
+        """Of the network."""
+        return self.network.config
+
+    def save(self, folder: Path) -> None:
+        """Write the checkpoint, whole or not at all.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        from safetensors.torch import save
+
+        tensors = {_NETWORK + name: value.detach().cpu() for name, value in self.network.state_dict().items()}
+        tensors[_TABLE] = self.table.cpu()
+        content = save({name: value.contiguous().clone() for name, value in tensors.items()})
+        digest = hashlib.sha256(content).hexdigest()
+        name = f"weights-{digest[:16]}.safetensors"
+        write_atomic(folder / name, content)
+        record = _Record(
+            schema_version=VERSION,
+            kind=KIND,
+            policy=self.config.to_dict(),
+            training=self.training.to_dict(),
+            step=self.step,
+            robot=self.robot,
+            action=self.action,
+            observation=self.observation.to_dict(),
+            sentences=list(self.sentences),
+            data=self.data,
+            versions=self.versions,
+            weights=_Weights(file=name, sha256=digest),
+        )
+        write_json(folder / CONFIG_JSON, record.model_dump(mode="json"))
+        for old in folder.glob("weights-*.safetensors"):
+            if old.name != name:
+                old.unlink()
+
+    @staticmethod
+    def load(folder: Path | str) -> PolicyCheckpoint:
+        """Read a checkpoint.
+
+        Raises:
+            CheckpointError: it is damaged, or another version of gensim2 wrote it.
+            InputError: there is none in the folder, or a field of its ``config.json`` cannot be so.
+        """
+        from safetensors import SafetensorError
+        from safetensors.torch import load
+
+        from gensim2.policy.network import PolicyNetwork
+
+        folder = Path(folder)
+        file = folder / CONFIG_JSON
+        version = read_record(file, _Version, _REMEDY).schema_version
+        if version != VERSION:
+            message = f"is version {version}, this gensim2 reads {VERSION}"
+            raise CheckpointError(message, file=file, field="schema_version", remedy="use the gensim2 that wrote it")
+        record = read_record(file, _Record, _REMEDY)
+        path = folder / record.weights.file
+        try:
+            content = read_regular(path, MOST_WEIGHTS)
+        except OSError as error:
+            raise CheckpointError(why(error), file=path, remedy=_REMEDY) from error
+        if hashlib.sha256(content).hexdigest() != record.weights.sha256:
+            raise CheckpointError("is damaged: its digest is another", file=path, remedy="restore it or train again")
+        config = PolicyConfig.of(record.policy, file=str(file))
+        try:
+            tensors = load(content)
+            table = tensors.pop(_TABLE)
+            network = PolicyNetwork(config, record.action.arm, table.shape[1:])
+            network.load_state_dict({name.removeprefix(_NETWORK): value for name, value in tensors.items()})
+        except (SafetensorError, KeyError, RuntimeError) as error:
+            message = f"weights are not those of the configuration: {str(error).strip().splitlines()[-1].strip()}"
+            raise CheckpointError(message, file=path, remedy=_REMEDY) from error
+        if len(table) != len(record.sentences):
+            raise CheckpointError("has another number of sentences", file=path, field=_TABLE, remedy=_REMEDY)
+        try:
+            observation = ObservationSpec.of(record.observation)
+        except TypeError as error:
+            raise CheckpointError("is no observation spec", file=file, field="observation", remedy=_REMEDY) from error
+        return PolicyCheckpoint(
+            network.eval(),
+            record.robot,
+            record.action,
+            observation,
+            tuple(record.sentences),
+            table,
+            record.data,
+            TrainConfig.of(record.training, file=str(file)),
+            record.step,
+            record.versions,
+        )
+
+    def require_robot(self, robot: str, folder: Path | str) -> None:
+        """Refuse to run another robot.
+
+        Raises:
+            CheckpointError: the policy is for another one.
+        """
+        if robot != self.robot:
+            message = f"is for the robot {self.robot!r}, not for {robot!r}"
+            raise CheckpointError(message, file=folder, field="robot", remedy=f"use --robot {self.robot}")
+
+    def row_of(self, sentence: str, folder: Path | str) -> torch.Tensor:
+        """Return a sentence's row of the table, (1, ...).
+
+        Raises:
+            CheckpointError: it was not trained on.
+        """
+        if sentence in self.sentences:
+            index = self.sentences.index(sentence)
+            return self.table[index : index + 1]
+        if self.config.text == "none":
+            return self.table[:1]
+        message = f"was not trained on the sentence {sentence!r}"
+        remedy = f"train on the task; it knows {', '.join(self.data.tasks)}"
+        raise CheckpointError(message, file=folder, field="sentences", remedy=remedy)

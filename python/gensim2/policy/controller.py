@@ -1,0 +1,146 @@
+r"""A trained policy as a controller of the loop that runs every controller.
+
+gensim2 evaluate CloseBox --controller gensim2.policy.controller:PolicyController \
+    --controller-args '{"checkpoint": "DIR"}'
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.errors import InputError
+from gensim2.observations.columns import CLOUD, STATE, TOOL_POSE
+from gensim2.observations.proprioception import tool_pose
+from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
+from gensim2.policy.frames import SEEN, inputs_of
+from gensim2.policy.network import CLOUD as CLOUD_INPUT
+from gensim2.policy.network import PROPRIO, TEXT
+from gensim2.policy.text import prepare
+from gensim2.robots import robot
+from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    from gensim2.observations import Observation
+
+Action = npt.NDArray[np.float32]
+
+FARTHEST = 0.02
+"""Metres by which the tool may stand off where the joints of the policy's robot would have it."""
+
+
+class PolicyController:
+    """Executes chunks of a policy: the first ``execute`` actions of each, then it looks again.
+
+    It is done (None) where the first action of a fresh chunk is marked as behind the end.
+
+    Args:
+        checkpoint: folder.
+        execute: actions of a chunk that are executed; None: as the policy was configured.
+        denoise_steps: of diffusion and flow; None: as configured.
+        unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
+        blind: show the policy a cloud of zeros: a control.
+        threads: of PyTorch.
+
+    Raises:
+        InputError: the checkpoint cannot be used, or an argument cannot be so.
+    """
+
+    def __init__(
+        self,
+        checkpoint: str,
+        execute: int | None = None,
+        denoise_steps: int | None = None,
+        unknown_sentences: str = "refuse",
+        blind: bool = False,
+        threads: int = 1,
+    ) -> None:
+        torch.set_num_threads(threads)
+        self._folder = Path(checkpoint)
+        self._policy = PolicyCheckpoint.load(self._folder)
+        if self._policy.action.kind != "joint-relative":
+            message = f"has actions of kind {self._policy.action.kind}, not joint-relative"
+            raise CheckpointError(message, file=self._folder, field="action")
+        if unknown_sentences not in ("refuse", "embed"):
+            raise InputError("must be refuse or embed", field="unknown_sentences")
+        config = self._policy.config
+        self._execute = config.execute if execute is None else execute
+        if not 1 <= self._execute <= config.horizon:
+            raise InputError(f"must lie in 1..{config.horizon}, is {self._execute}", field="execute")
+        if denoise_steps is not None and hasattr(self._policy.network.head, "steps"):
+            self._policy.network.head.steps = denoise_steps
+        self._profile = robot(self._policy.robot)
+        self._embed, self._blind = unknown_sentences == "embed", blind
+        self.observation_spec = self._policy.observation
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode.
+
+        Raises:
+            CheckpointError: the robot is another one, or the sentence was not trained on.
+        """
+        self._check_robot(observation)
+        sentence = observation.language
+        if self._embed and sentence not in self._policy.sentences:
+            self._row = prepare([sentence], self._policy.config)
+        else:
+            self._row = self._policy.row_of(sentence, self._folder)
+        config = self._policy.config
+        self._rng = rng(seed, "policy/act")
+        self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
+        self._plan: list[Action] = []
+
+    def act(self, observation: Observation) -> Action | None:
+        """Return the next action, (m + 1,); None: done."""
+        seen = {name: torch.from_numpy(np.array(observation[name], dtype=np.float32)) for name in SEEN}
+        if self._blind:
+            seen[CLOUD] = torch.zeros_like(seen[CLOUD])
+        self._past.append(seen)
+        if not self._plan:
+            self._plan = self._actions(observation)
+        return self._plan.pop(0) if self._plan else None
+
+    def _actions(self, observation: Observation) -> list[Action]:
+        """The actions to execute before the next look; none where the episode is over."""
+        network, arm = self._policy.network, self._policy.action.arm
+        with torch.no_grad():
+            chunk = network(self._batch(), self._noise())[0].numpy()
+        joints = np.asarray(observation[STATE], dtype=np.float32)[:arm]
+        over = np.flatnonzero(chunk[:, arm + 1] > 0)
+        count = min(self._execute, int(over[0]) if len(over) else self._execute)
+        actions = np.concatenate([joints + chunk[:count, :arm], np.clip(chunk[:count, arm : arm + 1], -1, 1)], -1)
+        return list(actions.astype(np.float32))
+
+    def _batch(self) -> dict[str, torch.Tensor]:
+        config = self._policy.config
+        newest = len(self._past) - 1
+        frames = [self._past[max(0, newest - config.stride * back)] for back in range(config.history - 1, -1, -1)]
+        seen = {name: torch.stack([frame[name] for frame in frames])[None] for name in SEEN}
+        inputs = inputs_of(seen, config, self._policy.action.arm)
+        return {CLOUD_INPUT: inputs.cloud, PROPRIO: inputs.proprio, TEXT: self._row}
+
+    def _noise(self) -> torch.Tensor:
+        shape = self._policy.network.head.noise
+        return torch.from_numpy(self._rng.standard_normal((1, *shape), dtype=np.float32))
+
+    def _check_robot(self, observation: Observation) -> None:
+        """Refuse a robot whose tool does not stand where the joints of the policy's robot would have it.
+
+        Raises:
+            CheckpointError: it does not, or has another number of joints.
+        """
+        state: Any = np.asarray(observation[STATE], dtype=np.float32)
+        expected = len(self._profile.reset_qpos)
+        remedy = f"use --robot {self._policy.robot}"
+        if state.shape != (expected,):
+            message = f"is for the robot {self._policy.robot!r} with {expected} joints, this one has {len(state)}"
+            raise CheckpointError(message, file=self._folder, field="robot", remedy=remedy)
+        off = np.linalg.norm(tool_pose(self._profile, state)[:3] - np.asarray(observation[TOOL_POSE])[:3])
+        if off > FARTHEST:
+            message = f"is for the robot {self._policy.robot!r}: the tool of this one stands {off:.2f} m off"
+            raise CheckpointError(message, file=self._folder, field="robot", remedy=remedy)

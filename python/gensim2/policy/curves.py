@@ -1,0 +1,65 @@
+"""Curves of a training: a line of JSON a point always, TensorBoard where it is installed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from gensim2.files import append, write_atomic
+
+CURVES = "curves.jsonl"
+
+
+class Curves:
+    """Points of the curves in ``curves.jsonl``, and in ``tensorboard/`` where that is installed.
+
+    Args:
+        folder: of both.
+        step: that the training goes on from: points behind it are of steps that are taken again, and are dropped.
+    """
+
+    def __init__(self, folder: Path, step: int) -> None:
+        self._path = folder / CURVES
+        points = [point for point in read_curves(folder) if point["step"] <= step] if step else []
+        write_atomic(self._path, "".join(json.dumps(point) + "\n" for point in points))
+        self._board = _board(folder / "tensorboard", step)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._board is not None:
+            self._board.close()
+
+    def add(self, *, step: int, **values: float) -> None:
+        """Add a point."""
+        append(self._path, json.dumps({"step": step, **values}) + "\n")
+        if self._board is not None:
+            for name, value in values.items():
+                self._board.add_scalar(name, value, step)
+
+
+def read_curves(folder: Path) -> list[dict[str, Any]]:
+    """Return the points of a training's folder, in order; an unfinished last line is left out."""
+    path = folder / CURVES
+    if not path.exists():
+        return []
+    found = []
+    for line in path.read_text().splitlines():
+        try:
+            found.append(json.loads(line))
+        except json.JSONDecodeError:
+            break  # a line that was cut short: what follows it is of steps that are taken again
+    return found
+
+
+def _board(folder: Path, step: int) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(folder, purge_step=step + 1 if step else None)

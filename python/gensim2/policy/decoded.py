@@ -1,0 +1,224 @@
+"""Episodes of data sets, decoded once into arrays that are mapped into memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data import DataSet
+from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.observation_file import CLOUD as STORED_CLOUD
+from gensim2.data.observation_file import ObservedEpisode, read_observation, spec_of_file
+from gensim2.data.store import TaskStore
+from gensim2.errors import InputError
+from gensim2.files import cache_dir, new_folder, write_json
+from gensim2.observations import ObservationSpec
+from gensim2.observations.cloud import to_steps
+from gensim2.observations.columns import GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.policy.checkpoint import DataRecord
+from gensim2.progress import NULL_PROGRESS, Progress
+
+Array = npt.NDArray[Any]
+
+STORED = {
+    STATE: "proprioception/qpos",
+    VELOCITY: "proprioception/qvel",
+    TOOL_POSE: "proprioception/tool_pose",
+    GRIPPER: "proprioception/gripper",
+}
+XYZ, RGB, ACTIONS = "xyz", "rgb", "actions"
+
+VERSION = 1
+"""Of the folder's layout; part of its name."""
+
+
+@dataclass(frozen=True)
+class DecodedEpisode:
+    """One episode in the arrays.
+
+    Attributes:
+        task, language: its name and its sentence.
+        first: number of its first frame; frames of T steps are T + 1, the last one behind the last action.
+        steps: T.
+    """
+
+    task: str
+    language: str
+    first: int
+    steps: int
+
+
+@dataclass(frozen=True)
+class DecodedData:
+    """All episodes that held of some data sets.
+
+    Attributes:
+        robot: name of the profile.
+        observation: what was rendered.
+        episodes: in order.
+        arrays: by column, one row a frame: ``xyz`` (0.1 mm, int16) and ``rgb`` (uint8) of the clouds, proprioception
+            and ``actions`` (float32; the last one of an episode is repeated). Mapped, not read.
+        record: for checkpoints.
+    """
+
+    robot: str
+    observation: ObservationSpec
+    episodes: tuple[DecodedEpisode, ...]
+    arrays: dict[str, Array]
+    record: DataRecord
+
+
+@dataclass(frozen=True)
+class _Row:
+    store: TaskStore
+    row: LoggedEpisode
+    language: str
+
+
+def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
+    """Return all episodes that held, from the cache folder if they were decoded before.
+
+    Args:
+        folders: of rendered data sets.
+        tasks: names; none: all.
+
+    Raises:
+        InputError: a data set cannot be read or was not rendered, robots or observations differ, there is no such
+            task, or a number is not finite; names the file.
+    """
+    sets = [DataSet.open(folder) for folder in folders]
+    if not sets:
+        raise InputError("at least one is needed", field="--data")
+    robots = {each.record.scene.robot for each in sets}
+    if len(robots) > 1:
+        raise InputError(f"are of several robots: {', '.join(sorted(robots))}", field="--data")
+    spec = sets[0].observation_spec()
+    for each in sets[1:]:
+        spec.require(each.observation_spec(), str(each.path), of=str(sets[0].path))
+    if "pointcloud" not in spec.modalities:
+        raise InputError("holds no point clouds", file=sets[0].path, remedy="run `gensim2 render` on it")
+    rows = list(_rows(sets, tasks))
+    if not rows:
+        raise InputError("hold no episode that held", field="--data")
+    robot = robots.pop()
+    digest = _digest(rows, robot, spec)
+    place = cache_dir() / "policy" / "frames" / f"{VERSION}-{digest[:32]}"
+    episodes = tuple(_episodes(rows))
+    if not _whole(place, episodes):
+        _fill(place, rows, episodes, spec, progress)
+    arrays = {file.stem: np.load(file, mmap_mode="r") for file in sorted(place.glob("*.npy"))}
+    last = episodes[-1]
+    record = DataRecord(
+        digest=digest,
+        tasks=tuple(dict.fromkeys(each.task for each in episodes)),
+        episodes=len(episodes),
+        frames=last.first + last.steps + 1,
+        folders=tuple(each.path.name for each in sets),
+    )
+    return DecodedData(robot, spec, episodes, arrays, record)
+
+
+def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
+    known = {name for each in sets for name in each.tasks}
+    for name in tasks:
+        if name not in known:
+            raise InputError(f"no data set has a task {name!r}", field="--task", remedy=f"one of {sorted(known)}")
+    for each in sets:
+        for name in each.tasks:
+            if tasks and name not in tasks:
+                continue
+            store = each.task(name)
+            language = store.spec().description
+            yield from (_Row(store, row, language) for row in store.rows() if row.held)
+
+
+def _digest(rows: Sequence[_Row], robot: str, spec: ObservationSpec) -> str:
+    """Of the episodes, their sentences and what was rendered of them."""
+    found = hashlib.sha256(json.dumps([robot, spec.to_dict()], sort_keys=True).encode())
+    for each in rows:
+        found.update(f"{each.store.name}\n{each.language}\n{each.row.episode_digest}\n".encode())
+    return found.hexdigest()
+
+
+def _episodes(rows: Sequence[_Row]) -> Iterator[DecodedEpisode]:
+    first = 0
+    for each in rows:
+        yield DecodedEpisode(each.store.name, each.language, first, each.row.control_steps)
+        first += each.row.control_steps + 1
+
+
+def _whole(place: Path, episodes: Sequence[DecodedEpisode]) -> bool:
+    """Whether the folder has all arrays at their full length: after a power cut files may be missing or short."""
+    frames = episodes[-1].first + episodes[-1].steps + 1
+    try:
+        found = [np.load(place / f"{name}.npy", mmap_mode="r") for name in (XYZ, RGB, ACTIONS, *STORED)]
+    except (OSError, ValueError):
+        return False
+    return all(len(each) == frames for each in found)
+
+
+def _fill(
+    place: Path, rows: Sequence[_Row], episodes: Sequence[DecodedEpisode], spec: ObservationSpec, progress: Progress
+) -> None:
+    frames = episodes[-1].first + episodes[-1].steps + 1
+    progress.start("decoding episodes", len(rows))
+    if place.exists():
+        _remove(place)
+    with new_folder(place) as folder:
+        arrays: dict[str, Array] = {}
+        for each, episode in zip(rows, episodes, strict=True):
+            for name, values in _read(each, spec).items():
+                if name not in arrays:
+                    shape = (frames, *values.shape[1:])
+                    arrays[name] = np.lib.format.open_memmap(folder / f"{name}.npy", "w+", values.dtype, shape)
+                arrays[name][episode.first : episode.first + episode.steps + 1] = values
+            progress.advance()
+        for array in arrays.values():
+            array.flush()  # type: ignore[attr-defined]  # a map of a file
+        write_json(folder / "about.json", {"schema_version": VERSION, "frames": frames, "episodes": len(rows)})
+
+
+def _remove(place: Path) -> None:
+    import shutil
+
+    shutil.rmtree(place)
+
+
+def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
+    """The rows of one episode.
+
+    Raises:
+        InputError: a file is not there, damaged, of another spec, or holds a number that is not finite.
+    """
+    path = each.store.observation_path(each.row.index)
+    if not path.exists():
+        raise InputError("is not there", file=path, remedy="run `gensim2 render` with --resume")
+    seen = read_observation(path, each.row.episode_digest)
+    spec.require(spec_of_file(seen.description, path), str(path), of="the rest of the data")
+    recording = each.store.read(each.row).recording
+    assert recording is not None  # of one that held
+    found = {name: _finite(seen, stored, path) for name, stored in STORED.items()}
+    found[XYZ] = to_steps(_finite(seen, STORED_CLOUD, path))
+    found[RGB] = seen.arrays["pointcloud/rgb"]
+    found[ACTIONS] = np.concatenate([recording.actions, recording.actions[-1:]])
+    for name, values in found.items():
+        if len(values) != recording.steps + 1:
+            message = f"has {len(values)} frames, not {recording.steps + 1}"
+            raise InputError(message, file=path, field=name, remedy="delete it and render with --resume")
+    return found
+
+
+def _finite(seen: ObservedEpisode, name: str, path: Path) -> Array:
+    values = seen.arrays[name]
+    if not np.isfinite(values).all():
+        step = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
+        message = f"is no finite number at frame {step}"
+        raise InputError(message, file=path, field=name, remedy="delete it and render with --resume")
+    return values

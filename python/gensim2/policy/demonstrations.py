@@ -1,0 +1,101 @@
+"""Demonstrations as a source of training batches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.observations.cloud import from_steps
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
+from gensim2.policy.checkpoint import ActionSpec
+from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
+from gensim2.policy.heads.actions import ACTION, EXTRA
+from gensim2.policy.source import SENTENCE
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import robot
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+
+
+class Demonstrations:
+    """Frames of episodes that held, drawn evenly by task, with the chunk of actions from each on.
+
+    Args:
+        data: decoded episodes.
+        config: of the policy: history and horizon.
+    """
+
+    def __init__(self, data: DecodedData, config: PolicyConfig) -> None:
+        profile = robot(data.robot)
+        self.robot, self.observation, self.record = data.robot, data.observation, data.record
+        self.action = ActionSpec(kind="joint-relative", arm=profile.arm_size, control_hz=profile.control_hz)
+        self.sentences = tuple(dict.fromkeys(each.language for each in data.episodes))
+        self._arrays, self._config = data.arrays, config
+        firsts = np.array([each.first for each in data.episodes])
+        lengths = np.array([each.steps + 1 for each in data.episodes])
+        episode = np.repeat(np.arange(len(firsts)), lengths)
+        self._first = firsts[episode]
+        self._last = self._first + lengths[episode] - 1
+        numbers = np.array([self.sentences.index(each.language) for each in data.episodes])
+        self._sentence = numbers[episode]
+        tasks = np.array([data.record.tasks.index(each.task) for each in data.episodes])[episode]
+        self._frames = [np.flatnonzero(tasks == number) for number in range(len(data.record.tasks))]
+
+    @staticmethod
+    def open(
+        folders: Sequence[Path],
+        config: PolicyConfig,
+        tasks: Sequence[str] = (),
+        *,
+        progress: Progress = NULL_PROGRESS,
+    ) -> Demonstrations:
+        """Return the demonstrations of rendered data sets.
+
+        Raises:
+            InputError: as for :func:`~gensim2.policy.decoded.decode`.
+        """
+        return Demonstrations(decode(folders, tasks, progress=progress), config)
+
+    def __len__(self) -> int:
+        return len(self._first)
+
+    def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
+        """Return a batch of random frames: a task, then a frame of it, each as likely as any other."""
+        task = rng.integers(len(self._frames), size=size)
+        share = rng.random(size)
+        rows = [self._frames[t][int(s * len(self._frames[t]))] for t, s in zip(task, share, strict=True)]
+        return self.batch(np.array(rows))
+
+    def batch(self, rows: npt.NDArray[np.int64]) -> dict[str, torch.Tensor]:
+        """Return the batch of frames by number: columns (B, T, ...), ``sentence`` and ``action``.
+
+        Frames before an episode's first are its first one. Behind an episode's last action the arm stays, and the end
+        is marked.
+        """
+        back = self._config.stride * np.arange(self._config.history - 1, -1, -1)
+        seen = np.maximum(rows[:, None] - back, self._first[rows][:, None])
+        cloud = cloud_column(from_steps(self._arrays[XYZ][seen]), self._arrays[RGB][seen])
+        found = {CLOUD: cloud}
+        for name in (STATE, VELOCITY, TOOL_POSE, GRIPPER):
+            found[name] = self._arrays[name][seen]
+        found[ACTION] = self._chunks(rows)
+        found[SENTENCE] = self._sentence[rows]
+        return {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in found.items()}
+
+    def _chunks(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+        """(B, H, m + 2) (:mod:`gensim2.policy.heads.actions`)."""
+        arm = self.action.arm
+        ahead = rows[:, None] + np.arange(self._config.horizon)
+        last = self._last[rows][:, None]
+        actions = self._arrays[ACTIONS][np.minimum(ahead, last)]
+        chunk = np.empty((*ahead.shape, arm + EXTRA), np.float32)
+        chunk[..., :arm] = actions[..., :arm] - self._arrays[STATE][rows][:, None, :arm]
+        chunk[..., arm] = actions[..., arm]
+        chunk[..., arm + 1] = np.where(ahead >= last, 1.0, -1.0)
+        return chunk

@@ -1,0 +1,108 @@
+"""PointNeXt (Qian et al. 2022): set abstraction with residuals, inverted residual MLPs, offsets relative to the radius.
+
+PointNeXt-S by default, which has no inverted residual blocks. Pure PyTorch.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from gensim2.policy.encoders.grouping import ball_query, farthest_points, gathered, interpolated
+from gensim2.policy.encoders.pointnet import Shared
+
+NEIGHBORS = 32
+RADIUS = 0.3
+"""Of the first stage, in normalized coordinates, whose standard deviation is 1; each stage has 1.5 times as much."""
+WIDTHS = (64, 128, 256, 512)
+STRIDES = (2, 2, 2, 2)
+
+
+class SetAbstraction(nn.Module):  # type: ignore[misc]
+    """Farthest points as centres, MLPs over the neighbours in a ball around each, their maximum, a residual.
+
+    Args:
+        inner, outer: widths of features before and after.
+        stride: points a centre.
+        radius: of the ball.
+    """
+
+    def __init__(self, inner: int, outer: int, stride: int, radius: float) -> None:
+        super().__init__()
+        self.stride, self.radius = stride, radius
+        self.mlp = nn.Sequential(Shared(inner + 3, outer), Shared(outer, outer, active=False))
+        self.skip = nn.Linear(inner, outer)
+
+    def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return centres (B, M, 3) and features (B, M, outer)."""
+        chosen = farthest_points(xyz, max(1, xyz.shape[1] // self.stride))
+        centers = gathered(xyz, chosen)
+        rows = ball_query(xyz, centers, self.radius, NEIGHBORS)
+        relative = (gathered(xyz, rows) - centers[:, :, None]) / self.radius
+        found = self.mlp(torch.cat([relative, gathered(features, rows)], -1)).amax(2)
+        return centers, torch.relu(found + self.skip(gathered(features, chosen)))
+
+
+class InvertedResidual(nn.Module):  # type: ignore[misc]
+    """InvResMLP: aggregation over the ball, then two layers a point that widen four times, around a residual.
+
+    Args:
+        width: of the features.
+        radius: of the ball.
+    """
+
+    def __init__(self, width: int, radius: float) -> None:
+        super().__init__()
+        self.radius = radius
+        self.local = Shared(width + 3, width)
+        self.point = nn.Sequential(Shared(width, 4 * width), Shared(4 * width, width, active=False))
+
+    def forward(self, xyz: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
+        """Return features (B, M, width)."""
+        rows = ball_query(xyz, xyz, self.radius, NEIGHBORS)
+        relative = (gathered(xyz, rows) - xyz[:, :, None]) / self.radius
+        found = self.local(torch.cat([relative, gathered(features, rows)], -1)).amax(2)
+        return torch.relu(features + self.point(found))
+
+
+class PointNextEncoder(nn.Module):  # type: ignore[misc]
+    """PointNeXt-S: a stem of 32, four stages that halve the points and double the width, a last MLP and a maximum.
+
+    Args:
+        channels: C, numbers a point.
+        blocks: inverted residual blocks a stage; 0 is PointNeXt-S, more lead to B, L and XL.
+    """
+
+    tokens, width, feature_width = 1, 512, 32 + 512
+
+    def __init__(self, channels: int, blocks: int = 0) -> None:
+        super().__init__()
+        self.stem = nn.Linear(channels, 32)
+        self.stages, self.blocks = nn.ModuleList(), nn.ModuleList()
+        inner, radius = 32, RADIUS
+        for outer, stride in zip(WIDTHS, STRIDES, strict=True):
+            self.stages.append(SetAbstraction(inner, outer, stride, radius))
+            radius *= 1.5
+            self.blocks.append(nn.ModuleList(InvertedResidual(outer, radius) for _ in range(blocks)))
+            inner = outer
+        self.last = nn.Sequential(Shared(inner + 3, inner), Shared(inner, self.width, active=False))
+
+    def forward(self, points: torch.Tensor) -> torch.Tensor:
+        """Return the pooled token (B, 1, 512)."""
+        return self._run(points)[0]
+
+    def with_features(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the pooled token (B, 1, 512) and the features (B, N, 544): of the stem, and of the last stage
+        interpolated to the points."""
+        pooled, stem, centers, deep = self._run(points)
+        return pooled, torch.cat([stem, interpolated(points[..., :3], centers, deep)], -1)
+
+    def _run(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+        stem = self.stem(points)
+        xyz, features = points[..., :3], stem
+        for stage, blocks in zip(self.stages, self.blocks, strict=True):
+            xyz, features = stage(xyz, features)
+            for block in blocks:
+                features = block(xyz, features)
+        found = self.last(torch.cat([xyz, features], -1)).amax(1, keepdim=True)
+        return found, stem, xyz, features

@@ -1,0 +1,153 @@
+"""Policies for other programs: a graph by ``torch.export``, or ONNX."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import torch
+from torch import nn
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.files import write_atomic, write_json
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.frames import cloud_size, proprio_size
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT
+
+if TYPE_CHECKING:
+    from gensim2.policy.network import PolicyNetwork
+
+Format = Literal["torch", "onnx"]
+NOISE, OUTPUT = "noise", "action"
+
+TOLERANCE = 1e-5
+"""Largest difference, relative to 1 + the size of the number, that an export may have."""
+
+
+class Exported(nn.Module):  # type: ignore[misc]
+    """A network with tensors for inputs: ``cloud``, ``proprio``, then ``text`` and ``noise`` where it takes them.
+
+    Args:
+        network: whose.
+    """
+
+    def __init__(self, network: PolicyNetwork) -> None:
+        super().__init__()
+        self.network = network
+        self.names = [CLOUD, PROPRIO]
+        if network.text is not None:
+            self.names.append(TEXT)
+        if network.head.noise:
+            self.names.append(NOISE)
+
+    def forward(self, *given: torch.Tensor) -> torch.Tensor:
+        """Return what the policy does."""
+        batch = dict(zip(self.names, given, strict=True))
+        noise = batch.pop(NOISE) if NOISE in batch else given[0].new_zeros(len(given[0]), 0)
+        return self.network(batch, noise)
+
+
+def example_inputs(checkpoint: PolicyCheckpoint, seed: int = 0) -> dict[str, torch.Tensor]:
+    """Return inputs of one decision, drawn around the mean of the training data."""
+    network, config = checkpoint.network, checkpoint.config
+    generator = torch.Generator().manual_seed(seed)
+    arm, points = checkpoint.action.arm, checkpoint.observation.cloud.points
+    cloud = torch.randn(1, config.history, points, cloud_size(config), generator=generator)
+    own = torch.randn(1, config.history, proprio_size(config, arm), generator=generator)
+    found = {
+        CLOUD: network.cloud_mean + network.cloud_scale * cloud,
+        PROPRIO: network.proprio_mean + network.proprio_scale * own,
+    }
+    if network.text is not None:
+        found[TEXT] = checkpoint.table[:1]
+    if network.head.noise:
+        found[NOISE] = torch.randn(1, *network.head.noise, generator=generator)
+    return found
+
+
+def export_policy(folder: Path | str, out: Path, to: Format) -> dict[str, Any]:
+    """Write a policy's network, for one decision at a time, run it, and say how far it is from the original.
+
+    Beside the file stands ``<name>.json``: names and shapes of the inputs, sentences, observation spec, action. Inputs
+    are those of :class:`~gensim2.policy.frames.Inputs`: turning clouds and poses into the policy's frame is left to
+    whoever runs it.
+
+    Args:
+        folder: of the checkpoint.
+        out: file.
+        to: format.
+
+    Returns:
+        ``file``, ``format``, ``inputs``, ``difference``.
+
+    Raises:
+        InputError: the checkpoint cannot be used, or the file is not the same function within 1e-5.
+        MissingExtraError: a package is not installed.
+    """
+    checkpoint = PolicyCheckpoint.load(folder)
+    module = Exported(checkpoint.network).eval()
+    inputs = example_inputs(checkpoint)
+    values = tuple(inputs[name] for name in module.names)
+    with torch.no_grad():
+        graph = torch.export.export(module, values)
+    buffer = io.BytesIO()
+    if to == "torch":
+        torch.export.save(graph, buffer)
+    else:
+        _write_onnx(graph, values, module.names, buffer)
+    write_atomic(out, buffer.getvalue())
+    run, difference = exported(out, to), 0.0
+    for seed in range(1, 4):
+        inputs = example_inputs(checkpoint, seed)
+        given = {name: inputs[name] for name in module.names}
+        with torch.no_grad():
+            found, expected = run(given), module(*given.values())
+        difference = max(difference, float(((found - expected).abs() / (1 + expected.abs())).max()))
+    if not difference <= TOLERANCE:
+        out.unlink()
+        raise InputError(f"differs from the policy by {difference:.1e}, and was removed", file=out)
+    about = {
+        "schema_version": 1,
+        "inputs": {name: list(inputs[name].shape) for name in module.names},
+        "robot": checkpoint.robot,
+        "action": checkpoint.action.model_dump(),
+        "observation": checkpoint.observation.to_dict(),
+        "policy": checkpoint.config.to_dict(),
+        "sentences": {text: row.tolist() for text, row in zip(checkpoint.sentences, checkpoint.table, strict=True)},
+    }
+    write_json(out.with_name(out.name + ".json"), about)
+    return {"schema_version": 1, "file": str(out), "format": to, "inputs": about["inputs"], "difference": difference}
+
+
+def exported(file: Path, to: Format) -> Callable[[dict[str, torch.Tensor]], torch.Tensor]:
+    """Return an exported policy as a function of its inputs by name."""
+    if to == "torch":
+        module = torch.export.load(io.BytesIO(file.read_bytes())).module()
+        return lambda inputs: module(*inputs.values())
+    session = _onnxruntime().InferenceSession(str(file), providers=["CPUExecutionProvider"])
+
+    def run(inputs: dict[str, torch.Tensor]) -> torch.Tensor:
+        return torch.from_numpy(session.run(None, {name: value.numpy() for name, value in inputs.items()})[0])
+
+    return run
+
+
+def _write_onnx(graph: Any, values: tuple[torch.Tensor, ...], names: list[str], buffer: io.BytesIO) -> None:
+    _onnxruntime()
+    try:
+        import onnxscript  # noqa: F401 - torch.onnx needs it
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("onnxscript", "export") from error
+    torch.onnx.export(
+        graph, values, buffer, input_names=names, output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
+    )
+
+
+def _onnxruntime() -> Any:
+    try:
+        import onnxruntime
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("onnxruntime", "export") from error
+    return onnxruntime

@@ -1,0 +1,138 @@
+r"""Inputs of the network from observations, in a frame that turns with the robot's first joint.
+
+The first joint of a robot such as the Panda turns about the z axis of its base. Turning cloud and tool pose by
+:math:`R_z(-q_1)` and leaving :math:`q_1` itself out makes the inputs invariant to a yaw of scene and robot about that
+axis; actions relative to the present joints are invariant as well. What was learned of one yaw holds exactly of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from gensim2.errors import InputError
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.policy.rotations import matrix_of_quaternion, six_of_matrix
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+    from gensim2.robots import RobotProfile
+
+SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
+"""Columns of an observation that a policy is made for; (B, T, ...) as a batch of T frames, the last the present one."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What the network takes, in the policy's frame and in SI units.
+
+    Attributes:
+        cloud: (B, T, N, C): x, y, z (m), then with ``colour`` red, green, blue (0 to 1), then with ``tool_frame`` the
+            point in the tool's frame (m).
+        proprio: (B, T, P): the arm's joints (of the first one what it has turned until the present frame), with
+            ``velocity`` their velocities, the tool's position and 6-D rotation, the gripper's width and last command.
+    """
+
+    cloud: torch.Tensor
+    proprio: torch.Tensor
+
+
+def cloud_size(config: PolicyConfig) -> int:
+    """C, numbers a point."""
+    return 3 + 3 * config.colour + 3 * config.tool_frame
+
+
+def proprio_size(config: PolicyConfig, arm: int) -> int:
+    """P, numbers of proprioception, of a robot whose arm has ``arm`` joints."""
+    return arm * (1 + config.velocity) + 3 + 6 + 2
+
+
+def turn_matrix(angle: torch.Tensor) -> torch.Tensor:
+    """(..., 3, 3) rotations about z by ``angle`` (...), rad."""
+    c, s, zero, one = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle), torch.ones_like(angle)
+    rows = [torch.stack(row, -1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))]
+    return torch.stack(rows, -2)
+
+
+def policy_frame(state: torch.Tensor, config: PolicyConfig) -> torch.Tensor:
+    """(B, 3, 3) rotation of base coordinates into the policy's frame, ``R_policy_base``.
+
+    Args:
+        state: (B, T, n) joints; the last frame is the present one.
+    """
+    angle = -state[:, -1, 0] if config.frame == "turned" else torch.zeros_like(state[:, -1, 0])
+    return turn_matrix(angle)
+
+
+def inputs_of(seen: Mapping[str, torch.Tensor], config: PolicyConfig, arm: int) -> Inputs:
+    """Return the network's inputs.
+
+    Args:
+        seen: by column (``SEEN``), (B, T, ...), base frame.
+        arm: number of the arm's joints, the first of the state.
+    """
+    state = seen[STATE]
+    R = policy_frame(state, config)
+    joints = state[..., :arm]
+    if config.frame == "turned":
+        joints = torch.cat([joints[..., :1] - joints[:, -1:, :1], joints[..., 1:]], -1)
+    pose = seen[TOOL_POSE]
+    position = torch.einsum("bij,btj->bti", R, pose[..., :3])
+    rotation = torch.einsum("bij,btjk->btik", R, matrix_of_quaternion(pose[..., 3:]))
+    own = [joints]
+    if config.velocity:
+        own.append(seen[VELOCITY][..., :arm])
+    own += [position, six_of_matrix(rotation), seen[GRIPPER]]
+
+    xyz = torch.einsum("bij,btnj->btni", R, seen[CLOUD][..., :3])
+    points = [xyz]
+    if config.colour:
+        points.append(seen[CLOUD][..., 3:6])
+    if config.tool_frame:
+        points.append(torch.einsum("btji,btnj->btni", rotation, xyz - position[:, :, None]))
+    return Inputs(torch.cat(points, -1), torch.cat(own, -1))
+
+
+def yawed(seen: Mapping[str, torch.Tensor], angle: torch.Tensor) -> dict[str, torch.Tensor]:
+    """Return what would be seen if scene and robot were turned by ``angle`` (B,) about the base's z axis.
+
+    Actions relative to the present joints are the same; absolute ones differ by the angle in the first joint.
+    """
+    R = turn_matrix(angle)
+    found = dict(seen)
+    cloud, pose = seen[CLOUD], seen[TOOL_POSE]
+    found[CLOUD] = torch.cat([torch.einsum("bij,btnj->btni", R, cloud[..., :3]), cloud[..., 3:]], -1)
+    state = seen[STATE].clone()
+    state[..., 0] += angle[:, None]
+    found[STATE] = state
+    half = angle / 2
+    c, s = torch.cos(half)[:, None], torch.sin(half)[:, None]
+    w, x, y, z = pose[..., 3:].unbind(-1)
+    turned = torch.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], -1)
+    turned = torch.where(turned[..., :1] < 0, -turned, turned)  # observations have qw at least 0
+    found[TOOL_POSE] = torch.cat([torch.einsum("bij,btj->bti", R, pose[..., :3]), turned], -1)
+    return found
+
+
+def check_turns(profile: RobotProfile, config: PolicyConfig) -> None:
+    """Refuse the turned frame for a robot whose first joint does not turn it about the z axis of its base.
+
+    Raises:
+        InputError: it does not; names the remedy.
+    """
+    if config.frame != "turned":
+        return
+    angle = 0.3
+    q = np.array(profile.reset_qpos, dtype=np.float64)
+    before = profile.model.forward_kinematics(q, profile.tool_link)
+    q[0] += angle
+    after = profile.model.forward_kinematics(q, profile.tool_link)
+    expected = np.eye(4)
+    expected[:3, :3] = turn_matrix(torch.tensor(angle, dtype=torch.float64)).numpy()
+    if not np.allclose(after, expected @ before, atol=1e-6):
+        message = f"the first joint of {profile.name} does not turn it about the z axis of its base"
+        raise InputError(message, field="frame", remedy="use frame: base")

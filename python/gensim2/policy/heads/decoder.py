@@ -1,0 +1,59 @@
+"""Decoder of action chunks: a token a step, attention among the steps and to the trunk's tokens."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import torch
+from torch import nn
+
+from gensim2.policy.heads.actions import EXTRA
+from gensim2.policy.trunk import Block
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+
+
+class ActionDecoder(nn.Module):  # type: ignore[misc]
+    """Transformer from a chunk (as it is so far) and a noise level to a chunk.
+
+    Args:
+        config: of the policy.
+        arm: m, number of the arm's joints.
+    """
+
+    def __init__(self, config: PolicyConfig, arm: int) -> None:
+        super().__init__()
+        self.width = config.width
+        self.enter = nn.Linear(arm + EXTRA, config.width)
+        self.level = nn.Sequential(
+            nn.Linear(config.width, config.width), nn.GELU(), nn.Linear(config.width, config.width)
+        )
+        self.places = nn.Parameter(torch.randn(config.horizon, config.width) * 0.02)
+        self.blocks = nn.ModuleList(
+            Block(config.width, config.attention, memory=True) for _ in range(config.decoder_layers)
+        )
+        self.norm = nn.LayerNorm(config.width)
+        self.leave = nn.Linear(config.width, arm + EXTRA)
+
+    def forward(self, chunk: torch.Tensor, level: torch.Tensor, tokens: torch.Tensor) -> torch.Tensor:
+        """Return chunks (B, H, m + 2).
+
+        Args:
+            chunk: (B, H, m + 2) so far, normalized.
+            level: (B,) noise level from 0 (none) to 1.
+            tokens: (B, S, D) of the trunk.
+        """
+        found = self.enter(chunk) + self.places + self.level(sinusoids(level, self.width))[:, None]
+        for block in self.blocks:
+            found = block(found, tokens)
+        return self.leave(self.norm(found))
+
+
+def sinusoids(level: torch.Tensor, width: int) -> torch.Tensor:
+    """(B, width) sines and cosines of levels (B,) from 0 to 1, of periods from 2 pi / 1000 to 20 pi."""
+    half = width // 2
+    rates = torch.exp(torch.linspace(math.log(1000.0), math.log(0.1), half, device=level.device))
+    angles = level[:, None] * rates
+    return torch.cat([torch.sin(angles), torch.cos(angles)], -1)

@@ -1,0 +1,32 @@
+"""Heads by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from gensim2.policy.heads.chunk import ChunkHead
+from gensim2.policy.heads.diffusion import DiffusionHead
+from gensim2.policy.heads.flow import FlowHead
+from gensim2.policy.heads.transformer import TransformerHead
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+    from gensim2.policy.heads.protocol import Head
+
+_KINDS: dict[str, Any] = {
+    "chunk": ChunkHead,
+    "transformer": TransformerHead,
+    "diffusion": DiffusionHead,
+    "flow": FlowHead,
+}
+
+
+def make_head(config: PolicyConfig, arm: int, features: int) -> Head:
+    """Return the head that the configuration names, with fresh weights.
+
+    Args:
+        arm: m, number of the arm's joints.
+        features: G, width of a point's feature.
+    """
+    head: Head = _KINDS[config.head](config, arm, features)
+    return head

@@ -1,0 +1,57 @@
+"""Interface of heads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a head works from.
+
+    Attributes:
+        tokens: (B, S, D) of the trunk, the readout first.
+        points: (B, N, 3) coordinates of the present cloud in the policy's frame, m.
+        features: (B, N, G) of the points; None unless the head wants them.
+    """
+
+    tokens: torch.Tensor
+    points: torch.Tensor
+    features: torch.Tensor | None
+
+
+class Head(Protocol):
+    """Head of a policy, a ``torch.nn.Module``.
+
+    Attributes:
+        wants_features: whether it looks at features of the points.
+        noise: shape, without the batch, of the standard normal numbers that :meth:`act` takes; empty: none.
+    """
+
+    wants_features: bool
+    noise: tuple[int, ...]
+
+    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
+        """Set the normalization of targets, kept in buffers, from many samples, once before training."""
+        ...
+
+    def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return the loss, a scalar.
+
+        Args:
+            batch: targets, in the policy's frame.
+            generator: of everything that is drawn, on the tensors' device.
+        """
+        ...
+
+    def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
+        """Return what the policy does, (B, ...), in SI units.
+
+        Args:
+            noise: (B, *self.noise) standard normal numbers.
+        """
+        ...

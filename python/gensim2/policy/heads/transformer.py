@@ -1,0 +1,52 @@
+"""Transformer head: learned queries, one a step, that look at the trunk's tokens (as in ACT, without its latent)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from torch import nn
+
+from gensim2.policy.heads.actions import ACTION, EXTRA, ActionScale
+from gensim2.policy.heads.decoder import ActionDecoder
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+    from gensim2.policy.heads.protocol import Context
+
+
+class TransformerHead(nn.Module):  # type: ignore[misc]
+    """Decoder of queries, and the mean absolute error.
+
+    Args:
+        config: of the policy.
+        arm: m, number of the arm's joints.
+        features: not looked at.
+    """
+
+    wants_features = False
+    noise: tuple[int, ...] = ()
+
+    def __init__(self, config: PolicyConfig, arm: int, features: int = 0) -> None:
+        super().__init__()
+        self.size = (config.horizon, arm + EXTRA)
+        self.scale = ActionScale(config.horizon, arm)
+        self.decoder = ActionDecoder(config, arm)
+
+    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
+        """Set the scale of actions."""
+        self.scale.fit(batch)
+
+    def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return the mean absolute error of normalized chunks."""
+        return (self._chunks(context) - self.scale.normalized(batch[ACTION])).abs().mean()
+
+    def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
+        """Return chunks (B, H, m + 2)."""
+        return self.scale.restored(self._chunks(context))
+
+    def _chunks(self, context: Context) -> torch.Tensor:
+        tokens = context.tokens
+        empty = tokens.new_zeros(len(tokens), *self.size)
+        return self.decoder(empty, tokens.new_zeros(len(tokens)), tokens)

@@ -1,0 +1,142 @@
+"""Time from an observation to an action, by stage, of every head."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from gensim2.observations import ObservationSpec
+from gensim2.policy.config import HEADS, PolicyConfig
+from gensim2.policy.frames import SEEN, inputs_of
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT, fresh_network
+from gensim2.policy.text import prepare
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.sim import HeadlessEnv
+
+TASK = "CloseBox"
+STAGES = ("observation", "inputs", "network", "total")
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Milliseconds of wall time of one kind of policy.
+
+    Attributes:
+        encoder, head, points, device: what was run; the weights are fresh, which costs the same.
+        parameters: number of weights.
+        p50, p95: by stage: ``observation`` (rays, cloud, proprioception), ``inputs`` (the policy's frame),
+            ``network``, ``total``.
+        cpu: the same stages, CPU time on median.
+    """
+
+    encoder: str
+    head: str
+    points: int
+    device: str
+    parameters: int
+    p50: dict[str, float]
+    p95: dict[str, float]
+    cpu: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return dict(vars(self))
+
+
+def measure_latencies(
+    heads: Sequence[str] = HEADS,
+    encoders: Sequence[str] = ("mlp",),
+    *,
+    points: int = 512,
+    decisions: int = 100,
+    threads: int = 1,
+    device: str = "cpu",
+    assets: str | None = None,
+    settings: dict[str, Any] | None = None,
+    progress: Progress = NULL_PROGRESS,
+) -> dict[str, Any]:
+    """Measure decisions of batch 1 on a live scene; of a ``keypose`` policy the network alone, without the planner.
+
+    Args:
+        heads, encoders: names; each with each.
+        points: of a cloud.
+        decisions: measured ones, after ten that are not.
+        threads: of PyTorch.
+        device: of the network.
+        assets: objects of the scene.
+        settings: of the policies, beside.
+
+    Returns:
+        ``rows`` of :class:`Latency`, ``threads``, ``decisions``, ``load`` (of the machine, when it began).
+    """
+    torch.set_num_threads(threads)
+    spec = ObservationSpec.of({"points": points, "candidates": max(4 * points, 4096)})
+    load = os.getloadavg()[0]
+    env = HeadlessEnv(TASK, assets=assets)
+    env.reset(0)
+    rows = []
+    progress.start("latency", len(heads) * len(encoders))
+    for encoder in encoders:
+        for head in heads:
+            config = PolicyConfig.of({**(settings or {}), "encoder": encoder, "head": head})
+            rows.append(_measure(env, spec, config, decisions, device))
+            progress.advance()
+    return {
+        "schema_version": 1,
+        "rows": [row.to_dict() for row in rows],
+        "threads": threads,
+        "decisions": decisions,
+        "load": load,
+    }
+
+
+def _measure(env: HeadlessEnv, spec: ObservationSpec, config: PolicyConfig, decisions: int, device: str) -> Latency:
+    table = prepare([env.task.description], config).to(device)
+    arm = env.profile.arm_size
+    network = fresh_network(config, arm, table.shape[1:], 0).eval().to(device)
+    noise = torch.zeros(1, *network.head.noise, device=device)
+    wall: list[list[float]] = []
+    spent: list[list[float]] = []
+    env.step(env.profile.rest_action)
+    for decision in range(decisions + 10):
+        env.step(env.profile.rest_action)
+        marks, cpu = [time.perf_counter()], [time.process_time()]
+        observation = env.observe(spec)
+        frame = {name: np.array(observation[name], dtype=np.float32) for name in SEEN}
+        marks.append(time.perf_counter())
+        cpu.append(time.process_time())
+        seen = {
+            name: torch.from_numpy(value).to(device).expand(1, config.history, *value.shape)
+            for name, value in frame.items()
+        }
+        inputs = inputs_of(seen, config, arm)
+        marks.append(time.perf_counter())
+        cpu.append(time.process_time())
+        with torch.no_grad():
+            found = network({CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table}, noise)
+        (found if isinstance(found, torch.Tensor) else found[0]).cpu()
+        marks.append(time.perf_counter())
+        cpu.append(time.process_time())
+        if decision >= 10:
+            wall.append([*np.diff(marks), marks[-1] - marks[0]])
+            spent.append([*np.diff(cpu), cpu[-1] - cpu[0]])
+
+    def told(values: Any) -> dict[str, float]:
+        return {name: round(1e3 * float(value), 3) for name, value in zip(STAGES, values, strict=True)}
+
+    return Latency(
+        config.encoder,
+        config.head,
+        spec.cloud.points,
+        device,
+        sum(parameter.numel() for parameter in network.parameters()),
+        told(np.percentile(wall, 50, axis=0)),
+        told(np.percentile(wall, 95, axis=0)),
+        told(np.median(spent, axis=0)),
+    )

@@ -1,0 +1,35 @@
+"""Rotations as networks take them: the first two columns of the matrix (Zhou et al. 2019), which is continuous."""
+
+from __future__ import annotations
+
+import torch
+
+
+def matrix_of_quaternion(quaternion: torch.Tensor) -> torch.Tensor:
+    """(..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
+    w, x, y, z = quaternion.unbind(-1)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return torch.stack([torch.stack(row, -1) for row in rows], -2)
+
+
+def six_of_matrix(matrix: torch.Tensor) -> torch.Tensor:
+    """(..., 6): first column, then second column of rotations (..., 3, 3)."""
+    return torch.cat([matrix[..., :, 0], matrix[..., :, 1]], -1)
+
+
+def matrix_of_six(six: torch.Tensor) -> torch.Tensor:
+    """(..., 3, 3) rotation that Gram and Schmidt make of two vectors (..., 6) that are not parallel."""
+    a, b = six[..., :3], six[..., 3:]
+    x = torch.nn.functional.normalize(a, dim=-1, eps=1e-8)
+    y = torch.nn.functional.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-8)
+    return torch.stack([x, y, torch.linalg.cross(x, y, dim=-1)], -1)
+
+
+def angle_between(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """(...) angles in rad between rotations (..., 3, 3), by the chord, which is accurate for small ones."""
+    chord = torch.linalg.matrix_norm(a - b) / (2 * 2**0.5)
+    return 2 * torch.asin(chord.clamp(max=1.0))

@@ -1,0 +1,88 @@
+"""Frozen dataclasses of settings that read plain data: one field, one line of help, one range, checked in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar, Self
+
+from gensim2.errors import InputError
+
+
+def setting(
+    default: Any,
+    text: str,
+    *,
+    choices: Sequence[str] = (),
+    low: float | None = None,
+    high: float | None = None,
+) -> Any:
+    """Return a dataclass field with its help and the values that it may have.
+
+    Args:
+        default: its type is the type of the field; None: a whole number or None.
+        text: help, also of the command-line flag.
+        choices: words that it may be.
+        low, high: inclusive bounds of a number.
+    """
+    return field(default=default, metadata={"help": text, "choices": tuple(choices), "low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of a settings dataclass, whose fields are made by :func:`setting`.
+
+    Raises:
+        InputError: a value is of another type or out of range; names the field.
+    """
+
+    of_what: ClassVar[str] = "settings"
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            object.__setattr__(
+                self, each.name, _checked(getattr(self, each.name), each.default, each.metadata, each.name)
+            )
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], *, file: str | None = None) -> Self:
+        """Return settings from plain data.
+
+        Raises:
+            InputError: a field is unknown, or cannot be so; names ``file`` and the field.
+        """
+        known = {each.name for each in fields(cls)}
+        for name in values:
+            if name not in known:
+                remedy = f"one of {', '.join(sorted(known))}"
+                raise InputError(f"{cls.of_what} have no such field", file=file, field=str(name), remedy=remedy)
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise InputError(error.message, file=file, field=error.field, remedy=error.remedy) from error
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return them as plain data."""
+        return asdict(self)
+
+
+def _checked(value: Any, default: Any, metadata: Mapping[str, Any], name: str) -> Any:
+    if default is None:
+        if value is None:
+            return None
+        default = 0
+    kind = type(default)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        words = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+        raise InputError(f"must be {words[kind]}, is {value!r}", field=name)
+    if metadata["choices"] and value not in metadata["choices"]:
+        raise InputError(f"must be one of {', '.join(metadata['choices'])}, is {value!r}", field=name)
+    low, high = metadata["low"], metadata["high"]
+    if (low is not None and not value >= low) or (high is not None and not value <= high):
+        bounds = " and ".join(
+            text for text in (low is not None and f"at least {low}", high is not None and f"at most {high}") if text
+        )
+        raise InputError(f"must be {bounds}, is {value}", field=name)
+    return value

@@ -1,0 +1,155 @@
+"""Text encoders: a sentence becomes one token of the trunk.
+
+Each has two parts: :func:`prepare` turns sentences into rows of a table once, without gradients, and a module turns
+rows into tokens. The table of the sentences that were trained on travels with the checkpoint: CLIP's weights are needed
+for new sentences only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import nn
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.files import cache_dir, replacing
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+
+WORDS, PIECES, BUCKETS = 24, 12, 2048
+"""Words of a sentence and pieces of a word that the small encoder sees, and rows of its table of pieces."""
+
+
+def prepare(sentences: Sequence[str], config: PolicyConfig) -> torch.Tensor:
+    """Return one row a sentence: (S, 24, 12) pieces for ``small``, (S, E) embeddings for ``clip``, (S, 0) for none.
+
+    Raises:
+        InputError: CLIP's weights cannot be had; names folder and remedy.
+        MissingExtraError: ``transformers`` is not installed.
+    """
+    if config.text == "none":
+        return torch.zeros(len(sentences), 0)
+    if config.text == "small":
+        return torch.stack([pieces(sentence) for sentence in sentences])
+    return clip_embeddings(sentences, config.text_model)
+
+
+def make_text_encoder(config: PolicyConfig, row: Sequence[int]) -> nn.Module | None:
+    """Return the module that makes tokens (B, width) of rows of the table; None where no sentence is looked at.
+
+    Args:
+        row: shape of a row.
+    """
+    if config.text == "none":
+        return None
+    if config.text == "small":
+        return SmallText(config.width)
+    return nn.Sequential(nn.LayerNorm(row[0]), nn.Linear(row[0], config.width))
+
+
+def pieces(sentence: str) -> torch.Tensor:
+    """(24, 12) numbers of a sentence's words and their trigrams, 0 where there are none.
+
+    Words that were never read share pieces with those that were: "opened" with "open".
+    """
+    found = torch.zeros(WORDS, PIECES, dtype=torch.int64)
+    words = "".join(c if c.isalnum() else " " for c in sentence.lower()).split()
+    for row, word in enumerate(words[:WORDS]):
+        marked = f"<{word}>"
+        parts = [marked, *(marked[i : i + 3] for i in range(len(marked) - 2))]
+        for column, part in enumerate(parts[:PIECES]):
+            digest = hashlib.blake2b(part.encode(), digest_size=4).digest()
+            found[row, column] = 1 + int.from_bytes(digest, "little") % (BUCKETS - 1)
+    return found
+
+
+class SmallText(nn.Module):  # type: ignore[misc]
+    """Sums of learned pieces a word, their mean and maximum over the words, an MLP; trained with the policy.
+
+    Some 150,000 parameters. It knows no word that training did not show, but for shared trigrams.
+
+    Args:
+        width: of the token.
+    """
+
+    def __init__(self, width: int, inner: int = 64) -> None:
+        super().__init__()
+        self.pieces = nn.Embedding(BUCKETS, inner, padding_idx=0)
+        self.places = nn.Parameter(torch.randn(WORDS, inner) * 0.02)
+        self.word = nn.Sequential(nn.Linear(inner, inner), nn.GELU())
+        self.sentence = nn.Sequential(nn.Linear(2 * inner, width), nn.GELU(), nn.Linear(width, width))
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """Return tokens (B, width) of pieces (B, 24, 12)."""
+        known = (rows > 0).to(self.places.dtype)
+        count = known.sum(-1, keepdim=True)
+        words = self.word(self.pieces(rows).sum(-2) / count.clamp(min=1.0) + self.places)
+        there = (count > 0).to(words.dtype)
+        mean = (words * there).sum(1) / there.sum(1).clamp(min=1.0)
+        most = (words + (there - 1.0) * 1e4).amax(1)
+        return self.sentence(torch.cat([mean, most], -1))
+
+
+def clip_embeddings(sentences: Sequence[str], model: str) -> torch.Tensor:
+    """(S, E) text embeddings of CLIP, of unit length, kept by model and sentence in the cache folder.
+
+    Args:
+        model: folder of weights, or a name on Hugging Face's hub.
+
+    Raises:
+        InputError: the weights cannot be had.
+        MissingExtraError: ``transformers`` is not installed.
+    """
+    from safetensors.torch import load_file, save_file
+
+    folder = cache_dir() / "policy" / "clip" / _digest(model)
+    files = [folder / f"{hashlib.sha256(sentence.encode()).hexdigest()[:32]}.safetensors" for sentence in sentences]
+    missing = [number for number, file in enumerate(files) if not file.exists()]
+    if missing:
+        made = _run_clip([sentences[number] for number in missing], model)
+        for number, embedding in zip(missing, made, strict=True):
+            with replacing(files[number]) as path:
+                save_file({"embedding": embedding.contiguous()}, path)
+    return torch.stack([load_file(file)["embedding"] for file in files])
+
+
+def _digest(model: str) -> str:
+    """Of the model: its name, and of a folder size and time of its files."""
+    found = hashlib.sha256(model.encode())
+    if Path(model).is_dir():
+        found = hashlib.sha256(str(Path(model).resolve()).encode())
+        for file in sorted(Path(model).iterdir()):
+            about = file.stat()
+            found.update(f"{file.name} {about.st_size} {about.st_mtime_ns}".encode())
+    return found.hexdigest()[:16]
+
+
+def _run_clip(sentences: Sequence[str], model: str) -> torch.Tensor:
+    os.environ.setdefault("TOKENIZERS_PARALLELISM", "false")
+    try:
+        import transformers
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("transformers", "clip") from error
+    remedy = "give a folder or a hub name with --text-model, or use --text small"
+    path = Path(model)
+    if path.exists() and not (path / "config.json").is_file():
+        raise InputError("is no folder of CLIP's weights: it has no config.json", file=path, remedy=remedy)
+    try:
+        tokenizer = transformers.AutoTokenizer.from_pretrained(model)
+        text: Any = transformers.CLIPTextModelWithProjection.from_pretrained(model, use_safetensors=True)
+    except (OSError, ValueError, RuntimeError, KeyError) as error:
+        reason = str(error).strip().split("\n")[0][:200]
+        raise InputError(
+            f"CLIP's weights cannot be had: {reason}", file=model, field="text_model", remedy=remedy
+        ) from error
+    text.eval()
+    with torch.no_grad():
+        tokens = tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
+        embedded = text(input_ids=tokens["input_ids"], attention_mask=tokens["attention_mask"]).text_embeds
+    return nn.functional.normalize(embedded.float(), dim=-1)

@@ -1,0 +1,318 @@
+"""Training loop of every policy: one loop, whatever the head and the source of data."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from gensim2.errors import InputError
+from gensim2.policy.augment import augmented
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.curves import Curves, read_curves
+from gensim2.policy.frames import SEEN, check_turns, inputs_of
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT, PolicyNetwork, fresh_network
+from gensim2.policy.source import SENTENCE, Source
+from gensim2.policy.text import prepare
+from gensim2.policy.train_signals import deferred_signals
+from gensim2.policy.train_state import STATE_JSON, TrainState
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.robots import robot
+from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FITTED = 1024
+"""Samples that the normalization is taken from."""
+
+TRAINING = "training"
+"""Folder of the state and the curves, in that of the checkpoint."""
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """A training that ended.
+
+    Attributes:
+        folder: of the checkpoint.
+        checkpoint: with the averaged weights.
+        loss: mean of the last logged stretch.
+        steps: that were taken in all.
+        cpu_s: CPU seconds of all steps, also of those before a resume.
+        parameters: number of weights.
+    """
+
+    folder: Path
+    checkpoint: PolicyCheckpoint
+    loss: float
+    steps: int
+    cpu_s: float
+    parameters: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        data = self.checkpoint.data
+        return {
+            "schema_version": 1,
+            "folder": str(self.folder),
+            "loss": self.loss,
+            "steps": self.steps,
+            "cpu_s": round(self.cpu_s, 3),
+            "parameters": self.parameters,
+            "policy": self.checkpoint.config.to_dict(),
+            "training": self.checkpoint.training.to_dict(),
+            "tasks": list(data.tasks),
+            "episodes": data.episodes,
+            "frames": data.frames,
+            "data": data.digest,
+        }
+
+
+def train_policy(
+    source: Source,
+    config: PolicyConfig,
+    training: TrainConfig,
+    out: Path,
+    *,
+    start: PolicyCheckpoint | None = None,
+    resume: bool = False,
+    device: str = "auto",
+    progress: Progress = NULL_PROGRESS,
+) -> TrainResult:
+    """Train a policy and write its checkpoint, which holds the averaged weights of the last step.
+
+    On one CPU model and number of threads a training that was interrupted and resumed gives the same bytes as one that
+    was not.
+
+    Args:
+        source: of batches.
+        config: of the network; of ``start`` where there is one.
+        training: how.
+        out: folder of the checkpoint; its ``training/`` holds the state and the curves.
+        start: checkpoint to go on from with other data or tasks: its weights and normalization, a fresh optimizer.
+        resume: go on where an interrupted training in ``out`` was.
+        device: ``auto``, or as PyTorch names it.
+
+    Raises:
+        InputError: settings and data do not go together, or ``out`` holds another training.
+        KeyboardInterrupt: after a signal, once the state is written.
+    """
+    where = _device(device)
+    if training.threads:
+        torch.set_num_threads(training.threads)
+    profile = robot(source.robot)
+    check_turns(profile, config)
+    points = source.observation.cloud.points
+    if config.points not in (None, points):
+        message = f"the data have {points} points, the policy {config.points}"
+        raise InputError(
+            message, field="points", remedy=f"render with --points {config.points}, or train with {points}"
+        )
+    if training.yaw > 0 and config.frame == "base" and source.action.kind != "joint-relative":
+        raise InputError("needs joint-relative actions, or frame: turned", field="yaw")
+    config = PolicyConfig.of({**config.to_dict(), "points": points})
+    table = prepare(source.sentences, config)
+    arm = source.action.arm
+    network = fresh_network(config, arm, table.shape[1:], training.seed)
+    if start is None:
+        network.fit(_batch(source, config, table, rng(training.seed, "policy/fit"), FITTED))
+    else:
+        _start_from(network, start, source)
+    network.to(where)
+    state = TrainState(network, copy.deepcopy(network).eval(), _optimizer(network, training))
+    identity = _identity(source, config, training, start)
+    folder = out / TRAINING
+    if resume and (folder / STATE_JSON).exists():
+        state.load(folder, identity)
+    elif (out / "config.json").exists() or (folder / STATE_JSON).exists():
+        raise InputError("holds a policy already", file=out, remedy="choose another --out, or go on with --resume")
+    loss = _run(state, source, table.to(where), config, training, folder, identity, progress)
+    checkpoint = PolicyCheckpoint(
+        copy.deepcopy(state.average).cpu().eval(),
+        source.robot,
+        source.action,
+        source.observation,
+        source.sentences,
+        table,
+        source.record,
+        training,
+        state.step,
+        _versions(),
+    )
+    checkpoint.save(out)
+    parameters = sum(parameter.numel() for parameter in network.parameters())
+    return TrainResult(out, checkpoint, loss, state.step, state.cpu_s, parameters)
+
+
+def _run(
+    state: TrainState,
+    source: Source,
+    table: torch.Tensor,
+    config: PolicyConfig,
+    training: TrainConfig,
+    folder: Path,
+    identity: str,
+    progress: Progress,
+) -> float:
+    """Take all steps that are left; return the mean loss of the last stretch."""
+    loss_of = torch.compile(state.network.loss) if training.compile else state.network.loss
+    where = next(state.network.parameters()).device
+    mixed = torch.autocast(where.type, torch.bfloat16, enabled=training.amp and where.type == "cuda")
+    parameters = [parameter for parameter in state.network.parameters() if parameter.requires_grad]
+    curves = Curves(folder, state.step)
+    losses: list[float] = []
+    state.network.train()
+    progress.start("training", training.steps)
+    progress.advance(state.step)
+    began, spent = time.process_time(), state.cpu_s
+    with curves, deferred_signals() as stop:
+        while state.step < training.steps:
+            draw = rng(training.seed, "policy/step", state.step)
+            generator = torch.Generator(where).manual_seed(int(draw.integers(2**62)))
+            batch = _batch(source, config, table, draw, training.batch, training, generator)
+            with mixed:
+                loss = loss_of(batch, generator)
+            state.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            norm = torch.nn.utils.clip_grad_norm_(parameters, training.clip)
+            rate = learning_rate(state.step, training)
+            for group in state.optimizer.param_groups:
+                group["lr"] = rate
+            state.optimizer.step()
+            _average(state.average, state.network, training.ema, state.step)
+            state.step += 1
+            state.cpu_s = spent + time.process_time() - began
+            losses.append(float(loss.detach()))
+            if not math.isfinite(losses[-1]):
+                message = f"the loss is {losses[-1]} at step {state.step}"
+                raise InputError(message, field="training", remedy="lower the learning rate")
+            progress.advance()
+            if state.step % training.log_every == 0 or state.step == training.steps:
+                mean = sum(losses) / len(losses)
+                losses = []
+                curves.add(step=state.step, loss=mean, gradient=float(norm), learning_rate=rate, cpu_s=state.cpu_s)
+            if stop() or state.step % training.save_every == 0 or state.step == training.steps:
+                state.save(folder, identity)
+            if stop():
+                break
+    return float(read_curves(folder)[-1]["loss"])
+
+
+def _batch(
+    source: Source,
+    config: PolicyConfig,
+    table: torch.Tensor,
+    draw: np.random.Generator,
+    size: int,
+    training: TrainConfig | None = None,
+    generator: torch.Generator | None = None,
+) -> dict[str, torch.Tensor]:
+    """Return inputs and targets on the table's device; augmented where ``training`` says how."""
+    drawn = {name: value.to(table.device, non_blocking=True) for name, value in source.draw(draw, size).items()}
+    seen = {name: drawn.pop(name) for name in SEEN}
+    if training is not None and generator is not None:
+        seen = augmented(seen, training, generator)
+    inputs = inputs_of(seen, config, source.action.arm)
+    return {CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: table[drawn.pop(SENTENCE)], **drawn}
+
+
+def learning_rate(step: int, training: TrainConfig) -> float:
+    """Rate of a step, counted from 0: linear to the peak, then a cosine that would be zero one step after the last."""
+    warmup = min(training.warmup, training.steps // 2)
+    if step < warmup:
+        return training.learning_rate * (step + 1) / warmup
+    done = (step - warmup) / max(training.steps - warmup, 1)
+    return training.learning_rate * 0.5 * (1 + math.cos(math.pi * done))
+
+
+def _optimizer(network: PolicyNetwork, training: TrainConfig) -> torch.optim.AdamW:
+    """AdamW that decays matrices of linear layers alone: no biases, norms, embeddings or places."""
+    matrices = {id(m.weight) for m in network.modules() if isinstance(m, torch.nn.Linear | torch.nn.Conv1d)}
+    groups: tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]] = ([], [])
+    for parameter in network.parameters():
+        groups[id(parameter) in matrices].append(parameter)
+    decay = training.weight_decay
+    return torch.optim.AdamW(
+        [{"params": groups[0], "weight_decay": 0.0}, {"params": groups[1], "weight_decay": decay}],
+        lr=training.learning_rate,
+    )
+
+
+@torch.no_grad()  # type: ignore[untyped-decorator]
+def _average(average: torch.nn.Module, network: torch.nn.Module, decay: float, step: int) -> None:
+    """Move the averages; the first steps count less, so that the fresh weights are forgotten."""
+    share = 1.0 - min(decay, (1 + step) / (10 + step))
+    pairs = list(zip(average.parameters(), network.parameters(), strict=True))
+    torch._foreach_lerp_([a for a, _ in pairs], [b for _, b in pairs], share)
+    for mine, other in zip(average.buffers(), network.buffers(), strict=True):
+        mine.copy_(other)
+
+
+def _start_from(network: PolicyNetwork, start: PolicyCheckpoint, source: Source) -> None:
+    """Take the weights and the normalization of a checkpoint.
+
+    Raises:
+        InputError: robot, actions, observations or architecture differ.
+    """
+    start.require_robot(source.robot, "--from")
+    start.observation.require(source.observation, "the data", of="--from")
+    if start.action != source.action:
+        raise InputError(f"has actions {start.action}, the data {source.action}", file="--from", field="action")
+    mine, its = network.config.to_dict(), start.config.to_dict()
+    for name in mine:
+        if mine[name] != its[name] and name not in ("execute", "denoise_steps"):
+            message = f"has {its[name]!r}, the settings {mine[name]!r}"
+            raise InputError(message, file="--from", field=name, remedy="leave the setting out")
+    network.load_state_dict(start.network.state_dict())
+
+
+def _identity(source: Source, config: PolicyConfig, training: TrainConfig, start: PolicyCheckpoint | None) -> str:
+    """Digest of everything that the bytes of a training follow from."""
+    told = training.to_dict()
+    for name in ("save_every", "log_every", "threads"):
+        del told[name]
+    what: dict[str, Any] = {
+        "policy": config.to_dict(),
+        "training": told,
+        "data": source.record.model_dump(mode="json"),
+        "action": source.action.model_dump(mode="json"),
+        "sentences": list(source.sentences),
+    }
+    if start is not None:
+        found = hashlib.sha256()
+        for name, value in start.network.state_dict().items():
+            found.update(name.encode() + value.detach().cpu().contiguous().numpy().tobytes())
+        what["start"] = found.hexdigest()
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+
+
+def _device(name: str) -> torch.device:
+    """The device of a name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"cannot be used: {reason}", field="device", remedy="use cpu or auto") from error
+    return device
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+
+    return {name: version(name) for name in ("gensim2", "torch", "safetensors")}

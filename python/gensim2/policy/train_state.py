@@ -1,0 +1,121 @@
+"""State of a training on disk: what it takes to go on bit for bit."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from torch import nn
+
+from gensim2.errors import InputError
+from gensim2.files import write_atomic, write_json
+from gensim2.foreign.tree import read_regular, why
+from gensim2.record_files import read_record
+
+STATE_JSON = "state.json"
+MOST_BYTES = 32 * 2**30
+_REMEDY = "delete the folder and train again"
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    schema_version: Literal[1]
+    identity: str
+    step: int
+    cpu_s: float
+    file: str = Field(pattern=r"^state-[0-9a-f]{16}\.safetensors$")
+    sha256: str
+
+
+@dataclass
+class TrainState:
+    """Weights, their averages, the optimizer's moments, and where the training is.
+
+    Nothing else has a state: what is drawn in a step follows from the seed and the number of the step.
+
+    Attributes:
+        network: that is trained.
+        average: exponential moving average of its weights; buffers as they are.
+        optimizer: AdamW over the network's parameters.
+        step: steps that were taken.
+        cpu_s: CPU seconds that they took.
+    """
+
+    network: nn.Module
+    average: nn.Module
+    optimizer: torch.optim.AdamW
+    step: int = 0
+    cpu_s: float = 0.0
+
+    def save(self, folder: Path, identity: str) -> None:
+        """Write the state, whole or not at all.
+
+        Args:
+            identity: digest of everything that the training follows from.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        from safetensors.torch import save
+
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.state_dict().items()}
+        for name, parameter in self.network.named_parameters():
+            for key, value in self.optimizer.state.get(parameter, {}).items():
+                tensors[f"optimizer.{key}.{name}"] = value
+        content = save({name: value.detach().cpu().contiguous().clone() for name, value in tensors.items()})
+        digest = hashlib.sha256(content).hexdigest()
+        file = f"state-{digest[:16]}.safetensors"
+        write_atomic(folder / file, content)
+        record = _Record(
+            schema_version=1, identity=identity, step=self.step, cpu_s=self.cpu_s, file=file, sha256=digest
+        )
+        write_json(folder / STATE_JSON, record.model_dump())
+        for old in folder.glob("state-*.safetensors"):
+            if old.name != file:
+                old.unlink()
+
+    def load(self, folder: Path, identity: str) -> None:
+        """Go on where a state was written.
+
+        Raises:
+            InputError: it is damaged, or of another training.
+        """
+        from safetensors.torch import load
+
+        record = read_record(folder / STATE_JSON, _Record, _REMEDY)
+        if record.identity != identity:
+            message = "is of a training with other settings or data"
+            raise InputError(
+                message, file=folder / STATE_JSON, remedy="choose another --out, or give the same settings"
+            )
+        path = folder / record.file
+        try:
+            content = read_regular(path, MOST_BYTES)
+        except OSError as error:
+            raise InputError(why(error), file=path, remedy=_REMEDY) from error
+        if hashlib.sha256(content).hexdigest() != record.sha256:
+            raise InputError("is damaged: its digest is another", file=path, remedy=_REMEDY)
+        tensors = load(content)
+        parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimizer": {}}
+        for name, value in tensors.items():
+            part, _, rest = name.partition(".")
+            parts[part][rest] = value
+        self.network.load_state_dict(parts["network"])
+        self.average.load_state_dict(parts["average"])
+        for name, parameter in self.network.named_parameters():
+            moments = {
+                key: parts["optimizer"][f"{key}.{name}"]
+                for key in ("step", "exp_avg", "exp_avg_sq")
+                if f"{key}.{name}" in parts["optimizer"]
+            }
+            if moments:
+                self.optimizer.state[parameter] = {
+                    key: value if key == "step" else value.to(parameter.device) for key, value in moments.items()
+                }
+        self.step, self.cpu_s = record.step, record.cpu_s

@@ -1,0 +1,73 @@
+"""``gensim2 train``: demonstrations in, a checkpoint out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gensim2.errors import InputError
+from gensim2.policy.config import configs, read_config
+from gensim2.progress import NULL_PROGRESS, Progress
+
+
+def train(
+    data: Sequence[Path | str] | Path | str,
+    *,
+    out: Path | str,
+    config: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    tasks: Sequence[str] = (),
+    start: Path | str | None = None,
+    resume: bool = False,
+    device: str = "auto",
+    progress: Progress = NULL_PROGRESS,
+) -> Any:
+    """Train a policy on the demonstrations of rendered data sets; return a :class:`~gensim2.policy.train.TrainResult`.
+
+    Args:
+        data: folders.
+        out: folder of the checkpoint.
+        config: YAML file of settings (:mod:`gensim2.policy.config`).
+        settings: by name; they win over the file's.
+        tasks: names; none: all of the data.
+        start: checkpoint to go on from, with other data or tasks; its architecture where ``settings`` say no other.
+        resume: go on where an interrupted training in ``out`` was.
+        device: ``auto``, or as PyTorch names it.
+
+    Raises:
+        InputError: a setting, the data or a checkpoint cannot be used.
+        MissingExtraError: a package is not installed.
+    """
+    from gensim2.policy.checkpoint import PolicyCheckpoint
+    from gensim2.policy.demonstrations import Demonstrations
+    from gensim2.policy.train import train_policy
+
+    given = dict(settings or {})
+    begun = PolicyCheckpoint.load(start) if start is not None else None
+    if begun is not None:
+        given = {**begun.config.to_dict(), **(read_flat(config) if config is not None else {}), **given}
+        policy, training = configs(given)
+    else:
+        policy, training = read_config(config, **given) if config is not None else configs(given)
+    if policy.head == "keypose":
+        raise InputError(
+            "keyposes are not learned from demonstrations", field="head", remedy="use `gensim2 learn --policy keypose`"
+        )
+    folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]
+    source = Demonstrations.open(folders, policy, tasks, progress=progress)
+    return train_policy(
+        source, policy, training, Path(out), start=begun, resume=resume, device=device, progress=progress
+    )
+
+
+def read_flat(path: Path) -> dict[str, Any]:
+    """Return the settings that a file gives, and no others.
+
+    Raises:
+        InputError: as for :func:`~gensim2.policy.config.read_config`.
+    """
+    from gensim2.yaml_files import read_yaml
+
+    read_config(path)
+    return read_yaml(path)

@@ -1,0 +1,83 @@
+"""Pre-LN transformer over all tokens: a readout, the sentence, and for each frame its cloud and its proprioception."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+
+class Attention(nn.Module):  # type: ignore[misc]
+    """Multi-head attention of tokens to tokens.
+
+    Args:
+        width: D of the tokens.
+        heads: that share it.
+    """
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.query = nn.Linear(width, width)
+        self.key_value = nn.Linear(width, 2 * width)
+        self.out = nn.Linear(width, width)
+
+    def forward(self, tokens: torch.Tensor, memory: torch.Tensor) -> torch.Tensor:
+        """Return (B, S, D) of tokens (B, S, D) that look at memory (B, M, D)."""
+        query = self._split(self.query(tokens))
+        key, value = (self._split(each) for each in self.key_value(memory).chunk(2, -1))
+        seen = nn.functional.scaled_dot_product_attention(query, key, value)
+        return self.out(seen.transpose(1, 2).flatten(2))
+
+    def _split(self, tokens: torch.Tensor) -> torch.Tensor:
+        return tokens.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+
+class Block(nn.Module):  # type: ignore[misc]
+    """Pre-LN block: attention to itself, to a memory where there is one, and an MLP.
+
+    Args:
+        width, heads: as for :class:`Attention`.
+        memory: whether it looks at a memory.
+    """
+
+    def __init__(self, width: int, heads: int, *, memory: bool = False) -> None:
+        super().__init__()
+        self.norm_self, self.attend_self = nn.LayerNorm(width), Attention(width, heads)
+        self.norm_memory = nn.LayerNorm(width) if memory else None
+        self.attend_memory = Attention(width, heads) if memory else None
+        self.mlp = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width)
+        )
+
+    def forward(self, tokens: torch.Tensor, memory: torch.Tensor | None = None) -> torch.Tensor:
+        """Return tokens (B, S, D)."""
+        normal = self.norm_self(tokens)
+        tokens = tokens + self.attend_self(normal, normal)
+        if self.norm_memory is not None and self.attend_memory is not None:
+            tokens = tokens + self.attend_memory(self.norm_memory(tokens), memory)
+        return tokens + self.mlp(tokens)
+
+
+class Trunk(nn.Module):  # type: ignore[misc]
+    """The transformer over all tokens.
+
+    Args:
+        width: D.
+        layers: number of blocks; 0: the tokens as they come.
+        heads: of the attention.
+        places: S, number of tokens, the readout included.
+    """
+
+    def __init__(self, width: int, layers: int, heads: int, places: int) -> None:
+        super().__init__()
+        self.readout = nn.Parameter(torch.randn(1, 1, width) * 0.02)
+        self.places = nn.Parameter(torch.randn(places, width) * 0.02)
+        self.blocks = nn.ModuleList(Block(width, heads) for _ in range(layers))
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, tokens: torch.Tensor) -> torch.Tensor:
+        """Return (B, S, D), the readout first, of tokens (B, S - 1, D)."""
+        tokens = torch.cat([self.readout.expand(len(tokens), -1, -1), tokens], 1) + self.places
+        for block in self.blocks:
+            tokens = block(tokens)
+        return self.norm(tokens)
