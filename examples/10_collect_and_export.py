@@ -16,7 +16,8 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
 
     data = gensim2.DataSet.open(out / "data")
     frames = data.frames(horizon=8)  # any frame by its number, with the actions that follow
-    print(f"{len(frames)} frames of", {name: array.shape for name, array in frames[3].items()})
+    shapes = {name: frames[3][name].shape for name in ("state", "tool_pose", "point_cloud", "action")}
+    print(f"{len(frames)} frames of {shapes}, to {frames[3]['language']}")
 
     for to in ("zarr", "lerobot", "maniskill"):
         print(f"{export(out / 'data', out / to, to)} episodes in {out / to}")

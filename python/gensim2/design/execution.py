@@ -138,7 +138,10 @@ class Execution:
                 reported = self.evaluator.cpu_s
         write_report(self.folder.path)
         if len(self._kept) < wanted.total:
-            self.notes.append(f"{wanted.total} tasks were asked for; {tried} were tried and {len(self._kept)} held")
+            familiar = sum(outcome.kept for outcome in self._outcomes) - len(self._kept)
+            beside = f" beside {familiar} that the paper's suite has, too" if familiar else ""
+            said = f"{tried} were tried and {len(self._kept)} held{beside}"
+            self.notes.append(f"{wanted.total} tasks were asked for; {said}")
         for given in stored:
             folder = self.folder.task(given.spec.name)
             folder.write_task(given.spec)

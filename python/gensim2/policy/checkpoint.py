@@ -214,8 +214,9 @@ class PolicyCheckpoint:
             raise CheckpointError("has another number of sentences", file=path, field=_TABLE, remedy=_REMEDY)
         try:
             observation = ObservationSpec.of(record.observation)
-        except TypeError as error:
-            raise CheckpointError("is no observation spec", file=file, field="observation", remedy=_REMEDY) from error
+        except (InputError, TypeError) as error:
+            message = f"is no observation spec: {error}"
+            raise CheckpointError(message, file=file, field="observation", remedy=_REMEDY) from error
         return PolicyCheckpoint(
             network.eval(),
             record.robot,

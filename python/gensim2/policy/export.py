@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import torch
 from torch import nn
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gensim2.policy.network import PolicyNetwork
 
 Format = Literal["torch", "onnx"]
+FORMATS: tuple[Format, ...] = get_args(Format)
 NOISE, OUTPUT = "noise", "action"
 
 TOLERANCE = 1e-5

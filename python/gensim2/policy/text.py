@@ -92,7 +92,7 @@ class SmallText(nn.Module):  # type: ignore[misc]
         words = self.word(self.pieces(rows).sum(-2) / count.clamp(min=1.0) + self.places)
         there = (count > 0).to(words.dtype)
         mean = (words * there).sum(1) / there.sum(1).clamp(min=1.0)
-        most = (words + (there - 1.0) * 1e4).amax(1)
+        most = (words * there + (there - 1.0) * 1e4).amax(1) * there.amax(1)
         return self.sentence(torch.cat([mean, most], -1))
 
 
@@ -137,6 +137,7 @@ def _run_clip(sentences: Sequence[str], model: str) -> torch.Tensor:
     except ModuleNotFoundError as error:
         raise MissingExtraError("transformers", "clip") from error
     remedy = "give a folder or a hub name with --text-model, or use --text small"
+    transformers.utils.logging.disable_progress_bar()
     path = Path(model)
     if path.exists() and not (path / "config.json").is_file():
         raise InputError("is no folder of CLIP's weights: it has no config.json", file=path, remedy=remedy)

@@ -35,7 +35,7 @@ def signal_shares(levels: int) -> torch.Tensor:
 
 def ddim_levels(levels: int, steps: int) -> list[int]:
     """Levels of DDIM's steps, from the noisiest, ``levels - 1``, evenly down; the last step leads to no noise."""
-    return [round((levels - 1) * (1 - step / steps)) for step in range(steps)]
+    return [levels - 1 - levels * step // steps for step in range(steps)]
 
 
 def ddim_step(noisy: torch.Tensor, clean: torch.Tensor, now: torch.Tensor, then: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,125 @@
+"""A made-up source of training batches, and settings of the smallest networks: fakes for tests of policies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gensim2.observations import ObservationSpec
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.proprioception import tool_pose
+from gensim2.policy.checkpoint import ActionSpec, DataRecord
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.source import SENTENCE
+from gensim2.robots import robot
+
+POINTS = 24
+SMALL: dict[str, Any] = {
+    "width": 16,
+    "layers": 1,
+    "attention": 2,
+    "hidden": 16,
+    "decoder_layers": 1,
+    "horizon": 4,
+    "execute": 2,
+    "history": 2,
+    "stride": 1,
+    "noise_levels": 4,
+    "denoise_steps": 2,
+}
+SENTENCES = ("open the drawer", "close the box")
+
+
+def policy(**settings: Any) -> PolicyConfig:
+    """A policy of a few thousand weights."""
+    return PolicyConfig.of({**SMALL, **settings})
+
+
+def training(**settings: Any) -> TrainConfig:
+    """A training of two steps."""
+    return TrainConfig.of({"steps": 2, "batch": 4, "warmup": 1, "save_every": 1, "log_every": 1, **settings})
+
+
+class MadeUpSource:
+    """Draws frames of a Panda in random poses, whose actions follow from the pose and the first point.
+
+    Args:
+        config: history and horizon.
+        frames: that there are; 0: without end.
+    """
+
+    def __init__(self, config: PolicyConfig, frames: int = 0, sentences: tuple[str, ...] = SENTENCES) -> None:
+        self.robot = "panda"
+        self.action = ActionSpec(kind="joint-relative", arm=7, control_hz=20)
+        self.observation = ObservationSpec.of({"points": POINTS, "candidates": 4 * POINTS})
+        self.sentences = sentences
+        self.record = DataRecord(digest="made up", tasks=("OpenDrawer",), episodes=1, frames=9, folders=("made-up",))
+        self._config, self._frames = config, frames
+        self._kept = self._make(np.random.default_rng(5), frames) if frames else None
+
+    def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
+        """Return a batch, of the kept frames where there are some."""
+        if self._kept is None:
+            return self._make(rng, size)
+        rows = rng.integers(self._frames, size=size)
+        return {name: values[rows] for name, values in self._kept.items()}
+
+    def _make(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
+        frames = self._config.history
+        cloud = rng.uniform(0, 1, (size, frames, POINTS, 6))
+        state = rng.uniform(-0.5, 0.5, (size, frames, 9)) + np.array(robot("panda").reset_qpos)
+        poses = [tool_pose(robot("panda"), q) for q in state.reshape(-1, 9).astype(np.float32)]
+        sentence = rng.integers(len(self.sentences), size=size)
+        actions = (
+            rng.normal(0, 0.1, (size, self._config.horizon, 9))
+            if not self._frames
+            else np.zeros((size, self._config.horizon, 9))
+        )
+        if self._frames:
+            steps = np.arange(1, self._config.horizon + 1)[None, :, None]
+            actions[..., :7] = 0.1 * steps * np.sin(state[:, -1, None, :7] + 5 * sentence[:, None, None])
+            actions[..., 7:] = np.sign(state[:, -1, None, 1:2])
+        found = {
+            CLOUD: cloud,
+            STATE: state,
+            VELOCITY: rng.normal(0, 0.1, (size, frames, 9)),
+            TOOL_POSE: np.array(poses).reshape(size, frames, 7),
+            GRIPPER: rng.uniform(-1, 1, (size, frames, 2)),
+            ACTION: actions,
+        }
+        tensors = {name: torch.from_numpy(values.astype(np.float32)) for name, values in found.items()}
+        return {**tensors, SENTENCE: torch.from_numpy(sentence)}
+
+
+def random_clip(folder: Path) -> Path:
+    """Write CLIP's text half with random weights, two layers of 16: not OpenAI's, and of no use but to test with."""
+    import json
+
+    import transformers
+
+    folder.mkdir(parents=True)
+    letters = "abcdefghijklmnopqrstuvwxyz"
+    words = [*letters, *(f"{letter}</w>" for letter in letters), "<|startoftext|>", "<|endoftext|>"]
+    (folder / "vocab.json").write_text(json.dumps({word: number for number, word in enumerate(words)}))
+    (folder / "merges.txt").write_text("#version: 0.2\n")
+    (folder / "tokenizer_config.json").write_text(
+        json.dumps({"tokenizer_class": "CLIPTokenizer", "model_max_length": 77})
+    )
+    config = transformers.CLIPTextConfig(
+        vocab_size=len(words),
+        hidden_size=16,
+        intermediate_size=16,
+        num_hidden_layers=2,
+        num_attention_heads=2,
+        projection_dim=8,
+        bos_token_id=len(words) - 2,
+        eos_token_id=len(words) - 1,
+    )
+    torch.manual_seed(0)
+    transformers.CLIPTextModelWithProjection(config).save_pretrained(folder, safe_serialization=True)
+    return folder

@@ -1,0 +1,106 @@
+"""Checkpoints load, or say in one line why not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import made_up
+import pytest
+import torch
+
+from gensim2.errors import InputError
+from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
+from gensim2.policy.train import train_policy
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A checkpoint of a tiny policy."""
+    config = made_up.policy(head="flow")
+    train_policy(made_up.MadeUpSource(config), config, made_up.training(steps=1), tmp_path / "policy")
+    return tmp_path / "policy"
+
+
+def _edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    file = folder / "config.json"
+    content = json.loads(file.read_text())
+    change(content)
+    file.write_text(json.dumps(content))
+
+
+def _weights(folder: Path) -> Path:
+    return next(folder.glob("weights-*.safetensors"))
+
+
+def _flip(folder: Path) -> None:
+    content = bytearray(_weights(folder).read_bytes())
+    content[-5] ^= 1
+    _weights(folder).write_bytes(content)
+
+
+def _foreign(folder: Path) -> None:
+    """Another tool's weights under the right name and digest."""
+    import hashlib
+
+    from safetensors.torch import save
+
+    content = save({"layer.weight": torch.zeros(3)})
+    digest = hashlib.sha256(content).hexdigest()
+    name = f"weights-{digest[:16]}.safetensors"
+    (folder / name).write_bytes(content)
+    _edit(folder, lambda c: c.update(weights={"file": name, "sha256": digest}))
+
+
+DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "no folder": (lambda f: (f / "config.json").unlink(), "config.json"),
+    "no JSON": (lambda f: (f / "config.json").write_text("{"), "is not valid JSON"),
+    "another tool's": (lambda f: (f / "config.json").write_text('{"type": "act"}'), "schema_version"),
+    "another kind": (lambda f: _edit(f, lambda c: c.update(kind="act")), "kind"),
+    "another version": (lambda f: _edit(f, lambda c: c.update(schema_version=2)), "is version 2, this gensim2 reads 1"),
+    "another field": (lambda f: _edit(f, lambda c: c.update(more=1)), "more"),
+    "another head": (lambda f: _edit(f, lambda c: c["policy"].update(head="chunk")), "are not those of"),
+    "another setting": (lambda f: _edit(f, lambda c: c["policy"].update(width="wide")), "width"),
+    "another width": (lambda f: _edit(f, lambda c: c["policy"].update(width=32)), "are not those of"),
+    "another observation": (lambda f: _edit(f, lambda c: c["observation"].update(cameras=["top"])), "cameras"),
+    "a path": (lambda f: _edit(f, lambda c: c["weights"].update(file="../x.safetensors")), "weights.file"),
+    "no weights": (lambda f: _weights(f).unlink(), "no such file"),
+    "a flipped bit": (_flip, "is damaged"),
+    "half": (lambda f: _weights(f).write_bytes(_weights(f).read_bytes()[:999]), "is damaged"),
+    "foreign weights": (_foreign, "are not those of the configuration"),
+    "fewer sentences": (lambda f: _edit(f, lambda c: c["sentences"].pop()), "number of sentences"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_what_is_damaged_or_foreign_is_refused_in_one_line(name: str, folder: Path) -> None:
+    damage, said = DAMAGE[name]
+    damage(folder)
+    with pytest.raises(InputError) as caught:
+        PolicyCheckpoint.load(folder)
+    assert said.lower() in str(caught.value).lower()
+    assert str(folder) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_is_for_one_robot_and_its_sentences(folder: Path) -> None:
+    found = PolicyCheckpoint.load(folder)
+    found.require_robot("panda", folder)
+    with pytest.raises(CheckpointError, match="is for the robot 'panda', not for 'fetch'"):
+        found.require_robot("fetch", folder)
+    assert torch.equal(found.row_of("close the box", folder)[0], found.table[1])
+    with pytest.raises(CheckpointError, match="was not trained on the sentence 'dance'"):
+        found.row_of("dance", folder)
+
+
+def test_a_new_one_replaces_the_old_one(folder: Path) -> None:
+    found = PolicyCheckpoint.load(folder)
+    before = _weights(folder).name
+    with torch.no_grad():
+        next(found.network.parameters()).add_(1.0)
+    found.save(folder)
+    assert _weights(folder).name != before
+    assert len(list(folder.glob("weights-*"))) == 1
+    PolicyCheckpoint.load(folder)

@@ -1,0 +1,208 @@
+"""Demonstrations to a policy that acts: a small real data set, decoded, drawn from, learned, evaluated."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import made_up
+import numpy as np
+import pytest
+import torch
+
+import gensim2
+from gensim2.cli.main import run
+from gensim2.data import DataSet
+from gensim2.data.observation_file import read_observation, write_observation
+from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
+from gensim2.observations.columns import CLOUD, STATE
+from gensim2.policy.checkpoint import CheckpointError
+from gensim2.policy.controller import PolicyController
+from gensim2.policy.decoded import ACTIONS, decode
+from gensim2.policy.demonstrations import Demonstrations
+from gensim2.policy.heads.actions import ACTION
+from gensim2.policy.source import SENTENCE
+from gensim2.policy.training import train
+from gensim2.sim import HeadlessEnv
+
+SPEC = ObservationSpec.of({"points": 48, "candidates": 512})
+SETTINGS: dict[str, Any] = {**made_up.SMALL, "steps": 2, "batch": 4, "warmup": 1, "history": 1}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two demonstrations of CloseBox, in physics."""
+    out = tmp_path_factory.mktemp("demonstrations") / "set"
+    gensim2.collect(["CloseBox"], episodes=2, out=out, assets="builtin", workers=0)
+    gensim2.render(out, spec=SPEC, workers=0)
+    return out
+
+
+@pytest.fixture(scope="module")
+def checkpoint(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy of them that knows nothing yet."""
+    out = tmp_path_factory.mktemp("policy") / "policy"
+    train(folder, out=out, settings=SETTINGS)
+    return out
+
+
+def _live(folder: Path) -> tuple[HeadlessEnv, Any]:
+    store = DataSet.open(folder).task("CloseBox")
+    row = next(row for row in store.rows() if row.held)
+    recording = store.read(row).recording
+    env = HeadlessEnv("CloseBox", assets="builtin")
+    env.reset(recording.seed, recording.reset_options)
+    return env, recording
+
+
+def test_batches_are_the_frames_and_the_chunks_behind_them(folder: Path) -> None:
+    config = made_up.policy(history=3, stride=2, horizon=6)
+    found = Demonstrations.open([folder], config)
+    frames = DataSet.open(folder).frames()
+    first = decode([folder]).episodes[0]
+    rows = np.array([0, 3, first.steps - 2, first.steps])
+    batch = found.batch(rows)
+    for number, row in enumerate(rows[:-1].tolist()):
+        for back in range(3):
+            frame = frames[max(0, row - 2 * back)]
+            for name in (CLOUD, STATE, "velocity", "tool_pose", "gripper"):
+                assert np.array_equal(batch[name][number, 2 - back].numpy(), frame[name]), name
+        for ahead in range(6):
+            action = frames[min(row + ahead, first.steps - 1)]["action"]
+            chunk = batch[ACTION][number, ahead].numpy()
+            assert np.allclose(chunk[:7] + frames[row][STATE][:7], action[:7], atol=1e-6)
+            assert chunk[7] == action[7]
+            assert chunk[8] == (1.0 if row + ahead >= first.steps else -1.0)
+    assert (batch[ACTION][-1, :, 8] == 1.0).all()
+    assert found.sentences == (gensim2.load_task("CloseBox").description,)
+    assert batch[SENTENCE].tolist() == [0] * 4
+
+
+def test_a_policy_sees_live_what_it_saw_in_training(folder: Path, checkpoint: Path) -> None:
+    env, recording = _live(folder)
+    controller = PolicyController(str(checkpoint))
+    config = controller._policy.config
+    source = Demonstrations.open([folder], config)
+    from gensim2.policy.network import CLOUD as CLOUD_INPUT
+    from gensim2.policy.train import _batch
+
+    class Fixed:
+        """Draws the first frames in order."""
+
+        action = source.action
+
+        @staticmethod
+        def draw(rng: Any, size: int) -> dict[str, torch.Tensor]:
+            return source.batch(np.arange(size))
+
+    trained = _batch(Fixed(), config, controller._policy.table, np.random.default_rng(0), 3)  # type: ignore[arg-type]
+    for step in range(3):
+        observation = env.observe(controller.observation_spec)
+        if step == 0:
+            controller.reset(observation, 0)
+        controller.act(observation)
+        live = controller._batch()
+        assert torch.equal(live[CLOUD_INPUT][0], trained[CLOUD_INPUT][step])
+        assert torch.equal(live["proprio"][0], trained["proprio"][step])
+        env.step(recording.actions[step])
+
+
+def test_chunks_are_executed_until_the_end_is_marked(folder: Path, checkpoint: Path) -> None:
+    env, _ = _live(folder)
+    controller = PolicyController(str(checkpoint), execute=2)
+    observation = env.observe(controller.observation_spec)
+    looks = []
+
+    def network(batch: Any, noise: Any) -> torch.Tensor:  # a made-up network: ends at the third action
+        looks.append(batch)
+        chunk = torch.full((1, 4, 9), 0.01)
+        chunk[..., 8] = -1.0
+        chunk[:, (3, 1, 0)[len(looks) - 1] :, 8] = 1.0
+        return chunk
+
+    network.head = controller._policy.network.head  # type: ignore[attr-defined]
+    object.__setattr__(controller._policy, "network", network)
+    object.__setattr__(network, "config", made_up.policy(history=1))
+    controller.reset(observation, 0)
+    actions = [controller.act(observation) for _ in range(4)]
+    assert [action is None for action in actions] == [False, False, False, True]
+    assert actions[0] is not None
+    assert np.allclose(actions[0][:7], observation[STATE][:7] + 0.01)
+    assert len(looks) == 3
+
+
+def test_other_robots_and_sentences_are_refused(folder: Path, checkpoint: Path) -> None:
+    env, _ = _live(folder)
+    controller = PolicyController(str(checkpoint))
+    observation = env.observe(controller.observation_spec)
+    told = vars(observation)
+    with pytest.raises(CheckpointError, match="was not trained on the sentence 'dance'"):
+        controller.reset(type(observation)(**{**told, "language": "dance"}), 0)
+    PolicyController(str(checkpoint), unknown_sentences="embed").reset(
+        type(observation)(**{**told, "language": "dance"}), 0
+    )
+    moved = {**observation.arrays, "tool_pose": observation.arrays["tool_pose"] + 0.1}
+    with pytest.raises(CheckpointError, match=r"the tool of this one stands 0\.17 m off"):
+        controller.reset(type(observation)(**{**told, "arrays": moved}), 0)
+    longer = {**observation.arrays, "state": np.zeros(12, np.float32)}
+    with pytest.raises(CheckpointError, match="with 9 joints, this one has 12"):
+        controller.reset(type(observation)(**{**told, "arrays": longer}), 0)
+
+
+def test_what_is_no_number_is_refused_by_name(folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "set"
+    shutil.copytree(folder, copy)
+    path = copy / "CloseBox/observations/000001.h5"
+    seen = read_observation(path)
+    arrays = {**seen.arrays, "pointcloud/xyz": np.rint(seen.arrays["pointcloud/xyz"] * 1e4).astype(np.int16)}
+    arrays["proprioception/qvel"][7, 2] = np.nan
+    write_observation(path, seen.description, arrays)
+    shutil.rmtree(Path(gensim2.files.cache_dir()) / "policy" / "frames", ignore_errors=True)
+    with pytest.raises(InputError, match=r"000001.h5: proprioception/qvel: is no finite number at frame 7"):
+        decode([copy])
+    path.unlink()
+    with pytest.raises(InputError, match=r"000001.h5: is not there"):
+        decode([copy])
+
+
+def test_decoding_is_done_once_and_again_where_a_file_is_short(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from gensim2.policy import decoded
+
+    first = decode([folder])
+    with monkeypatch.context() as patch:
+        patch.setattr(decoded, "_fill", lambda *_: pytest.fail("was decoded"))
+        decode([folder])
+    place = next((gensim2.files.cache_dir() / "policy" / "frames").iterdir())
+    (place / f"{ACTIONS}.npy").unlink()
+    again = decode([folder])
+    assert np.array_equal(first.arrays[ACTIONS], again.arrays[ACTIONS])
+
+
+def test_the_command_line(folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out, words = tmp_path / "policy", [word for name, value in SETTINGS.items() for word in _flags(name, value)]
+    assert run(["train", "--data", str(folder), "--out", str(out), *words, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert (told["steps"], told["tasks"], told["episodes"]) == (2, ["CloseBox"], 2)
+    tuned = ["train", "--data", str(folder), "--from", str(out), "--steps", "1", "--batch", "2"]
+    assert run([*tuned, "--out", str(tmp_path / "tuned")]) == 0
+    assert run(["policy", "show", str(tmp_path / "tuned")]) == 0
+    assert "CloseBox" in capfd.readouterr().out
+    refused = {
+        ("--out", str(out)): "holds a policy already",
+        ("--out", str(tmp_path / "a"), "--points", "9"): "the data have 48 points, the policy 9",
+        ("--out", str(tmp_path / "a"), "--task", "OpenBox"): "no data set has a task 'OpenBox'",
+        ("--out", str(tmp_path / "a"), "--head", "keypose"): "gensim2 learn --policy keypose",
+        ("--out", str(tmp_path / "a"), "--from", str(folder)): "config.json",
+        ("--out", str(tmp_path / "a"), "--config", str(folder / "dataset.json")): "have no such field",
+    }
+    for extra, said in refused.items():
+        assert run(["train", "--data", str(folder), *extra]) == 2
+        error = capfd.readouterr().err
+        assert said in error.splitlines()[-1], error
+
+
+def _flags(name: str, value: Any) -> tuple[str, str]:
+    return f"--{name.replace('_', '-')}", str(value)

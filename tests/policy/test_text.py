@@ -1,0 +1,55 @@
+"""Text encoders: what they make of sentences, and what is said where CLIP's weights are missing."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import made_up
+import pytest
+import torch
+
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.policy import text
+from gensim2.policy.text import SmallText, pieces, prepare
+
+
+def test_the_small_encoder_reads_words_not_bytes() -> None:
+    assert torch.equal(pieces("Open the drawer."), pieces("open  the drawer"))
+    assert not torch.equal(pieces("open the drawer"), pieces("close the drawer"))
+    shared = set(pieces("opened")[0].tolist()) & set(pieces("open")[0].tolist()) - {0}
+    assert len(shared) >= 3  # <op, ope, pen
+    assert (pieces("")).sum() == 0
+    assert pieces("word " * 99).shape == (24, 12)
+
+
+def test_the_small_encoder_ignores_what_is_not_there() -> None:
+    torch.manual_seed(0)
+    encoder = SmallText(16)
+    rows = torch.stack([pieces("open the drawer"), pieces("")])
+    found = encoder(rows)
+    assert torch.isfinite(found).all()
+    with torch.no_grad():
+        encoder.places[5:] += 1.0  # of words that neither sentence has
+    assert torch.allclose(encoder(rows), found)
+
+
+def test_clip_embeds_once_a_sentence(clip: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = made_up.policy(text="clip", text_model=clip)
+    first = prepare(["push the lever", "pull it"], config)
+    assert first.shape == (2, 8)
+    assert torch.allclose(first.norm(dim=-1), torch.ones(2), atol=1e-6)
+    assert not torch.allclose(first[0], first[1])
+    monkeypatch.setattr(text, "_run_clip", lambda *_: pytest.fail("was cached"))
+    assert torch.equal(prepare(["pull it", "push the lever"], config), first.flip(0))
+
+
+def test_missing_weights_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "empty").mkdir()
+    for model in (str(tmp_path / "empty"), "nobody/has-these-weights"):
+        with pytest.raises(InputError, match="--text small") as caught:
+            prepare(["a"], made_up.policy(text="clip", text_model=model))
+        assert model in str(caught.value)
+    monkeypatch.setitem(sys.modules, "transformers", None)
+    with pytest.raises(MissingExtraError, match=r"gensim2\[clip\]"):
+        prepare(["b"], made_up.policy(text="clip", text_model="nobody/has-these-weights"))
