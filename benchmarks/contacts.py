@@ -61,6 +61,36 @@ class Clock:
     letting_go: float = np.inf
 
 
+def touching_pairs(arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array) -> list[Pair]:
+    """Every pair that may touch somewhere along a motion, judged where it may; arguments as :func:`judged_pairs`.
+
+    What the hand holds is left out, and so is what moves by an amount that cannot be told.
+    """
+    placed = arm.place(q)
+    hands = [Moved(name, arm.parts[name], placed[name]) for name in arm.parts if name in arm.touching_links]
+    left = times > clock.letting_go
+    holding = placed[arm.hand_link].copy()
+    holding[left] = holding[np.flatnonzero(~left)[-1]]
+    held = [Moved(each.name, each.parts, holding @ each.pose) for each in obstacles if each.role == "attached"]
+    pairs = []
+    for obstacle in obstacles:
+        still = Moved(obstacle.name, obstacle.parts, obstacle.pose[None])
+        if obstacle.role == "target":
+            always = np.ones(len(times), dtype=bool)
+            pairs += [Pair(hand, still, always) for hand in hands]
+            pairs += [Pair(body, still, ~left) for body in held]
+        elif obstacle.role == "moving_link":
+            standing = (times >= clock.touching_from) & (times < clock.moving_from)
+            pairs += [Pair(hand, still, standing) for hand in hands]
+            if clock.hinge is not None and clock.travel is not None:
+                known = (times > clock.moving_from) & ~np.isnan(clock.travel)
+                gone = Moved(
+                    obstacle.name, obstacle.parts, clock.hinge.moved(obstacle.pose, np.nan_to_num(clock.travel))
+                )
+                pairs += [Pair(hand, gone, known) for hand in hands]
+    return pairs
+
+
 def judged_pairs(
     arm: Mechanism, obstacles: Sequence[Obstacle], clock: Clock, times: Array, q: Array
 ) -> list[tuple[str, Pair]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ STEP = 1e-3
 CUTOFF = 0.03
 #: An overlap up to this is let pass, metres.
 PENETRATION_TOLERANCE = 1e-3
+#: A margin may be missed by this, metres: 0.1 mm of the planner's, the resolution of looks, what moves between two.
+MARGIN_TOLERANCE = 4e-4
 
 
 @dataclass
@@ -113,3 +116,30 @@ def judge(pair: Pair, cutoff: float = CUTOFF) -> tuple[Overlap | None, float, in
     if found[0] < -PENETRATION_TOLERANCE:
         return Overlap(pair.one.name, pair.two.name, -found[0], found[1]), least, at
     return None, least, at
+
+
+def too_near(pair: Pair, legs: Sequence[Array], margin: float) -> Overlap | None:
+    """The first leg of a motion in which two bodies come nearer to each other than they may.
+
+    In each leg they keep ``margin``, or what they have where it begins or ends if that is less.
+
+    Args:
+        pair: the bodies, and where they are judged.
+        legs: increasing sample numbers of each leg, both ends included.
+        margin: metres.
+
+    Returns:
+        How near they come, as a negative depth, and the sample where that is.
+    """
+    if least_distance(pair.one, pair.two, np.flatnonzero(pair.judged), margin) is None:
+        return None
+    for leg in legs:
+        samples = leg[pair.judged[leg]]
+        if len(samples) == 0:
+            continue
+        ends = [least_distance(pair.one, pair.two, samples[[end]], margin) for end in (0, -1)]
+        asked = min(margin, *(end[0] for end in ends if end is not None), margin)
+        found = least_distance(pair.one, pair.two, samples, asked - MARGIN_TOLERANCE)
+        if found is not None:
+            return Overlap(pair.one.name, pair.two.name, -found[0], found[1])
+    return None

@@ -32,6 +32,9 @@ kill_runs.SCRIPT_ENVIRONMENT |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": sec
 
 TRIES = 6
 
+NOT_RUN = 3
+"""Exit code: what is finished is kept, and ``--resume`` goes on."""
+
 MEMORY = "100000000"
 """Bytes of a node's object store: next to nothing passes through it."""
 
@@ -164,14 +167,14 @@ class Comparison:
         self.expect(code, out)
         self._compare(name, seconds)
 
-    def cut(self, name: str, address: str, kill: Callable[[subprocess.Popen[bytes]], None]) -> None:
-        """Collect until something is killed that no run outlives."""
+    def cut(self, name: str, address: str, kill: Callable[[subprocess.Popen[bytes]], None], ends: int) -> None:
+        """Collect until something is killed that no run outlives; it must end so."""
         out = self._out(name)
         seconds, code = run(out, self.options, "--ray", address, half_way=kill)
         left = sum(1 for _ in out.glob("*/*/[0-9]*.h5"))
         print(f"{name}: ended with {code} after {seconds:.1f} s, {left} episodes are there", flush=True)
-        if code == 0:
-            self.wrong.append(f"{name}: ran to its end")
+        if code != ends:
+            self.wrong.append(f"{name}: ended with {code}, not {ends}")
 
     def resume(self, name: str, address: str) -> None:
         """Go on with what was cut."""
@@ -195,10 +198,10 @@ def compare(folder: Path, options: argparse.Namespace) -> list[str]:
     driver, head = "the driver killed half-way", "the head killed half-way"
     with cluster(folder / "cluster") as nodes:
         found.whole("two nodes", nodes.address)
-        found.cut(driver, nodes.address, lambda process: process.kill())
+        found.cut(driver, nodes.address, lambda process: process.kill(), -signal.SIGKILL)
         found.resume(driver, nodes.address)
         found.whole("a node lost half-way", nodes.address, lambda: nodes.stop(nodes.other))
-        found.cut(head, nodes.address, lambda _: nodes.stop(nodes.head))
+        found.cut(head, nodes.address, lambda _: nodes.stop(nodes.head), NOT_RUN)
     with cluster(folder / "another") as nodes:
         found.resume(head, nodes.address)
     return found.wrong

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from contacts import Clock, Hinge, Obstacle, judged_pairs
-from judge import judge, refine, thin
+from contacts import Clock, Hinge, Obstacle, judged_pairs, touching_pairs
+from judge import MARGIN_TOLERANCE, Overlap, Pair, judge, refine, thin, too_near
 from mechanism import Mechanism
+from parts import least_distance
 
 Array = np.ndarray
 
@@ -42,10 +44,11 @@ class Motion(Protocol):
 class Question:
     """A planning problem as plain values; joint vectors (n,) in the order of the URDF's joints.
 
-    ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. ``hinge`` is
-    the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the config's
-    post-actuation motions, ``gripper`` its word for the fingers; at the end the hand lets go and moves back ``let_go``
-    metres, where that is not zero.
+    ``velocity``, ``acceleration`` and ``jerk`` are what every joint is held to, scales included. The motion keeps
+    ``margin`` from what it may not touch; what may touch overlaps by ``contact_depth`` at most, where that is not None.
+    ``hinge`` is the joint of the moving link, ``contact`` the point of the hand that takes it along, ``after`` the
+    config's post-actuation motions, ``gripper`` its word for the fingers; at the end the hand lets go and moves back
+    ``let_go`` metres, where that is not zero.
     """
 
     arm: Mechanism
@@ -61,6 +64,8 @@ class Question:
     hinge: Hinge | None = None
     contact: Array = field(default_factory=lambda: np.zeros(3))
     after: Sequence[Any] = ()
+    margin: float = 0.0
+    contact_depth: float | None = None
 
 
 @dataclass
@@ -226,15 +231,41 @@ def overlaps(question: Question, answer: Answer, times: Array, q: Array, verdict
     """Every pair that is inside each other where it may not be."""
     arm = question.arm
     kept = thin(arm, q)
-    times, q = refine(arm, times[kept], q[kept]) if len(kept) > 1 else (times, q)
+    # Legs end at keyframes, to the microsecond.
+    met = sorted({time for _, time, _, _ in answer.keyframes if time is not None})
+    order = np.argsort(np.r_[times[kept], met], kind="stable")
+    times = np.r_[times[kept], met][order]
+    q = np.vstack([q[kept], *([answer.motion.sample(time)[0]] for time in met)])[order]
+    different = np.r_[True, np.diff(times) > 0.0]
+    times, q = times[different], q[different]
+    times, q = refine(arm, times, q) if len(times) > 1 else (times, q)
     verdict.looks = len(q)
     errors = []
-    for _, pair in judged_pairs(arm, question.obstacles, clock_of(question, answer, times, q), times, q):
+    clock = clock_of(question, answer, times, q)
+    bounds = [0, *(int(np.argmin(np.abs(times - time))) for time in met), len(times) - 1]
+    legs = [np.arange(begin, end + 1) for begin, end in pairwise(bounds) if end > begin]
+    for _, pair in judged_pairs(arm, question.obstacles, clock, times, q):
         overlap, least, _ = judge(pair, cutoff=0.0)
         verdict.least_mm = min(verdict.least_mm, 1e3 * least)
         if overlap is not None:
             errors.append(overlap.describe(times))
+        elif question.margin > 0.0 and (near := too_near(pair, legs, question.margin)) is not None:
+            errors.append(f"within the margin: {near.describe(times)}")
+    if question.contact_depth is not None:
+        for pair in touching_pairs(arm, question.obstacles, clock, times, q):
+            errors += deep_errors(pair, question.contact_depth, times)
     return errors
+
+
+def deep_errors(pair: Pair, depth: float, times: Array) -> list[str]:
+    """A contact that is deeper than it may be, and deeper than at the start."""
+    allowed = -depth - MARGIN_TOLERANCE
+    begun = least_distance(pair.one, pair.two, np.array([0]), allowed)
+    allowed = allowed if begun is None else begun[0] - MARGIN_TOLERANCE
+    found = least_distance(pair.one, pair.two, np.flatnonzero(pair.judged), allowed)
+    if found is None:
+        return []
+    return [f"too deep: {Overlap(pair.one.name, pair.two.name, -found[0], found[1]).describe(times)}"]
 
 
 def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Clock:

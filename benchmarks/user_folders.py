@@ -45,6 +45,8 @@ from gensim2.tasks.library import load_strategies, load_task, packaged_names
 KINDS = ("subset", "other ids", "one object", "only rigid", "links", "unknown names")
 PROPOSALS = 200
 """At most, of one folder."""
+INTERRUPTED = (129, 130, 143)
+"""Exit codes of a command that a signal ended, which is meant for all of this."""
 
 
 @dataclass
@@ -158,6 +160,8 @@ def command(words: list[str]) -> dict[str, Any]:
             code = cli.run(words)
         except Exception:  # noqa: BLE001 - what a user must never see is counted, not raised
             err.write(traceback.format_exc())
+    if code in INTERRUPTED:
+        sys.exit(code)
     said = err.getvalue().strip().splitlines()
     return {
         "code": code,

@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -47,9 +46,9 @@ if __name__ == "__main__":  # the simulator's worker processes import this file
     gensim2.render(folder / "data", spec=SPEC)
     frames = gensim2.DataSet.open(folder / "data").frames(horizon=CHUNK).torch()
     data = [torch.stack([each[name] for each in frames]) for name in ("point_cloud", "state", "action")]
-    optimizer, draw = torch.optim.AdamW((net := Net()).parameters(), 1e-3), np.random.default_rng(0)
+    optimizer = torch.optim.AdamW((net := Net()).parameters(), 1e-3)
     for _ in range(1200):
-        rows = draw.integers(len(frames), size=64)
+        rows = torch.randint(len(frames), (64,))
         cloud, state, action = (each[rows] for each in data)
         net.zero_grad()
         (net(cloud, state) - action).abs().mean().backward()

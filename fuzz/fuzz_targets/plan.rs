@@ -293,7 +293,7 @@ fuzz_target!(|whole: Whole| {
     let mut request = Request::default();
     (request.resume, request.most_checks) = (resume, Some(2000));
     let Ok((plan, _)) = plan_with(&problem, &request) else { return };
-    let Some(trajectory) = plan.trajectory else { return };
+    let Some(trajectory) = plan.trajectory() else { return };
     let start = problem.q_start();
     for k in 0..=20 {
         let t = trajectory.start() + (trajectory.end() - trajectory.start()) * f64::from(k) / 20.0;

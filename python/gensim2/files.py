@@ -87,6 +87,8 @@ def new_folder(path: Path) -> Iterator[Path]:
                 handle = _folder_handle(filled)
                 _lock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield filled
+            # Another folder of the name would not be locked, and anybody's to remove.
+            assert os.path.samestat(os.fstat(handle), filled.stat()), f"{filled} was replaced"
             try:
                 filled.replace(path)
             except OSError as error:

@@ -55,6 +55,10 @@ class Robot:
     @property
     def link_names(self) -> list[str]: ...
     @property
+    def unchecked_pairs(self) -> list[tuple[str, str]]:
+        """Links that overlap at the middle of all joint ranges and are never checked against each other for that reason
+        alone: an SRDF would say whether they may touch."""
+    @property
     def lower(self) -> Array:
         """(n,) rad or m; minus infinity for continuous joints."""
     @property
@@ -395,13 +399,32 @@ class Plan:
     @property
     def status(self) -> str:
         """ "solved", "partial" (a part of the motion, where allowed), or why not: "actuation_infeasible",
-        "unreachable", "collision", "not_found" (the search ended without a motion; there may be one), "too_fast",
-        "cannot_stop" (no motion from the start stays within the joint limits), "cancelled"."""
+        "unreachable", "collision", "start_in_collision", "not_found" (the search ended without a motion; there may be
+        one), "too_fast", "cannot_stop" (no motion from the start stays within the joint limits), "untimed" (a path was
+        found, and no motion along it that keeps the limits from the start on), "cancelled". The first two have a
+        trajectory, the others have none."""
     @property
     def reason(self) -> str:
         """One sentence for a person: which constraint misses by how much, which keyframe, which two bodies where."""
     @property
     def warnings(self) -> list[str]: ...
+    @property
+    def margin(self) -> float:
+        """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
+    @property
+    def tight(self) -> list[dict[str, Any]]:
+        """What is nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two
+        names), ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
+    @property
+    def touches(self) -> list[dict[str, Any]]:
+        """What overlaps at keyframes, and may: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
+    @property
+    def guesses(self) -> list[dict[str, Any]]:
+        """Motions that move the object's joint by an amount that is a guess: ``toward`` (keyframe), ``travel`` (rad or
+        m), ``depth`` (m of overlap that is let pass for it)."""
+    @property
+    def assumed_limits(self) -> list[str]:
+        """Limits ("acceleration", "jerk") of which nothing was said, so that plain ones are assumed."""
     @property
     def q_actuation(self) -> Array | None:
         """(n,) the cheapest pose that meets all constraints, obstacles left out."""
@@ -422,7 +445,8 @@ class Plan:
         """One a keyframe, in time: ``label`` ("pre_1", "pre_0", "actuation", "post_0", "let_go"), ``time`` (s or None),
         ``T_base_hand`` (4, 4), ``reached``."""
     @property
-    def trajectory(self) -> Trajectory | None: ...
+    def trajectory(self) -> Trajectory | None:
+        """The motion: there is one where the status is "solved" or "partial", and only there."""
     @property
     def tried(self) -> int:
         """Number of poses whose motion was tried."""

@@ -1,7 +1,7 @@
 """Options of problems and of searches for grasps, as types: mappings whose keys and values a type checker knows."""
 
 from collections.abc import Sequence
-from typing import Literal, TypedDict
+from typing import Literal, NotRequired, TypedDict
 
 import numpy.typing as npt
 
@@ -9,9 +9,13 @@ Gripper = Literal["open", "closed", "grasp", "hold", "release"]
 """What a config's fingers do: open or closed throughout, closing at the actuation pose, as they are throughout
 (something is held), opening at the actuation pose."""
 
-ContactWindow = TypedDict("ContactWindow", {"links": Sequence[str], "bodies": Sequence[str], "from": str, "to": str})
+ContactWindow = TypedDict(
+    "ContactWindow",
+    {"links": Sequence[str], "bodies": Sequence[str], "from": str, "to": str, "depth": NotRequired[float | None]},
+)
 """Links (and bodies that ride on the hand) that may overlap bodies of the scene between two keyframes: in time "start",
-..., "pre_1", "pre_0", "actuation", "post_0", ..., "let_go", "end"."""
+..., "pre_1", "pre_0", "actuation", "post_0", ..., "let_go", "end"; by ``depth`` (m, 0 to 1), else by the option
+``contact_depth``."""
 
 
 class Options(TypedDict, total=False):
@@ -32,8 +36,8 @@ class Options(TypedDict, total=False):
     jerk_limits: npt.ArrayLike | None
     """(n,) from 0.001 per second cubed; default those of ``limits``."""
     limits: Literal["panda", "plain"] | None
-    """"panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default "panda" for an arm
-    whose planned joints are named panda_joint1 to 7 (or fer_joint1 to 7), else "plain"."""
+    """"panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default "plain", and the
+    plan says that they are assumed."""
     start_velocity: npt.ArrayLike | None
     """(n,) rad/s or m/s, within 100; default at rest."""
     start_acceleration: npt.ArrayLike | None
@@ -45,9 +49,22 @@ class Options(TypedDict, total=False):
     rotate_path: Literal["arc", "chord"]
     """How "rotate" moves the hand between its keyframes ("arc")."""
     workspace: npt.ArrayLike | None
-    """[[x, y, z], [x, y, z]] (m) that holds the hand's origin at the actuation pose; None for no bounds."""
+    """[[x, y, z], [x, y, z]] (m) that holds the hand's origin at the actuation pose; None for no bounds (None)."""
+    joint_weights: npt.ArrayLike | None
+    """(n,) weights of the joints' squared ways to the actuation pose in its cost, 0.001 to 1e6; default 1 each."""
     margin: float
-    """Clearance wished for on the free approach, 0 to 0.2 m (0.005)."""
+    """Clearance that the whole motion keeps from what it may not touch, 0 to 0.2 m (0.005). Two bodies that are nearer
+    to each other where a leg begins or ends keep what they have there: ``Plan.tight``."""
+    least_margin: float | None
+    """Clearance that will do where no motion keeps ``margin``, 0 to that, m; default: none will."""
+    contact_depth: float | None
+    """How deep things that may touch may overlap, 0 to 1 m (0.003); None for no limit."""
+    guess_depth: float
+    """How deep arm and held bodies may be inside of what the object's joint moves where it is a guess how far that is,
+    0 to 0.1 m (0.05)."""
+    start_depth: float
+    """How deep the robot may be inside of something at the start, 0 to 1 m (0.01): it comes out first. Deeper, the
+    status is "start_in_collision"."""
     reach_clearance: float | None
     """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the
     actuation pose and at it, 0 to 0.05 m; default: hand and fingers may touch it in the last leg before. Not with

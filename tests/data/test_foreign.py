@@ -21,6 +21,7 @@ import zarr
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.episode_file import write_episode
+from gensim2.data.formats import export as exporting
 from gensim2.data.formats.columns import camera_array
 from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.frames import EPISODE_COLUMNS
@@ -380,6 +381,26 @@ def test_what_a_killed_export_left_is_removed_by_the_next(dataset: DataSet, tmp_
         assert not left.exists()
         shutil.rmtree(tmp_path / "out")
     assert other.is_dir()
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_an_export_at_work_is_not_removed_by_another_of_its_name(
+    dataset: DataSet, to: Format, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lock is the folder's own: a library that makes the folder anew makes one that nobody holds."""
+    out = tmp_path / "out"
+    described = exporting.write_card
+
+    def meanwhile(*arguments: Any) -> None:
+        monkeypatch.setattr(exporting, "write_card", described)
+        export(dataset.path, out, to)
+        described(*arguments)
+
+    monkeypatch.setattr(exporting, "write_card", meanwhile)
+    with pytest.raises(InputError, match=r"out: is not an empty folder \(choose another folder with --out\)"):
+        export(dataset.path, out, to)
+    assert (out / MANIFEST).is_file()
+    assert not list(tmp_path.glob(".out*"))
 
 
 def test_an_export_that_is_killed_leaves_what_the_next_removes(dataset: DataSet, tmp_path: Path) -> None:

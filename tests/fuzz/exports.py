@@ -44,10 +44,12 @@ from gensim2.progress import NULL_PROGRESS
 from gensim2.sealed_file import HEADER_SIZE, Seal
 
 SLOWEST = 5.0  # s of CPU
-HANGS = 60.0  # s by the clock: other work may hold the machine up
+HANGS = 900.0  # s by the clock: other work may hold the machine up; what waits for ever waits longer
 MEMORY = 2**30
 
 PIXELS, POINTS = 8, 16
+
+SAID = 500  # inputs between two words on how it goes
 
 LARGE = 2**24
 """Bytes of a file that no export of so few episodes has: damage made it so."""
@@ -428,6 +430,13 @@ class Tally:
     slowest: float = 0.0
     largest: int = 0
     faults: int = 0
+    tried: int = 0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.tried} tried, {self.faults} faults, slowest {self.slowest:.2f} s of CPU, "
+            f"largest {self.largest / 2**20:.0f} MiB"
+        )
 
 
 def prepare(folder: Path) -> dict[Format, Path]:
@@ -468,6 +477,9 @@ def run(
                 tally.reasons["out of memory"] += 1
             tally.slowest, tally.largest = max(tally.slowest, verdict.cpu_s), max(tally.largest, verdict.memory)
         shutil.rmtree(place, ignore_errors=True)
+        tally.tried += 1
+        if tally.tried % SAID == 0:
+            say(f"{tally}")
     return tally
 
 

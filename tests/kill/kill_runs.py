@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 VICTIMS = {"driver SIGKILL": 0.25, "driver SIGTERM": 0.1, "worker SIGKILL": 0.6, "fork server SIGKILL": 0.05}
 """What is killed, and how often."""
@@ -72,9 +72,9 @@ COMMANDS = (
 )
 
 
-def child(world: str, arguments: list[str]) -> int:
+def child(world: str, arguments: list[str]) -> NoReturn:
     """Run the command line as it is, but for a search that takes seconds, and for the world."""
-    from gensim2.cli.main import run
+    from gensim2.cli import main as command
     from gensim2.design import search
 
     small = search.Budget(
@@ -85,7 +85,7 @@ def child(world: str, arguments: list[str]) -> int:
         import fake_world
 
         fake_world.install()
-    return run(arguments)
+    command.main(arguments)
 
 
 @dataclass

@@ -9,6 +9,12 @@ import numpy as np
 import gensim2_kpam as kpam
 
 Q_START = np.array([0.0, -0.32, 0.0, -2.61799, 0.0, 2.23, 0.785398, 0.04, 0.04])
+#: What the planner is told of a Panda.
+PANDA: dict[str, Any] = {
+    "limits": "panda",
+    "joint_weights": [10.0] + [1.0] * 8,
+    "workspace": [[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]],
+}
 TOOL = {"tool_head": [0.0, 0.0, 0.105], "tool_tail": [0.0, 0.0, 0.075], "tool_side": [0.0, 0.053, 0.105]}
 
 
@@ -55,7 +61,7 @@ def table() -> kpam.Body:
 
 
 def problem(panda: kpam.Robot, **changes: Any) -> kpam.KeypointProblem:
-    """The scene's problem; ``changes`` replace arguments."""
+    """The scene's problem; ``changes`` replace arguments, and its options those of the Panda."""
     arguments: dict[str, Any] = {
         "config": config(),
         "q_start": Q_START,
@@ -67,5 +73,7 @@ def problem(panda: kpam.Robot, **changes: Any) -> kpam.KeypointProblem:
         "options": {},
     }
     arguments.update(changes)
+    if "panda_joint1" in panda.joint_names:
+        arguments["options"] = {**PANDA, **arguments["options"]}
     settings = kpam.SolverConfig(arguments.pop("config"))
     return kpam.KeypointProblem(panda, settings, arguments.pop("q_start"), **arguments)

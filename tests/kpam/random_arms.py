@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -11,11 +12,16 @@ Array = np.ndarray
 
 @dataclass
 class RandomArm:
-    """A URDF, its hand link, and the point of the hand that acts (in the hand frame, m)."""
+    """A URDF, its hand link, and the point of the hand that acts (in the hand frame, m).
+
+    ``file`` is where the URDF and its meshes lie, None for one that has no meshes; ``srdf`` disables pairs of links.
+    """
 
     urdf: str
     hand: str
     tip: Array
+    file: Path | None = None
+    srdf: Path | None = None
 
 
 @dataclass

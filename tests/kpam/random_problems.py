@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,34 +18,51 @@ import gensim2_kpam as kpam
 from gensim2 import seeding
 
 from .random_arms import RandomArm, random_arm
+from .six_arms import ARMS, six_arm
 
 Array = np.ndarray
 
 
 @dataclass
 class Solid:
-    """A shape for both sides."""
+    """A shape for both sides; a cloud is ``points`` with the radius that is its size."""
 
     kind: str
     size: list[float]
+    points: Array | None = None
 
-    def ours(self) -> kpam.Shape:
+    def ours(self) -> list[kpam.Shape]:
         """For the solver."""
+        if self.points is not None:
+            return [kpam.Shape.point_cloud(self.points, self.size[0])]
         if self.kind == "box":
-            return kpam.Shape.box(self.size)
+            return [kpam.Shape.box(self.size)]
         if self.kind == "sphere":
-            return kpam.Shape.sphere(self.size[0])
+            return [kpam.Shape.sphere(self.size[0])]
         make = kpam.Shape.capsule if self.kind == "capsule" else kpam.Shape.cylinder
-        return make(self.size[0], self.size[1])
+        return [make(self.size[0], self.size[1])]
 
-    def theirs(self) -> Part:
+    def theirs(self) -> list[Part]:
         """For the recheck."""
+        if self.points is not None:
+            poses = np.tile(np.eye(4), (len(self.points), 1, 1))
+            poses[:, :3, 3] = self.points
+            return [part(coal.Sphere(self.size[0]), pose) for pose in poses]
         if self.kind == "box":
-            return part(coal.Box(*(2.0 * np.array(self.size))), np.eye(4))
+            return [part(coal.Box(*(2.0 * np.array(self.size))), np.eye(4))]
         if self.kind == "sphere":
-            return part(coal.Sphere(self.size[0]), np.eye(4))
+            return [part(coal.Sphere(self.size[0]), np.eye(4))]
         make = coal.Capsule if self.kind == "capsule" else coal.Cylinder
-        return part(make(self.size[0], self.size[1]), np.eye(4))
+        return [part(make(self.size[0], self.size[1]), np.eye(4))]
+
+    def as_cloud(self, draw: np.random.Generator, radius: float = 0.01) -> Solid:
+        """Points on the faces of this box, with a radius."""
+        half = np.array(self.size)
+        points = draw.uniform(-half, half, (int(draw.integers(40, 120)), 3))
+        axis = draw.integers(0, 3, len(points))
+        rows = np.arange(len(points))
+        points[rows, axis] = np.sign(points[rows, axis]) * half[axis]
+        return Solid("cloud", [radius], points)
 
 
 @dataclass
@@ -77,9 +95,7 @@ class RandomProblem:
 
     def ours(self, folder: Path) -> kpam.KeypointProblem:
         """The solver's problem; the URDF goes into ``folder``."""
-        path = folder / "arm.urdf"
-        path.write_text(self.arm.urdf)
-        robot = kpam.Robot.from_urdf(str(path), hand_link=self.arm.hand)
+        robot = robot_of(self.arm, folder)
         count = len(self.q_start)
         return kpam.KeypointProblem(
             robot,
@@ -91,7 +107,7 @@ class RandomProblem:
             joint=None if self.joint is None else kpam.Joint(*self.joint),  # type: ignore[arg-type]
             object_axis="z",
             bodies=[
-                kpam.Body(thing.name, thing.role, [thing.solid.ours()], thing.pose)  # type: ignore[arg-type]
+                kpam.Body(thing.name, thing.role, thing.solid.ours(), thing.pose)  # type: ignore[arg-type]
                 for thing in self.things
             ],
             options={
@@ -121,20 +137,59 @@ class RandomProblem:
             np.full(count, self.jerk),
             self.start_velocity,
             np.zeros(count),
-            [Obstacle(thing.name, thing.role, [thing.solid.theirs()], thing.pose) for thing in self.things],
+            [Obstacle(thing.name, thing.role, thing.solid.theirs(), thing.pose) for thing in self.things],
             gripper=self.config["gripper"],
             let_go=self.config.get("let_go", 0.0),
             hinge=None if self.joint is None else Hinge(self.joint[0] == "revolute", self.joint[1], self.joint[2]),
             contact=self.arm.tip,
             after=self.config["post_actuation_motions"],
+            margin=self.options.get("margin", 0.005),
+            contact_depth=self.options.get("contact_depth", 0.003),
         )
 
 
+@cache
+def known_robot(file: Path, hand: str, srdf: Path | None) -> kpam.Robot:
+    """An arm that lies in a file, read once."""
+    return kpam.Robot.from_urdf(file, hand_link=hand, srdf=srdf)
+
+
+def robot_of(arm: RandomArm, folder: Path) -> kpam.Robot:
+    """The solver's robot; a URDF that lies nowhere goes into ``folder``."""
+    if arm.file is not None:
+        return known_robot(arm.file, arm.hand, arm.srdf)
+    path = folder / "arm.urdf"
+    path.write_text(arm.urdf)
+    return kpam.Robot.from_urdf(path, hand_link=arm.hand)
+
+
 def random_problem(number: int) -> RandomProblem:
-    """Problem ``number`` of a fixed sequence."""
+    """Problem ``number`` of a fixed sequence, on an arm of its own."""
     draw = seeding.rng(number, "random problems")
     arm = random_arm(draw)
-    mechanism = Mechanism(arm.urdf, Path(), arm.hand)
+    return problem_on(arm, Mechanism(arm.urdf, Path(), arm.hand), number, draw)
+
+
+def arm_problem(number: int, robots: Path) -> RandomProblem:
+    """Problem ``number`` of a fixed sequence on six arms in turn; some of what stands about them are clouds."""
+    arm, mechanism = six_arm(ARMS[number % len(ARMS)], robots)
+    problem = problem_on(arm, mechanism, number, seeding.rng(number, "problems on six arms"))
+    draw = seeding.rng(number, "clouds")
+    for thing in problem.things:
+        if thing.role in ("rigid", "object_body") and thing.solid.kind == "box" and draw.random() < 0.5:
+            # Its points reach a radius further than the box.
+            thing.solid = thing.solid.as_cloud(draw, 0.004)
+    if problem.start_velocity.any() and draw.random() < 0.2:
+        # One joint at its very limit, which a float keeps or rounds.
+        shares = np.abs(problem.start_velocity) / mechanism.velocity
+        problem.start_velocity = problem.start_velocity / shares.max()
+        if draw.random() < 0.5:
+            problem.start_velocity = problem.start_velocity.astype(np.float32).astype(np.float64)
+    return problem
+
+
+def problem_on(arm: RandomArm, mechanism: Mechanism, number: int, draw: np.random.Generator) -> RandomProblem:
+    """A problem on an arm; ``number`` seeds what was added to it later."""
     q_start = start(draw, mechanism)
     things = [Thing("table", "table", Solid("box", [1.5, 1.5, 0.02]), at([0.0, 0.0, -0.021]))]
     if draw.random() < 0.3:
@@ -178,6 +233,11 @@ def random_problem(number: int) -> RandomProblem:
         config["post_actuation_times"] = times[before + 1 : before + 1 + after]
     if draw.random() < 0.3:
         options["allow_partial"] = True
+    # The point that is reached for lies inside of most things that may be touched.
+    more = seeding.rng(number, "margins")
+    options["contact_depth"] = 0.003 if more.random() < 0.3 else None
+    options["start_depth"] = 1.0
+    options["margin"] = float(more.choice([0.005, 0.005, 0.002, 0.02]))
     if joint is not None and draw.random() < 0.6:
         things.append(Thing("flap", "moving_link", solid(draw, 0.01, 0.06), at(point)))
     elif draw.random() < 0.3:
@@ -249,7 +309,7 @@ def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bo
     return all(
         apart(mechanism.parts[one], placed[one], mechanism.parts[two], placed[two]) for one, two in mechanism.self_pairs
     ) and all(
-        apart(mechanism.parts[name], placed[name], [thing.solid.theirs()], thing.pose)
+        apart(mechanism.parts[name], placed[name], thing.solid.theirs(), thing.pose)
         for thing in things
         if thing.role != "attached"
         for name in mechanism.moving_links
@@ -314,7 +374,7 @@ def place(draw: np.random.Generator) -> Array:
 
 def free_of(mechanism: Mechanism, q: Array, thing: Thing) -> bool:
     """Whether the robot keeps 5 mm from a thing."""
-    placed, shape = mechanism.place(q[None]), thing.solid.theirs().shape
+    placed, shape = mechanism.place(q[None]), thing.solid.theirs()[0].shape
     return all(
         shape_distance(each.shape, transform(placed[name][0] @ each.pose), shape, transform(thing.pose)) > 0.005
         for name in mechanism.moving_links

@@ -20,38 +20,10 @@ from mechanism import Mechanism
 from parts import part
 from recheck import Question, answer_of, recheck
 
+from .six_arms import six_joints
+
 Array = np.ndarray
 ACCELERATION, JERK = 6.0, 200.0
-
-
-def six_joints() -> str:
-    """An arm with six joints in the manner of Universal Robots', whose hand is the bare frame ``tool0``."""
-    # Name, origin, axis, and the solid of the child link: radius, length, middle, along y instead of z.
-    rows: list[tuple[str, str, str, float, float, str, bool]] = [
-        ("shoulder_pan", "0 0 0.09", "0 0 1", 0.06, 0.12, "0 0 0", False),
-        ("shoulder_lift", "0 0.13 0", "0 1 0", 0.05, 0.40, "0 0 0.21", False),
-        ("elbow", "0 -0.12 0.425", "0 1 0", 0.045, 0.36, "0 0 0.2", False),
-        ("wrist_1", "0 0 0.392", "0 1 0", 0.04, 0.1, "0 0.05 0", True),
-        ("wrist_2", "0 0.11 0", "0 0 1", 0.04, 0.1, "0 0 0.02", False),
-        ("wrist_3", "0 0 0.095", "0 1 0", 0.035, 0.05, "0 0.05 0", True),
-    ]
-    foot = '<collision><geometry><cylinder radius="0.07" length="0.04"/></geometry></collision>'
-    text, parent = f'<link name="base_link">{foot}</link>', "base_link"
-    for name, origin, axis, radius, length, middle, lying in rows:
-        turn = "1.5707963 0 0" if lying else "0 0 0"
-        text += (
-            f'<link name="{name}_link"><collision><origin xyz="{middle}" rpy="{turn}"/>'
-            f'<geometry><cylinder radius="{radius}" length="{length}"/></geometry></collision></link>'
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
-            '<limit lower="-6.2" upper="6.2" velocity="3.1" effort="1"/></joint>'
-        )
-        parent = f"{name}_link"
-    text += (
-        f'<link name="tool0"/><joint name="flange" type="fixed"><parent link="{parent}"/><child link="tool0"/>'
-        '<origin xyz="0 0.082 0" rpy="-1.5707963 0 0"/></joint>'
-    )
-    return f'<robot name="six">{text}</robot>'
 
 
 @dataclass
@@ -189,7 +161,8 @@ def test_every_arm_carries_something(name: str, robots: Path, tmp_path: Path) ->
         object_axis="z",
         bodies=[kpam.Body(label, role, [kpam.Shape.box(size)], pose) for label, role, size, pose in bodies],  # type: ignore[arg-type]
         options={
-            "workspace": None,
+            # One of the arms begins inside the post.
+            "start_depth": 0.05,
             "velocity_scale": 1.0,
             "acceleration_scale": 1.0,
             "velocity_limits": velocity,

@@ -181,9 +181,9 @@ def test_ctrl_c_ends_making_ready_what_has_millions_of_triangles(panda: kpam.Rob
         lambda: kpam.plan(problem(panda, bodies=[body], config=TO_A_POINT, **POINTS)),
     ]
     for call in calls:
-        threads = len(os.listdir("/proc/self/task"))
+        threads = len(list(Path("/proc/self/task").iterdir()))
         assert interrupted(call) < 1.0
-        while len(os.listdir("/proc/self/task")) > threads:  # what others measure is their own
+        while len(list(Path("/proc/self/task").iterdir())) > threads:  # what others measure is their own
             time.sleep(0.05)
 
 
@@ -201,29 +201,32 @@ def test_errors_name_file_and_field(panda: kpam.Robot, tmp_path: Path) -> None:
     assert kpam.KpamError("x").field is None
 
 
-def test_an_arm_is_a_panda_by_its_joints_names(panda: kpam.Robot, robots: Path) -> None:
-    """Franka's accelerations for Franka's arm; another arm of seven joints gets the plain ones."""
+def test_limits_of_which_nothing_is_said_are_plain_and_told(panda: kpam.Robot, robots: Path) -> None:
+    """No name of a joint makes an arm one of Franka's."""
 
-    def duration(robot: kpam.Robot, start: np.ndarray, **options: Any) -> float:
-        arguments: dict[str, Any] = {
-            "config": TO_A_POINT,
-            "q_start": start,
-            "tool_keypoints": {"tip": [0, 0, 0]},
-            "object_keypoints": {"goal": [0.6, 0.0, 0.3]},
-            "bodies": [],
-            "options": {"acceleration_scale": 1.0, "velocity_limits": [100.0] * len(start), **options},
-        }
-        plan = kpam.plan(problem(robot, **arguments))
+    def planned(**options: Any) -> kpam.Plan:
+        changes = {"acceleration_scale": 1.0, "velocity_limits": [100.0] * 9, "limits": None, **options}
+        return kpam.plan(
+            problem(
+                panda,
+                config=TO_A_POINT,
+                tool_keypoints={"tip": [0, 0, 0]},
+                options=changes,
+                object_keypoints={"goal": [0.6, 0.0, 0.3]},
+                bodies=[],
+            )
+        )
+
+    def duration(plan: kpam.Plan) -> float:
         assert plan.trajectory is not None, plan.reason
         return plan.trajectory.duration
 
-    assert (
-        duration(panda, Q_START) == duration(panda, Q_START, limits="panda") != duration(panda, Q_START, limits="plain")
-    )
-    xarm = kpam.Robot.from_urdf(robots / "xarm7" / "xarm7.urdf", hand_link="link_eef")
-    start = np.clip(np.zeros(len(xarm.joint_names)), xarm.lower, xarm.upper)
-    start[:7] = [0.0, 0.2, 0.0, 0.8, 0.0, 0.6, 0.0]
-    assert duration(xarm, start) == duration(xarm, start, limits="plain") != duration(xarm, start, limits="panda")
+    assumed = planned()
+    assert assumed.assumed_limits == ["acceleration", "jerk"]
+    assert any("10 rad/s^2, 5,000 rad/s^3" in warning for warning in assumed.warnings)
+    assert duration(assumed) == duration(planned(limits="plain")) != duration(planned(limits="panda"))
+    assert planned(limits="plain").assumed_limits == planned(limits="panda").assumed_limits == []
+    assert planned(acceleration_limits=[5.0] * 9).assumed_limits == ["jerk"]
     so100 = kpam.Robot.from_urdf(robots / "so100" / "so100.urdf", hand_link="Fixed_Jaw")
     with pytest.raises(kpam.ProblemError, match=r"options\.limits"):
         problem(so100, q_start=np.clip(np.zeros(6), so100.lower, so100.upper), options={"limits": "panda"})

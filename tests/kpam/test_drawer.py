@@ -127,7 +127,7 @@ def test_the_arm_keeps_clear_of_a_drawer_that_comes_out(panda: kpam.Robot) -> No
             np.r_[Q_START[:7], 0.0, 0.0],
             tool_keypoints=drawer.TOOL,
             joint="slide",
-            options={"joint_travel": [joint_travel]},
+            options={"joint_travel": [joint_travel], "contact_depth": None},
         )
         return kpam.plan(question)
 

@@ -229,7 +229,7 @@ def test_contact_windows_count_pre_actuation_keyframes_from_the_actuation(panda:
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
 
     def status(start: str, end: str) -> str:
-        window = {"links": hand, "bodies": ["block"], "from": start, "to": end}
+        window = {"links": hand, "bodies": ["block"], "from": start, "to": end, "depth": 0.1}
         question = problem(panda, config=settings, bodies=[table(), block], options={"contacts": [window]})
         return kpam.plan(question).status
 
@@ -243,6 +243,9 @@ def test_an_attached_body_is_part_of_the_hand(panda: kpam.Robot) -> None:
     grasp[2, 3] = 0.25
     rod = kpam.Body("rod", "attached", [kpam.Shape.box([0.01, 0.01, 0.15])], grasp)
     plan = kpam.plan(problem(panda, bodies=[table(), rod]))
+    assert plan.status == "start_in_collision"
+    assert "table" in plan.reason
+    plan = kpam.plan(problem(panda, bodies=[table(), rod], options={"start_depth": 1.0}))
     assert plan.status == "collision"
     assert "table" in plan.reason
 

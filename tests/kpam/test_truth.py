@@ -9,36 +9,10 @@ import pytest
 
 import gensim2_kpam as kpam
 
-from .kpam_scenes import Q_START, TOOL, problem
+from .kpam_scenes import Q_START, TOOL, problem, table
+from .six_arms import gantry
 
 Array = np.ndarray
-
-#: Three sliding joints, as of a gantry, and a wrist.
-GANTRY = (
-    '<robot name="gantry"><link name="base"/>'
-    + "".join(
-        f'<link name="{name}"><collision><geometry><box size="{size}"/></geometry></collision></link>'
-        for name, size in (
-            ("x", "0.1 0.1 0.1"),
-            ("y", "0.08 0.08 0.08"),
-            ("z", "0.05 0.05 0.3"),
-            ("hand", "0.06 0.03 0.04"),
-        )
-    )
-    + "".join(
-        f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{name}"/>'
-        f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
-        f'<limit lower="{low}" upper="{high}" velocity="0.8" effort="1"/></joint>'
-        for name, parent, origin, axis, low, high in (
-            ("x", "base", "0 0 1.2", "1 0 0", -0.8, 0.8),
-            ("y", "x", "0 0 -0.1", "0 1 0", -0.6, 0.6),
-            ("z", "y", "0 0 -0.2", "0 0 1", -0.5, 0.1),
-        )
-    )
-    + '<joint name="turn" type="revolute"><parent link="z"/><child link="hand"/>'
-    '<origin xyz="0 0 -0.19" rpy="3.14159265 0 0"/>'
-    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint></robot>'
-)
 
 
 def point(name: str = "goal", tolerance: float = 1e-3) -> dict[str, Any]:
@@ -101,7 +75,7 @@ def test_a_start_at_the_velocity_limit(panda: kpam.Robot, rounded: bool) -> None
 
 def test_plans_from_the_samples_of_a_gantrys_own_motion(tmp_path: Any) -> None:
     file = tmp_path / "gantry.urdf"
-    file.write_text(GANTRY)
+    file.write_text(gantry())
     robot = kpam.Robot.from_urdf(file, hand_link="hand")
     draw = np.random.default_rng(4)
     again = 0
@@ -117,3 +91,91 @@ def test_plans_from_the_samples_of_a_gantrys_own_motion(tmp_path: Any) -> None:
             assert has_motion(plan), told(plan)
             again += plan.status == "solved"
     assert again == 30 * 24
+
+
+def ball(name: str, role: str, place: Array, radius: float) -> kpam.Body:
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    return kpam.Body(name, role, [kpam.Shape.sphere(radius)], pose)  # type: ignore[arg-type]
+
+
+def test_a_damaged_former_plan_is_not_believed(panda: kpam.Robot) -> None:
+    """A former plan whose way was bent, its ends kept, leads through the table no more."""
+    low = {"edge": [0.45, 0.3, 0.03], "inside": [0.5, 0.1, 0.05]}
+    question = problem(panda, object_keypoints=low, bodies=[])
+    former = kpam.plan(question)
+    assert former.status == "solved", told(former)
+    # What was free for the former plan is filled where the hand passed.
+    trajectory = former.trajectory
+    assert trajectory is not None
+    for share in (0.2, 0.35, 0.5):
+        q = trajectory.sample(trajectory.times[0] + share * trajectory.duration)[0]
+        hand = panda.forward_kinematics(q)
+        thing = ball("thing", "rigid", hand[:3, 3] + 0.11 * hand[:3, 2], 0.012)
+        again = kpam.plan(problem(panda, object_keypoints=low, bodies=[thing]), former=former)
+        assert has_motion(again), told(again)
+        if again.trajectory is not None:
+            least = kpam.min_clearance(problem(panda, object_keypoints=low, bodies=[thing]), again, 0.002)
+            assert least is not None
+            near = min((pair["distance"] for pair in again.tight), default=again.margin)
+            assert least["object"] > min(again.margin, near) - 2e-4, (least, told(again))
+
+
+def test_a_start_inside_a_wall_is_no_start(panda: kpam.Robot) -> None:
+    hand = panda.forward_kinematics(Q_START)
+    pose = np.eye(4)
+    pose[:3, 3] = hand[:3, 3] + [0.05, 0.0, 0.0]
+    wall = kpam.Body("wall", "rigid", [kpam.Shape.box([0.03, 0.3, 0.2])], pose)
+    plan = kpam.plan(problem(panda, bodies=[table(), wall]))
+    assert plan.status == "start_in_collision", told(plan)
+    assert plan.trajectory is None
+    assert plan.start_overlap > 0.01
+    assert "wall" in plan.reason
+    assert "wall" in plan.collisions[0]["bodies"]
+
+
+def test_what_is_nearer_than_the_margin_at_the_goal_is_told(panda: kpam.Robot) -> None:
+    """A ball two millimetres off a finger at the actuation pose: the plan keeps that and says so."""
+    free = kpam.plan(problem(panda, bodies=[table()]))
+    assert free.q_plan is not None
+    assert (free.tight, free.margin) == ([], 0.005)
+    tip = panda.forward_kinematics(free.q_plan, "panda_leftfinger") @ [0.0, 0.01, 0.0536, 1.0]
+    near = ball("near", "rigid", tip[:3] - [0.0, 0.0, 0.013], 0.01)
+    question = problem(panda, bodies=[table(), near])
+    plan = kpam.plan(question)
+    assert plan.status == "solved", told(plan)
+    told_of = [pair for pair in plan.tight if "near" in pair["bodies"]]
+    assert "actuation" in {pair["at"] for pair in told_of}, plan.tight
+    assert any("near" in warning for warning in plan.warnings)
+    found = kpam.min_clearance(question, plan, 0.002)
+    assert found is not None
+    assert found["object"] > min(pair["distance"] for pair in told_of) - 2e-4
+
+
+def test_a_contact_has_a_depth(panda: kpam.Robot) -> None:
+    """The fingertips reach a centimetre into the lid: more than three millimetres, and told where allowed."""
+    pose = np.eye(4)
+    pose[:3, 3] = [0.5, 0.1, 0.195]
+    lid = kpam.Body("lid", "moving_link", [kpam.Shape.box([0.05, 0.05, 0.012])], pose)
+    strict = kpam.plan(problem(panda, bodies=[table(), lid]))
+    assert strict.status == "collision", told(strict)
+    assert "lid" in strict.reason
+    plan = kpam.plan(problem(panda, bodies=[table(), lid], options={"contact_depth": None}))
+    assert plan.status == "solved", told(plan)
+    free = kpam.plan(problem(panda, bodies=[table(), lid], options={"contact_depth": 0.03}))
+    assert free.status == "solved", told(free)
+    deepest = max(touch["depth"] for touch in free.touches if "lid" in touch["bodies"])
+    assert 0.003 < deepest <= 0.03
+    assert [guess["toward"] for guess in free.guesses] == ["post_0", "post_1"]
+
+
+def test_failures_name_the_workspace_where_it_is_the_reason(panda: kpam.Robot) -> None:
+    behind = {"edge": [-0.4, 0.3, 0.4], "inside": [0.5, 0.1, 0.05]}
+    config = {**point("edge")}
+    boxed = kpam.plan(problem(panda, config=config, object_keypoints=behind))
+    assert boxed.status == "actuation_infeasible"
+    assert "workspace" in boxed.reason
+    assert (
+        kpam.plan(problem(panda, config=config, object_keypoints=behind, options={"workspace": None})).status
+        == "solved"
+    )

@@ -99,7 +99,7 @@ def test_a_ball_under_a_bare_tool_frame_is_judged_against_the_arm(robots: Path, 
 
 def test_margins_of_any_size_end(panda: kpam.Robot) -> None:
     for margin in (0.1, 0.12, 0.15, 0.2):
-        plan = kpam.plan(problem(panda, options={"margin": margin, "samples": 50, "harvest": 5}))
+        plan = kpam.plan(problem(panda, options={"margin": margin, "least_margin": 0.0, "samples": 50, "harvest": 5}))
         assert plan.status == "solved", plan.reason
 
 
@@ -119,7 +119,7 @@ def test_contact_windows_cost_nothing(panda: kpam.Robot) -> None:
 
 def test_windows_name_what_rides(panda: kpam.Robot) -> None:
     held = ball("held", "attached", [0.0, 0.0, 0.1])
-    window = {"links": ["held"], "bodies": ["table"], "from": "start", "to": "end"}
+    window = {"links": ["held"], "bodies": ["table"], "from": "start", "to": "end", "depth": 0.1}
     low = {"edge": [0.5, 0.1, 0.02], "inside": [0.5, 0.1, 0.0]}
     arguments: dict[str, Any] = {"bodies": [table(), held], "object_keypoints": low}
     settings = config(post_actuation_motions=["move-up"])
@@ -137,7 +137,9 @@ def test_what_is_picked_leaves_nothing_behind(panda: kpam.Robot) -> None:
     blocked = kpam.plan(problem(panda, config=settings, bodies=[table(), cube]))
     assert blocked.status == "collision"
     assert "cube" in blocked.reason
-    picked = kpam.plan(problem(panda, config=settings, bodies=[table(), cube], options={"pick": ["cube"]}))
+    picked = kpam.plan(
+        problem(panda, config=settings, bodies=[table(), cube], options={"pick": ["cube"], "contact_depth": 0.05})
+    )
     assert picked.status == "solved", picked.reason
 
 
@@ -284,7 +286,9 @@ def test_planning_is_cancelled(panda: kpam.Robot) -> None:
     assert flag.is_cancelled
     assert kpam.plan(problem(panda), cancel=flag).status == "cancelled"
     cage = [ball(f"ball {i}", "rigid", [0.5 + 0.1 * np.cos(i), 0.1 + 0.1 * np.sin(i), 0.3], 0.06) for i in range(7)]
-    long = problem(panda, bodies=[table(), *cage], options={"samples": 1_000_000, "harvest": 100_000})
+    long = problem(
+        panda, bodies=[table(), *cage], options={"samples": 1_000_000, "harvest": 100_000, "start_depth": 1.0}
+    )
     later = kpam.Cancel()
     timer = threading.Timer(0.2, later.cancel)
     timer.start()

@@ -64,7 +64,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], Any], str]] = {
     "another head": (lambda f: _edit(f, lambda c: c["policy"].update(head="chunk")), "are not those of"),
     "another setting": (lambda f: _edit(f, lambda c: c["policy"].update(width="wide")), "width"),
     "another width": (lambda f: _edit(f, lambda c: c["policy"].update(width=32)), "are not those of"),
-    "another observation": (lambda f: _edit(f, lambda c: c["observation"].update(cameras=["top"])), "cameras"),
+    "another observation": (lambda f: _edit(f, lambda c: c["observation"].update(modalities=["smell"])), "modalities"),
     "a path": (lambda f: _edit(f, lambda c: c["weights"].update(file="../x.safetensors")), "weights.file"),
     "no weights": (lambda f: _weights(f).unlink(), "no such file"),
     "a flipped bit": (_flip, "is damaged"),

@@ -19,9 +19,9 @@ pytest.importorskip("onnxscript")
 @pytest.mark.parametrize(
     ("encoder", "head", "text"),
     [
-        ("mlp", "chunk", "none"),
-        ("pointnet", "transformer", "small"),
-        ("pointnext", "diffusion", "clip"),
+        ("mlp", "transformer", "none"),
+        ("pointnet", "diffusion", "small"),
+        ("pointnext", "chunk", "clip"),
         ("mlp", "flow", "small"),
     ],
 )

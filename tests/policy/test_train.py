@@ -13,6 +13,7 @@ import made_up
 import pytest
 import torch
 
+from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import ENCODERS, TEXTS
@@ -131,6 +132,14 @@ def test_another_training_is_not_gone_on_with(tmp_path: Path) -> None:
     state.write_bytes(state.read_bytes()[:-1])
     with pytest.raises(InputError, match="is damaged"):
         train_policy(source, config, made_up.training(), tmp_path, resume=True)
+
+
+def test_a_folder_has_one_training_at_a_time(tmp_path: Path) -> None:
+    config = made_up.policy()
+    lock = FolderLock(tmp_path)
+    with pytest.raises(InputError, match="another run is at work in it"):
+        train_policy(made_up.MadeUpSource(config), config, made_up.training(), tmp_path)
+    lock.release()
 
 
 def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:

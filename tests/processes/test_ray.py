@@ -17,6 +17,7 @@ from gensim2.processes import Job, WorkerPool, enumerated, results
 pytest.importorskip("ray")
 
 from gensim2.processes.ray import RayPool, check_address
+from gensim2.processes.ray_head import GONE_SECONDS, Head
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +104,16 @@ def test_what_is_submitted_may_depend_on_what_came_before(pool: RayPool) -> None
 def test_environments_have_one_thread_each_and_our_variables(pool: RayPool) -> None:
     (outcome,) = pool.map_unordered(os.getenv, [Job(0, ("RAYON_NUM_THREADS",))])
     assert outcome.unwrap() == "1"
+
+
+def test_a_head_that_is_gone_ends_the_jobs_before_ray_ends_the_process(
+    pool: RayPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = Head("127.0.0.1:1")
+    monkeypatch.setattr(gone, "_answered", time.monotonic() - GONE_SECONDS - 1)
+    monkeypatch.setattr(pool, "_head", gone)
+    with pytest.raises(NotRunError, match=r"jobs on Ray: could not be run: 7 .*127.0.0.1:1, does not answer.*--resume"):
+        list(pool.map_unordered(jobs.square, [Job(7, (3, 0.0))]))
 
 
 def test_addresses_are_checked_before_anything_starts() -> None:

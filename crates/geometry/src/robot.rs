@@ -22,6 +22,9 @@ pub struct Robot {
     chain: Chain,
     /// Pairs of links (lower index first) that are never judged, sorted.
     allowed: Vec<(usize, usize)>,
+    /// Those among them that are there for no better reason than that they overlap at the middle of all joint ranges.
+    #[serde(default)]
+    unchecked: Vec<(usize, usize)>,
     #[serde(skip)]
     cover: Covered,
 }
@@ -101,7 +104,8 @@ impl Robot {
     /// A robot of links and joints that fit each other.
     pub(crate) fn assemble(name: String, links: Vec<Link>, joints: Vec<Joint>, hand: usize) -> Self {
         let chain = Chain::new(&links, &joints, hand);
-        Self { name, links, joints, hand, chain, allowed: Vec::new(), cover: Covered::default() }
+        let unchecked = Vec::new();
+        Self { name, links, joints, hand, chain, allowed: Vec::new(), unchecked, cover: Covered::default() }
     }
 
     /// The same of parts that may not fit; `allowed` are pairs of links that are never judged, beside neighbours and what
@@ -114,8 +118,8 @@ impl Robot {
         allowed: Vec<(usize, usize)>,
     ) -> Result<Self, RobotError> {
         // Without a tree there is no chain to make.
-        let cover = Covered::default();
-        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, cover };
+        let (unchecked, cover) = (Vec::new(), Covered::default());
+        let mut robot = Self { name, links, joints, hand, chain: Chain::default(), allowed, unchecked, cover };
         robot.check_tree()?;
         robot.chain = Chain::new(&robot.links, &robot.joints, hand);
         robot.allow_neighbours(true);
@@ -169,6 +173,9 @@ impl Robot {
         if self.chain != Chain::new(&self.links, &self.joints, self.hand) {
             return fail("chain", "is not that of the links");
         }
+        if self.unchecked.iter().any(|pair| self.allowed.binary_search(pair).is_err()) {
+            return fail("unchecked pairs", "must be among the allowed ones");
+        }
         let in_order = self.allowed.windows(2).all(|pair| pair[0] < pair[1]);
         if !in_order || self.allowed.iter().any(|(a, b)| a > b || *b >= self.links.len()) {
             return fail("allowed pairs", "must be pairs of links, in order");
@@ -195,7 +202,8 @@ impl Robot {
             let mut poses = Vec::new();
             self.place_links(&middle, &mut poses);
             let overlapping = crate::collision::overlapping_pairs(self, poses);
-            self.allowed.extend(overlapping);
+            self.unchecked = overlapping.into_iter().filter(|pair| !self.allowed.contains(pair)).collect();
+            self.allowed.extend_from_slice(&self.unchecked);
         }
         self.allowed.sort_unstable();
         self.allowed.dedup();
@@ -245,6 +253,13 @@ impl Robot {
     #[must_use]
     pub fn chain_to(&self, link: usize) -> Option<Chain> {
         (link < self.links.len()).then(|| Chain::new(&self.links, &self.joints, link))
+    }
+
+    /// Pairs of links (lower index first) that overlap at the middle of all joint ranges, and are never judged for that
+    /// reason alone: an SRDF would say whether they may touch.
+    #[must_use]
+    pub fn unchecked_pairs(&self) -> &[(usize, usize)] {
+        &self.unchecked
     }
 
     /// Pairs of links that are never judged against each other.

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .object_keypoint("handle", Vector3::new(0.5, 0.2, 0.15))
         .build()?;
     let plan = plan(&problem);
-    println!("{}: {}", plan.status.name(), plan.reason);
+    println!("{}: {}", plan.status().name(), plan.reason);
     for keyframe in &plan.keyframes {
         let time = keyframe.time.unwrap_or(f64::NAN);
         println!("  {:10} at {time:.2} s, hand at z = {:.3} m", keyframe.label, keyframe.hand[2][3]);

@@ -39,10 +39,10 @@
 //!     .build()?;
 //!
 //! let plan = plan(&problem);
-//! assert_eq!(plan.status, Status::Solved, "{}", plan.reason);
+//! assert_eq!(plan.status(), Status::Solved, "{}", plan.reason);
 //! let labels: Vec<&str> = plan.keyframes.iter().map(|k| k.label.as_str()).collect();
 //! assert_eq!(labels, ["pre_0", "actuation", "post_0"]);
-//! let trajectory = plan.trajectory.ok_or("solved plans have a trajectory")?;
+//! let trajectory = plan.trajectory().ok_or("solved plans have a trajectory")?;
 //! let end = trajectory.sample(trajectory.end());
 //! assert!((end.position[2] - 0.4).abs() < 0.002 && end.velocity.iter().all(|v| *v == 0.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -85,8 +85,9 @@ pub use model::{MOST_JOINTS, Row};
 pub use object_joint::{ObjectJoint, ObjectJointKind};
 pub use options::Options;
 pub use plan::{
-    Collision, IkSolution, KeyframeReport, MOST_CHECKS, MOST_THREADS, Plan, Request, Residual, StageTimes, Status,
-    TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed, plan_with,
+    Collision, Guess, IkSolution, KeyframeReport, Lack, MOST_CHECKS, MOST_THREADS, Outcome, Plan, Request, Residual,
+    StageTimes, Status, Tight, Touch, TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed,
+    plan_with,
 };
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};

@@ -72,6 +72,9 @@ pub struct ContactWindow {
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
+    /// How deep they may overlap (m), 0 to 1; by default as `contact_depth` says.
+    #[serde(default)]
+    pub depth: Option<f64>,
 }
 
 /// Options of a problem. Fields that are not set take the defaults below; unknown fields are refused.
@@ -93,8 +96,7 @@ pub struct Options {
     pub acceleration_limits: Option<Vec<f64>>,
     /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
-    /// Acceleration and jerk limits where none are given; by default the Panda's for an arm whose planned joints are
-    /// named `panda_joint1` to `7` (or `fer_joint1` to `7`), else plain ones.
+    /// Acceleration and jerk limits where none are given; by default plain ones, and the plan says that they are assumed.
     pub limits: Option<LimitSet>,
     /// Velocity at the start, a full joint, within 100 rad/s or m/s; by default at rest.
     pub start_velocity: Option<Vec<f64>>,
@@ -106,14 +108,27 @@ pub struct Options {
     pub frames: Frames,
     /// Path of "rotate".
     pub rotate_path: RotatePath,
+    /// Weight of each joint's squared way to the actuation pose in its cost, a full joint, 0.001 to 1e6; by default 1.
+    pub joint_weights: Option<Vec<f64>>,
     /// Start values of the actuation pose, the present joints included: 1 to 1,000.
     pub starts: usize,
     /// Poses on the constraints, cheapest first, that are moved to their optimum: 1 to 1,000.
     pub descents: usize,
     /// Box of the hand's origin at the actuation pose: lower and upper corner in the base frame (m); null for none.
     pub workspace: Option<[[f64; 3]; 2]>,
-    /// Clearance kept on the free approach (m), 0 to 0.2. Where start or goal are nearer to something, that is kept instead.
+    /// Clearance (m) that the whole motion keeps from what it may not touch, 0 to 0.2. Two bodies that are nearer to each
+    /// other where a leg begins or ends keep what they have there; the plan says so.
     pub margin: f64,
+    /// Clearance (m) that will do where no motion keeps `margin`, 0 to that; by default none will.
+    pub least_margin: Option<f64>,
+    /// How deep (m) things that may touch may overlap, 0 to 1; null for no limit. Contact windows may have their own.
+    pub contact_depth: Option<f64>,
+    /// How deep (m) arm and held bodies may be inside of what the object's joint moves where it is a guess how far it
+    /// moves, 0 to 0.1.
+    pub guess_depth: f64,
+    /// How deep (m) the robot may be inside of something at the start, 0 to 1: it comes out first. Deeper, nothing is
+    /// planned.
+    pub start_depth: f64,
     /// Clearance (m) that robot and held bodies keep from what the hand reaches for (the moving link, targets, what it
     /// picks) on the way to the actuation pose and at it, 0 to 0.05. By default hand and fingers may touch it in the
     /// last leg before the actuation pose, and a target always.
@@ -160,10 +175,15 @@ impl Default for Options {
             contact_speed: None,
             frames: Frames::Object,
             rotate_path: RotatePath::Arc,
+            joint_weights: None,
             starts: 48,
             descents: 3,
-            workspace: Some([[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]]),
+            workspace: None,
             margin: 0.005,
+            least_margin: None,
+            contact_depth: Some(0.003),
+            guess_depth: 0.05,
+            start_depth: 0.01,
             reach_clearance: None,
             allow_partial: false,
             finger_width: None,
@@ -189,6 +209,8 @@ impl Options {
             ("velocity_scale", self.velocity_scale, 1e-3..=1.0),
             ("acceleration_scale", self.acceleration_scale, 1e-3..=1.0),
             ("margin", self.margin, 0.0..=0.2),
+            ("guess_depth", self.guess_depth, 0.0..=0.1),
+            ("start_depth", self.start_depth, 0.0..=1.0),
         ];
         for (name, value, range) in numbers {
             within(name, value, &range)?;
@@ -214,6 +236,7 @@ impl Options {
             ("velocity_limits", &self.velocity_limits, GENTLEST..=1e9),
             ("acceleration_limits", &self.acceleration_limits, GENTLEST..=1e9),
             ("jerk_limits", &self.jerk_limits, GENTLEST..=1e9),
+            ("joint_weights", &self.joint_weights, 1e-3..=1e6),
             ("start_velocity", &self.start_velocity, -FASTEST..=FASTEST),
             ("start_acceleration", &self.start_acceleration, -HARDEST..=HARDEST),
         ];
@@ -228,6 +251,17 @@ impl Options {
         }
         if let Some(clearance) = self.reach_clearance {
             within("reach_clearance", clearance, &(0.0..=0.05))?;
+        }
+        if let Some(least) = self.least_margin {
+            within("least_margin", least, &(0.0..=self.margin))?;
+        }
+        if let Some(depth) = self.contact_depth {
+            within("contact_depth", depth, &(0.0..=1.0))?;
+        }
+        for (i, window) in self.contacts.iter().flatten().enumerate() {
+            if let Some(depth) = window.depth {
+                within(&format!("contacts[{i}].depth"), depth, &(0.0..=1.0))?;
+            }
         }
         if let Some(speed) = self.contact_speed {
             within("contact_speed", speed, &(1e-3..=1e3))?;

@@ -87,7 +87,7 @@ fn solved() -> &'static (KeypointProblem, Plan) {
     SOLVED.get_or_init(|| {
         let problem = problem();
         let plan = plan(&problem);
-        assert_eq!(plan.status, Status::Solved, "{}", plan.reason);
+        assert_eq!(plan.status(), Status::Solved, "{}", plan.reason);
         (problem, plan)
     })
 }
@@ -215,7 +215,7 @@ proptest! {
     #[test]
     fn plans_are_looked_at_with_anything(times in numbers(6), step in number(), keep in any::<bool>(), q in numbers(5)) {
         let (problem, plan) = solved();
-        let trajectory = plan.trajectory.as_ref().unwrap();
+        let trajectory = plan.trajectory().unwrap();
         for t in &times {
             let sample = trajectory.sample(*t);
             prop_assert_eq!(sample.position.len(), 3);

@@ -152,7 +152,7 @@ fn damaged_scenes_are_refused_or_answer() {
 fn damaged_plans_are_refused_or_looked_at() {
     let problem = problem();
     let plan = plan(&problem);
-    assert_eq!(plan.status, Status::Solved, "{}", plan.reason);
+    assert_eq!(plan.status(), Status::Solved, "{}", plan.reason);
     let mut request = Request::default();
     request.most_checks = Some(300);
     let counts = read_damaged(&plan, 1500, |former: &Plan| {
@@ -164,7 +164,7 @@ fn damaged_plans_are_refused_or_looked_at() {
         }
     });
     assert!(counts.0 > 50 && counts.1 > 200, "{counts:?}");
-    let counts = read_damaged(plan.trajectory.as_ref().unwrap(), 1500, |trajectory: &Trajectory| {
+    let counts = read_damaged(plan.trajectory().unwrap(), 1500, |trajectory: &Trajectory| {
         for k in -1..=5 {
             let t = trajectory.start() + 0.2 * f64::from(k) * (trajectory.end() - trajectory.start());
             assert_eq!(trajectory.sample(t).position.len(), trajectory.joints());
@@ -212,8 +212,8 @@ fn what_does_not_fit_is_named() {
     let scene = scene();
     assert!(refusal(&scene, "/joints/0/moves/0", json!("lid")).contains("\"lid\" is not a body"));
     let solved = plan(&problem);
-    assert!(refusal(&solved, "/trajectory/times", json!([])).contains("trajectory: is damaged"));
-    assert!(refusal(&solved, "/trajectory/pieces/0/states/0", json!(null)).contains("invalid type"));
+    assert!(refusal(&solved, "/outcome/solved/times", json!([])).contains("trajectory: is damaged"));
+    assert!(refusal(&solved, "/outcome/solved/pieces/0/states/0", json!(null)).contains("invalid type"));
 }
 
 #[test]

@@ -41,6 +41,13 @@ impl PyRobot {
         self.0.joints().iter().map(|j| j.name().to_owned()).collect()
     }
 
+    /// Pairs of links that overlap at the middle of all joint ranges and are never checked for that reason alone.
+    #[getter]
+    fn unchecked_pairs(&self) -> Vec<(String, String)> {
+        let name = |link: usize| self.0.links()[link].name().to_owned();
+        self.0.unchecked_pairs().iter().map(|(a, b)| (name(*a), name(*b))).collect()
+    }
+
     #[getter]
     fn link_names(&self) -> Vec<String> {
         self.0.links().iter().map(|l| l.name().to_owned()).collect()

@@ -20,7 +20,7 @@ fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyA
 impl PyPlan {
     #[getter]
     fn status(&self) -> &'static str {
-        self.0.status.name()
+        self.0.status().name()
     }
 
     #[getter]
@@ -31,6 +31,60 @@ impl PyPlan {
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.0.warnings.clone()
+    }
+
+    /// Clearance (m) that the motion keeps from what it may not touch, but for what is `tight`.
+    #[getter]
+    fn margin(&self) -> f64 {
+        self.0.margin
+    }
+
+    /// Limits ("acceleration", "jerk") of which nothing was said, so that plain ones are assumed.
+    #[getter]
+    fn assumed_limits(&self) -> Vec<String> {
+        self.0.assumed_limits.clone()
+    }
+
+    /// What is nearer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
+    #[getter]
+    fn tight<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for t in &self.0.tight {
+            let d = PyDict::new(py);
+            d.set_item("bodies", (&t.bodies[0], &t.bodies[1]))?;
+            d.set_item("at", &t.at)?;
+            d.set_item("distance", t.distance)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    /// What overlaps at keyframes, and may: dicts `bodies`, `at`, `depth`.
+    #[getter]
+    fn touches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for t in &self.0.touches {
+            let d = PyDict::new(py);
+            d.set_item("bodies", (&t.bodies[0], &t.bodies[1]))?;
+            d.set_item("at", &t.at)?;
+            d.set_item("depth", t.depth)?;
+            out.append(d)?;
+        }
+        Ok(out)
+    }
+
+    /// Motions that move the object's joint by an amount that is a guess: dicts `toward`, `travel`, `depth`.
+    #[getter]
+    fn guesses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let out = PyList::empty(py);
+        for g in &self.0.guesses {
+            let d = PyDict::new(py);
+            d.set_item("toward", &g.toward)?;
+            d.set_item("travel", g.travel)?;
+            d.set_item("depth", g.depth)?;
+            out.append(d)?;
+        }
+        Ok(out)
     }
 
     #[getter]
@@ -140,14 +194,18 @@ impl PyPlan {
 
     #[getter]
     fn trajectory(&self) -> Option<PyTrajectory> {
-        self.0.trajectory.clone().map(PyTrajectory)
+        self.0.trajectory().cloned().map(PyTrajectory)
     }
 
     /// Plain values, as JSON holds them; the trajectory as `times` and `positions`.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut value = serde_json::to_value(&self.0).map_err(|e| KpamError::new_err(e.to_string()))?;
-        if let (Some(map), Some(t)) = (value.as_object_mut(), &self.0.trajectory) {
-            map.insert("trajectory".to_owned(), serde_json::json!({"times": t.times(), "positions": t.positions()}));
+        if let Some(map) = value.as_object_mut() {
+            map.remove("outcome");
+            let motion =
+                self.0.trajectory().map(|t| serde_json::json!({"times": t.times(), "positions": t.positions()}));
+            map.insert("status".to_owned(), self.0.status().name().into());
+            map.insert("trajectory".to_owned(), motion.into());
         }
         convert::python(py, &value)
     }
@@ -163,13 +221,13 @@ impl PyPlan {
 
     fn __repr__(&self) -> String {
         let plan = &self.0;
-        let motion = plan.trajectory.as_ref().map_or_else(
+        let motion = plan.trajectory().map_or_else(
             || "no motion".to_owned(),
             |t| {
                 let met = plan.keyframes.iter().filter(|k| k.time.is_some()).map(|k| k.label.as_str());
                 format!("{:.2} s by {}", t.end() - t.start(), met.collect::<Vec<_>>().join(", "))
             },
         );
-        format!("Plan({}: {}; {motion})", plan.status.name(), plan.reason)
+        format!("Plan({}: {}; {motion})", plan.status().name(), plan.reason)
     }
 }

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
+from gensim2 import robots
 from gensim2.bench.problems import PlanProblem
 from gensim2.bench.scene import ProblemScene, SceneObstacle
 from gensim2.errors import InputError
@@ -42,6 +43,7 @@ def keypoint_problem(
         InputError: the config or a number is one that the solver refuses; names the problem.
     """
     joint = scene.joint
+    # The original knows no margin and lets the hand reach into what it works on, at the start as well.
     recorded: kpam.Options = {
         "timing": "config",
         "frames": frames,
@@ -49,6 +51,10 @@ def keypoint_problem(
         "velocity_scale": 1.0,
         "acceleration_scale": 1.0,
         "allow_partial": True,
+        **robots.robot("panda").solver,
+        "least_margin": 0.0,
+        "contact_depth": None,
+        "start_depth": 1.0,
     }
     if options is not None:
         recorded.update(options)

@@ -16,8 +16,25 @@ from gensim2.errors import InputError
 @click.command("evaluate", cls=options.Command, short_help="Measure how often a controller of your own succeeds.")
 @click.argument("tasks", nargs=-1, required=True)
 @click.option(
+    "--checkpoint",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="DIR",
+    help="A policy that gensim2 learn or train made, in place of --controller.",
+)
+@click.option(
+    "--controls",
+    default="none",
+    show_default=True,
+    metavar="all|none|NAME,...",
+    help="Of a --checkpoint, beside it: blind, shuffled (clouds of other scenes), no-op, expert (the planner).",
+)
+@click.option(
+    "--control-episodes", type=options.count(), default=30, show_default=True, help="Of each task and control."
+)
+@click.option(
     "--controller",
-    required=True,
+    default=None,
     metavar="module:Class|FILE.py:Class",
     help="Made with the keywords of --controller-args; reset(observation, seed) and act(observation) decide.",
 )
@@ -53,16 +70,53 @@ from gensim2.errors import InputError
 @options.processes
 @options.resume
 @options.json_file
-def evaluate(tasks: tuple[str, ...], controller: str, arguments: str, json_file: str | None, **given: Any) -> None:
+def evaluate(
+    tasks: tuple[str, ...],
+    checkpoint: Path | None,
+    controls: str,
+    control_episodes: int,
+    controller: str | None,
+    arguments: str,
+    json_file: str | None,
+    **given: Any,
+) -> None:
     """Run a controller on TASKS, on the random scenes of the benchmark, and judge it as the benchmark does.
 
     What a controller sees has the names that it has in exports; see docs/controllers.md.
     """
+    if (checkpoint is None) == (controller is None):
+        raise click.UsageError("Give either --controller or --checkpoint.")
     with report(json_file, _show) as (progress, give):
-        from gensim2.evaluation import evaluate as function
+        if checkpoint is None:
+            from gensim2.evaluation import evaluate as function
 
-        result = function(controller, tasks, arguments=_arguments(arguments), progress=progress, **given)
-        give(result.to_dict())
+            assert controller is not None
+            give(function(controller, tasks, arguments=_arguments(arguments), progress=progress, **given).to_dict())
+            return
+        from gensim2.policy.evaluating import evaluate_policy
+
+        measured = evaluate_policy(
+            checkpoint,
+            tasks,
+            arguments=_arguments(arguments),
+            controls=_controls(controls),
+            control_episodes=control_episodes,
+            progress=progress,
+            **given,
+        )
+        give(measured.to_dict())
+
+
+def _controls(text: str) -> Any:
+    from gensim2.policy.evaluating import CONTROLS
+
+    if text in ("all", "none"):
+        return CONTROLS if text == "all" else ()
+    found = tuple(text.split(","))
+    for name in found:
+        if name not in CONTROLS:
+            raise InputError(f"no control {name!r}", field="--controls", remedy=f"some of {', '.join(CONTROLS)}")
+    return found
 
 
 def _arguments(text: str) -> dict[str, Any]:
@@ -91,6 +145,9 @@ def _show(result: dict[str, Any]) -> None:
     line(f"{result['controller']['target']}, episodes end by the {result['arguments']['stop']}")
     heads = ("task", "episodes", "paper (95 %)", "held (95 %)", "strict (95 %)", "objects", "episodes/s", "causes")
     table(heads, rows)
+    for control, found in result.get("controls", {}).items():
+        for row in found:
+            line(f"{control}: {row['name']}: {row['held_mean']:.2f} {_interval(row, 'held')} of {row['episodes']}")
     for name, reason in result["skipped"].items():
         line(f"skipped {name}: {reason}")
     for films in result["videos"].values():

@@ -9,6 +9,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import click
 
@@ -37,6 +38,7 @@ COMMANDS = {
     "solve": "gensim2.cli.solve:solve",
     "benchmark": "gensim2.cli.benchmark:benchmark",
     "evaluate": "gensim2.cli.evaluate:evaluate",
+    "learn": "gensim2.cli.learn:learn",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",
@@ -76,14 +78,25 @@ def cli() -> None:
     """
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave the process with its exit code."""
     if _fill_closed_descriptors():
         sys.exit(_fail("gensim2: standard output is closed (let it go to a file, or to /dev/null)", BAD_INPUT))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
-    sys.exit(run(arguments))
+    _leave(run(arguments))
+
+
+def _leave(code: int) -> NoReturn:
+    """Leave the process with a code; at once where Ray would leave it with another."""
+    head = sys.modules.get("gensim2.processes.ray_head")
+    if head is not None and head.left_waiting:
+        sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -86,5 +86,5 @@ def _problem(head: Array, robot: RobotProfile) -> kpam.KeypointProblem:
         object_keypoints={HEAD: head},
         T_base_object=np.eye(4),
         bodies=[_table(robot)],
-        options=BUDGET,
+        options={**robot.solver, **BUDGET},
     )

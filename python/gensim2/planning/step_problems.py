@@ -22,6 +22,11 @@ Array = npt.NDArray[np.float64]
 #: Joint speed (rad/s) below which the arm is at rest.
 AT_REST = 0.01
 
+#: What is executed in physics: the margin is kept where some motion keeps it, else none; a hand presses by being driven
+#: into what it touches, so its depth has no limit (the plan tells it); and a robot that has touched something begins in
+#: it.
+EXECUTED: kpam.Options = {"least_margin": 0.0, "contact_depth": None, "start_depth": 1.0}
+
 #: Share of the joints' velocity limits with which a motion starts at most: somewhat less than the solver plans with.
 STARTS_AT_MOST = 0.45
 
@@ -107,7 +112,8 @@ class StepProblems:
         velocity[self._fingers] = 0.0
         if np.abs(velocity).max() > AT_REST:
             options = {**options, "start_velocity": velocity}
-        merged: kpam.Options = {**self._options, **options}  # type: ignore[typeddict-item]
+        known: kpam.Options = {**self._profile.solver, **EXECUTED}
+        merged: kpam.Options = {**known, **self._options, **options}  # type: ignore[typeddict-item]
         return world.problem(
             config,
             q,

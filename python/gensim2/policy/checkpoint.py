@@ -251,6 +251,11 @@ class PolicyCheckpoint:
             return self.table[index : index + 1]
         if self.config.text == "none":
             return self.table[:1]
-        message = f"was not trained on the sentence {sentence!r}"
-        remedy = f"train on the task; it knows {', '.join(self.data.tasks)}"
-        raise CheckpointError(message, file=folder, field="sentences", remedy=remedy)
+        raise unknown_sentence(self, sentence, folder)
+
+
+def unknown_sentence(policy: PolicyCheckpoint, sentence: str, folder: Path | str) -> CheckpointError:
+    """The error of a sentence that a policy was not trained on."""
+    message = f"was not trained on the sentence {sentence!r}"
+    remedy = f"train on the task; it knows {', '.join(policy.data.tasks)}"
+    return CheckpointError(message, file=folder, field="sentences", remedy=remedy)

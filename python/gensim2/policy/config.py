@@ -47,6 +47,8 @@ class PolicyConfig(Settings):
     horizon: int = setting(16, "Actions that are foretold at once.", low=1, high=256)
     execute: int = setting(8, "Actions of them that are executed before the policy looks again.", low=1, high=256)
     noise_levels: int = setting(100, "Noise levels of diffusion in training.", low=2, high=10000)
+    ways: int = setting(2, "Strategies that the keypose head tells apart, and one for done.", low=1, high=10000)
+    seen_points: int = setting(128, "Points that the keypose head makes a heatmap over.", low=1, high=49152)
     denoise_steps: int = setting(4, "Steps of DDIM, or of Euler's rule for flow, at inference.", low=1, high=1000)
 
     def __post_init__(self) -> None:
@@ -79,7 +81,9 @@ class TrainConfig(Settings):
         0.0, "Largest yaw of a scene about the base, rad; of no effect where frame is turned.", low=0.0, high=3.2
     )
     seed: int = setting(0, "Of everything that is drawn.", low=0, high=2**32 - 1)
-    threads: int = setting(0, "Threads of PyTorch; 0: as it likes.", low=0, high=1024)
+    threads: int = setting(
+        1, "Threads of PyTorch; 0: as it likes. More cost far more where others are at work.", low=0, high=1024
+    )
     amp: bool = setting(True, "Mixed precision (bfloat16) where there is a GPU.")
     compile: bool = setting(False, "Compile the network by torch.compile.")
     save_every: int = setting(500, "Steps between the states that a training can be resumed from.", low=1, high=10**9)

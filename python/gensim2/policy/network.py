@@ -78,6 +78,7 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         flat = cloud.flatten(0, 1)  # (B T, N, C)
         features = None
         if self.head.wants_features:
+            flat = flat[:, : self.config.seen_points]
             pooled, every = self.encoder.with_features(flat)
             features = every.unflatten(0, (-1, frames))[:, -1]
         else:
@@ -86,7 +87,9 @@ class PolicyNetwork(nn.Module):  # type: ignore[misc]
         tokens = [seen, self.proprio(own)]
         if self.text is not None:
             tokens.append(self.text(batch[TEXT])[:, None])
-        return Context(self.trunk(torch.cat(tokens, 1)), batch[CLOUD][:, -1, :, :3], features)
+        points = batch[CLOUD][:, -1, :, :3]
+        seen_points = points if features is None else points[:, : features.shape[1]]
+        return Context(self.trunk(torch.cat(tokens, 1)), points, seen_points, features)
 
     def loss(self, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
         """Return the loss of a batch of inputs and targets, a scalar."""

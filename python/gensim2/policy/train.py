@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from gensim2.data.lock import FolderLock
 from gensim2.errors import InputError
 from gensim2.policy.augment import augmented
 from gensim2.policy.checkpoint import PolicyCheckpoint
@@ -103,9 +104,27 @@ def train_policy(
         device: ``auto``, or as PyTorch names it.
 
     Raises:
-        InputError: settings and data do not go together, or ``out`` holds another training.
+        InputError: settings and data do not go together, ``out`` holds another training, or another process has it.
         KeyboardInterrupt: after a signal, once the state is written.
     """
+    lock = FolderLock(out)
+    try:
+        return _train(source, config, training, out, start, resume, device, progress)
+    finally:
+        lock.release()
+
+
+def _train(
+    source: Source,
+    config: PolicyConfig,
+    training: TrainConfig,
+    out: Path,
+    start: PolicyCheckpoint | None,
+    resume: bool,
+    device: str,
+    progress: Progress,
+) -> TrainResult:
+    """Train, in a folder that no other process has."""
     where = _device(device)
     if training.threads:
         torch.set_num_threads(training.threads)

@@ -6,6 +6,7 @@ node that has gone holds up no job; a node that comes gets actors of its own.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import importlib.util
@@ -20,16 +21,15 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from gensim2.errors import InputError, MissingExtraError
+from gensim2.errors import InputError, MissingExtraError, NotRunError
+from gensim2.processes import ray_head
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
 from gensim2.processes.pool import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.processes.ray_head import LOOK_SECONDS, Head
 from gensim2.processes.tries import Tries
 from gensim2.processes.worker import SINGLE_THREADED, START_LIMIT, answer
 
 Result = TypeVar("Result")
-
-LOOK_SECONDS = 1.0
-"""Between two looks at which nodes there are."""
 
 _ADDRESS = re.compile(r"local|auto|[\w.-]+:\d{1,5}|\[[0-9a-fA-F:]+\]:\d{1,5}")
 
@@ -124,6 +124,7 @@ class RayPool:
         self._ran = False
         self._looked, self._target, self._failed_starts, self._alive = 0.0, 0, 0, time.monotonic()
         _connect(ray, address, workers)
+        self._head = Head(ray.get_runtime_context().gcs_address)
         self._remote = ray.remote(num_cpus=1, max_restarts=0)(_Environment)
 
     def __enter__(self) -> RayPool:
@@ -136,12 +137,17 @@ class RayPool:
         """End the actors, whatever they are doing, and leave the cluster."""
         for place in list(self._places):
             self._end(place)
-        self._ray.shutdown()
+        if self._head.is_gone:  # there is none to leave, and Ray would wait for it until it ends this process
+            atexit.unregister(self._ray.shutdown)
+            ray_head.left_waiting = True
+        else:
+            self._ray.shutdown()
 
     def map_unordered(self, function: Callable[..., Result], jobs: Iterable[Job | None]) -> Iterator[Outcome[Result]]:
         """As in :class:`~gensim2.processes.executor.Executor`. A caller that stops early loses what was under way.
 
         Raises:
+            NotRunError: the head of the cluster is gone.
             WorkerStartError: where actors cannot start at all.
         """
         tries = Tries(jobs, self._on_failure, self._ran)
@@ -151,7 +157,7 @@ class RayPool:
         try:
             while True:
                 next_job = next_job or tries.next()
-                if next_job is not None:
+                if self._head.look() and next_job is not None:
                     self._look()
                     if idle := next((place for place in self._places if place.is_idle), None):
                         idle.send(next_job, pickle.dumps((function, next_job.arguments)))
@@ -160,6 +166,7 @@ class RayPool:
                 if finished:
                     yield finished.popleft()
                 elif next_job is not None or any(place.job for place in self._places):
+                    self._require_head(next_job)
                     finished.extend(self._collect(tries))
                 else:
                     return
@@ -167,6 +174,12 @@ class RayPool:
             for place in list(self._places):
                 if place.job is not None:
                     self._end(place)
+
+    def _require_head(self, waiting: Job | None) -> None:
+        if self._head.is_gone:
+            jobs = [job for job in (waiting, *(place.job for place in self._places)) if job is not None]
+            reason = f"the head of the cluster, {self._head.address}, does not answer"
+            raise NotRunError("jobs on Ray", {job.index: reason for job in jobs})
 
     def _look(self) -> None:
         """Have as many actors as the cluster has CPUs now, and no more."""
@@ -243,8 +256,9 @@ class RayPool:
         if place in self._places:
             self._places.remove(place)
         place.job = None
-        with contextlib.suppress(Exception):  # it may be gone, and its node with it
-            self._ray.kill(place.actor)
+        if self._head.is_there:
+            with contextlib.suppress(Exception):  # it may be gone, and its node with it
+                self._ray.kill(place.actor)
 
 
 def _connect(ray: Any, address: str, workers: int | None) -> None:

@@ -90,4 +90,9 @@ def fetch() -> RobotProfile:
             agent="fetch_fixed_base", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0)
         ),
         footprint=Footprint(base_half=0.15, hand_half=0.14, hand_drop=0.02),
+        solver={
+            "limits": "plain",
+            "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            "workspace": [[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]],
+        },
     )

@@ -53,4 +53,10 @@ def panda() -> RobotProfile:
             agent="panda", arm=JointDrive(1e3, 1e2, 100.0), gripper=JointDrive(1e3, 1e2, 100.0), tendons=True
         ),
         footprint=Footprint(base_half=0.12, hand_half=0.12, hand_drop=0.02),
+        # The original's weights and box, and the limits that Franka publishes.
+        solver={
+            "limits": "panda",
+            "joint_weights": [10.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
+            "workspace": [[0.05, -1.0, 0.0], [1.0, 1.0, 1.0]],
+        },
     )

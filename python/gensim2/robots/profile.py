@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +20,11 @@ Array = npt.NDArray[np.float64]
 
 DEFAULT_ROBOT = "panda"
 """Name of the robot where no other one is named."""
+
+
+def _no_options() -> kpam.Options:
+    """Options of a solver that knows nothing of the robot but its URDF."""
+    return {}
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,8 @@ class RobotProfile:
         base_quaternion: (4,) of its base in the world, (w, x, y, z).
         control_hz: rate of its actions.
         cameras: that its links carry, beside the fixed ones.
+        solver: options of every planning problem: limits that no URDF holds, the joints' weights, the box of the hand's
+            origin at the actuation pose.
     """
 
     name: str
@@ -148,6 +155,7 @@ class RobotProfile:
     base_quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     control_hz: int = 20
     cameras: tuple[MountedCamera, ...] = ()
+    solver: kpam.Options = field(default_factory=_no_options)
 
     @cached_property
     def _files(self) -> RobotFiles:

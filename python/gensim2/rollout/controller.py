@@ -94,7 +94,8 @@ class Controller(Protocol):
     - ``privileged = True``: it is made with ``task`` and ``profile`` beside its own arguments, and is shown
       :class:`PrivilegedObservation`.
     - ``observation_spec``: an :class:`~gensim2.observations.ObservationSpec` or its fields, what it looks at; without,
-      point clouds by the defaults, and of a privileged one the robot's own state.
+      point clouds by the defaults, and of a privileged one the robot's own state. It is read before every observation:
+      a controller that looks now and then has ``PROPRIOCEPTIVE`` in between.
     - ``reference``: a :class:`Reference`, read after every action and recorded; None: it means no more than the action.
     - ``turn``, ``history``, ``events``: the name of the task's step that it is at, a record of each step that was
       begun, and what was noticed; ``turn`` is read after every action, the others when the episode is over. Without

@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
@@ -92,11 +92,16 @@ class ControllerSpec:
 
     @property
     def digest(self) -> str:
-        """Of the name, the arguments and the source: a run that is gone on with must have the same."""
+        """Of the name, the arguments, the source and the files that the class says it depends on (``depends_on``, a
+        static method that is given the arguments): a run that is gone on with must have the same.
+        """
         where, _ = _parts(self.target)
         source = getattr(_module(where, self.target), "__file__", None)
         found = hashlib.sha256(json.dumps([self.target, self.arguments], sort_keys=True).encode())
         found.update(Path(source).read_bytes() if source is not None else b"")
+        depends: Callable[..., list[Path]] | None = getattr(self.load(), "depends_on", None)
+        for path in [] if depends is None else depends(**self.arguments):
+            found.update(path.read_bytes())
         return found.hexdigest()[:16]
 
     def to_dict(self) -> dict[str, Any]:

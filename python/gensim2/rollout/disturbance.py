@@ -14,7 +14,6 @@ from gensim2.rollout.controller import (
     Controller,
     Event,
     PrivilegedObservation,
-    spec_of,
 )
 from gensim2.rollout.wrapped import WrappedController
 from gensim2.seeding import rng
@@ -56,7 +55,6 @@ class Disturbed(WrappedController):
 
     def __init__(self, controller: Controller, world: Pushable, task: TaskSpec, kind: Disturbance, seed: int) -> None:
         self._controller, self._world, self._task, self._kind = controller, world, task, kind
-        self.observation_spec = spec_of(controller)
         random = rng(seed, f"{task.name}/disturbance/{kind}")
         self._push_at = int(random.integers(PUSHED_WITHIN))
         self._drop_after = int(random.integers(DROPPED_WITHIN))

@@ -77,13 +77,13 @@ def drive(body: Body, controller: Controller, steps: int, *, seed: int = 0) -> i
         steps: at most.
         seed: of the reset, and of what the controller draws.
     """
-    spec, asked = spec_of(controller), Asked(controller, body)
+    asked = Asked(controller, body)
     try:
         body.reset(seed)
-        asked.reset(body.observe(spec), seed)
+        asked.reset(body.observe(spec_of(controller)), seed)
         due = time.monotonic()
         for step in range(steps):
-            action = asked.act(body.observe(spec))
+            action = asked.act(body.observe(spec_of(controller)))
             if action is None:
                 return step
             body.step(action)

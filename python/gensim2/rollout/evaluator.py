@@ -82,6 +82,11 @@ class PoolEvaluator:
         self._executor.close()
 
     @property
+    def executor(self) -> Executor:
+        """What runs the jobs."""
+        return self._executor
+
+    @property
     def cpu_s(self) -> float:
         """Seconds of CPU since this was made: of this process, and of the workers' jobs without the workers' start."""
         return time.process_time() - self._begin + self._elsewhere

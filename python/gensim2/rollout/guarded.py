@@ -30,7 +30,6 @@ class Guarded(WrappedController):
         self._controller, self._target, self._episode = controller, spec.target, episode
         self._size = profile.action_size
         self.privileged = is_privileged(controller)
-        self.observation_spec = getattr(controller, "observation_spec", None)
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode.

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.observations import Observation
+from gensim2.observations import Observation, ObservationSpec
 from gensim2.rollout.controller import (
     ACTUATION,
     Action,
@@ -103,10 +103,9 @@ def run(
     limit = most - (steps_in(MAX_SETTLE_SECONDS) if stop == "goal" else 0)
     held_for, cut = 0, stop == "controller"
     try:
-        first = motion.observation()
-        asked.reset(first, controller_seed(seed))
+        asked.reset(motion.observation(), controller_seed(seed))
         while world.elapsed_steps < limit and held_for < steps_in(GOAL_SECONDS):
-            action = asked.act(motion.observation() if motion.steps else first)
+            action = asked.act(motion.observation())
             turn = turn_of(controller)
             if turn is not None and (not begun or begun[-1][0] != turn):
                 begun.append((turn, motion.steps))
@@ -185,7 +184,8 @@ class _Motion:
     """
 
     def __init__(self, world: World, controller: Controller, record: bool) -> None:
-        self._world, self._spec, self._privileged = world, spec_of(controller), is_privileged(controller)
+        self._world, self._controller, self._privileged = world, controller, is_privileged(controller)
+        self._seen: tuple[int, ObservationSpec, Observation] | None = None
         self._action: Action | None = None
         self.trace = [world.measure()]
         self._period = 1.0 / world.profile.control_hz
@@ -202,8 +202,11 @@ class _Motion:
         return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1], self._period)
 
     def observation(self) -> Observation:
-        """What the controller may look at."""
-        seen = self._world.observe(self._spec)
+        """What the controller may look at, by the spec that it has now."""
+        spec = spec_of(self._controller)
+        if self._seen is None or self._seen[:2] != (self.steps, spec):
+            self._seen = (self.steps, spec, self._world.observe(spec))
+        seen = self._seen[2]
         if not self._privileged:
             return seen
         return PrivilegedObservation.of(seen, self.trace[-1], self._world.scene_state)

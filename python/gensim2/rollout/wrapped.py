@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gensim2.rollout.controller import Controller, Event, Reference, events_of, history_of, reference_of, turn_of
+from gensim2.observations import ObservationSpec
+from gensim2.rollout.controller import (
+    Controller,
+    Event,
+    Reference,
+    events_of,
+    history_of,
+    reference_of,
+    spec_of,
+    turn_of,
+)
 from gensim2.rollout.record import StepRecord
 
 
@@ -15,6 +25,11 @@ class WrappedController:
     """
 
     _controller: Controller
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """What the controller looks at next."""
+        return spec_of(self._controller)
 
     @property
     def reference(self) -> Reference | None:

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::bands::{INSIDE, axis_bands};
 use super::projection::STEP;
-use super::{ActuationSearch, Candidate, joint_weight};
+use super::{ActuationSearch, Candidate};
 use crate::model::{MOST_JOINTS, Row};
 use crate::qp::{Bound, Qp, QpOutcome, QpSolver};
 use gensim2_geometry::Pose;
@@ -195,7 +195,7 @@ impl ActuationSearch<'_> {
         let mut g = [0.0; MOST_JOINTS];
         let steps = self.steps(x);
         for v in 0..self.model.n() {
-            g[v] = 2.0 * joint_weight(v) * steps[v];
+            g[v] = 2.0 * self.weights[v] * steps[v];
         }
         let mut add = |row: &Row, factor: f64| g.iter_mut().zip(row).for_each(|(a, b)| *a += factor * b);
         let way = hand.translation.vector - self.start_hand.translation.vector;
@@ -222,7 +222,7 @@ impl ActuationSearch<'_> {
         let origin = hand.translation.vector;
         let mut h = [[0.0; MOST_JOINTS]; MOST_JOINTS];
         for v in 0..n {
-            h[v][v] = 2.0 * joint_weight(v);
+            h[v][v] = 2.0 * self.weights[v];
         }
         let mut add = |row: &Row, factor: f64| {
             for i in 0..n {

@@ -38,11 +38,6 @@ pub(crate) struct Actuation {
     pub best_effort: Option<Row>,
 }
 
-/// The least-squares weights of the original: the first joint of the chain costs ten times the others.
-fn joint_weight(v: usize) -> f64 {
-    if v == 0 { 10.0 } else { 1.0 }
-}
-
 pub(crate) struct ActuationSearch<'p> {
     problem: &'p KeypointProblem,
     model: &'p Model,
@@ -51,6 +46,8 @@ pub(crate) struct ActuationSearch<'p> {
     start_hand: Pose,
     lower: Row,
     upper: Row,
+    /// Of each variable's squared way from the start.
+    weights: Row,
     /// Residuals below which a projection has arrived.
     near: f64,
     /// Where projections aim at within the tolerances.
@@ -74,6 +71,7 @@ impl<'p> ActuationSearch<'p> {
             start_hand: Pose::identity(),
             lower: model.lower,
             upper: model.upper,
+            weights: problem.joint_weights(model),
             near: 0.0,
             aim: Aim::default(),
             placed: Placed::default(),
@@ -86,6 +84,12 @@ impl<'p> ActuationSearch<'p> {
         search.place(&start);
         search.start_hand = search.placed.hand;
         search
+    }
+
+    /// Hand pose at `x`.
+    pub fn hand(&mut self, x: &Row) -> Pose {
+        self.place(x);
+        self.placed.hand
     }
 
     fn place(&mut self, x: &Row) {
@@ -186,7 +190,7 @@ impl<'p> ActuationSearch<'p> {
     pub fn cost(&mut self, x: &Row) -> f64 {
         self.place(x);
         let steps = self.steps(x);
-        let joints: f64 = (0..self.model.n()).map(|v| joint_weight(v) * steps[v].powi(2)).sum();
+        let joints: f64 = (0..self.model.n()).map(|v| self.weights[v] * steps[v].powi(2)).sum();
         let hand = &self.placed.hand;
         let way = (hand.translation.vector - self.start_hand.translation.vector).norm_squared();
         let turn = 0.5 * (3.0 - (self.start_hand.rotation.matrix().transpose() * hand.rotation.matrix()).trace());

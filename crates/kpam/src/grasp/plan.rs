@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Grasp, ParallelGripper};
 use crate::config::{Constraint, Frame, Motion, SolverConfigBuilder, TargetAxis};
-use crate::{Bodies, Gripper, KeypointProblem, Options, Plan, ProblemError, Role, Scene, SolverConfig, Status, plan};
+use crate::{Bodies, Gripper, KeypointProblem, Options, Outcome, Plan, ProblemError, Role, Scene, SolverConfig, plan};
 
 /// Tolerances of the hand's pose (m, rad).
 const PLACE: f64 = 2e-4;
@@ -210,6 +210,6 @@ impl Asked<'_> {
 
 /// Joints at the end of a solved plan.
 fn end(plan: &Plan) -> Option<Vec<f64>> {
-    let trajectory = plan.trajectory.as_ref().filter(|_| plan.status == Status::Solved)?;
+    let Outcome::Solved(trajectory) = &plan.outcome else { return None };
     Some(trajectory.sample(trajectory.end()).position)
 }

@@ -1,7 +1,8 @@
 //! The motion through the keyframes of one actuation pose.
 
 use super::failure::Failure;
-use super::planner::Planner;
+use super::planner::{Approach, PAD, Planner};
+use super::timed::Timed;
 use crate::free_space::NoWay;
 use crate::hand_path::Followed;
 use crate::model::Row;
@@ -19,14 +20,19 @@ pub(super) struct Attempt {
     pub paths: Vec<Vec<Row>>,
     /// Travel of the object's joint at those waypoints; none before the actuation.
     pub travel: Vec<Vec<f64>>,
+    /// Free motions that stop wherever they turn, for where those of `approach` do not stand once they are timed.
+    pub corners: Vec<Vec<Row>>,
+    /// What the free motion keeps, and what each path does.
+    pub kept: Margins,
+    pub margins: Vec<Margins>,
     /// Number of whole paths after the actuation and the fraction of the next one.
     pub after: (usize, f64),
     pub hits: Vec<(usize, Hit)>,
     pub failure: Option<Failure>,
     /// Whether the pose itself overlaps something, so that no motion was looked for.
     pub overlaps: bool,
-    /// Whether approach and pre-actuation motions stand.
-    pub starts: bool,
+    /// The timed motion, once approach and pre-actuation motions stand: with a failure, the part before it.
+    pub timed: Option<Timed>,
     /// First path that is planned; those before it are done.
     pub first: usize,
 }
@@ -43,18 +49,26 @@ impl Attempt {
             approach: Vec::new(),
             paths: vec![Vec::new(); count],
             travel: vec![Vec::new(); count],
+            corners: Vec::new(),
+            kept: Margins::plain(0.0),
+            margins: vec![Margins::plain(0.0); count],
             after: (done, 0.0),
             hits: Vec::new(),
             failure: None,
             overlaps: false,
-            starts: false,
+            timed: None,
             first,
         }
     }
 
     /// How far the motion goes.
     pub fn score(&self) -> f64 {
-        if self.starts { self.extent() } else { 0.0 }
+        if self.timed.is_some() { self.extent() } else { 0.0 }
+    }
+
+    /// Whether the whole motion stands.
+    pub fn is_whole(&self) -> bool {
+        self.timed.is_some() && self.failure.is_none()
     }
 
     /// How far it goes if the approach to it is free: nowhere, if it does not get to the actuation pose and past it.
@@ -76,7 +90,7 @@ impl Attempt {
 
     /// A path with the travel of the object's joint along it.
     fn way(&self, path: usize) -> Way<'_> {
-        Way { waypoints: &self.paths[path], travel: &self.travel[path] }
+        Way { waypoints: &self.paths[path], travel: &self.travel[path], off: &[] }
     }
 
     /// Something is in the way on a path. Before the actuation that leaves no motion but what lies between it and there.
@@ -127,22 +141,17 @@ impl Planner<'_> {
         if bar.is_some_and(|bar| self.falls_short(&mut out, bar, &plain)) {
             return out;
         }
-        self.sweep_all(&mut out, &plain);
+        self.sweep_all(&mut out);
         let worth = self.problem.options.allow_partial && out.extent() > bar.unwrap_or(0.0);
         if out.failure.is_some() && !worth {
             // It still says how far it goes, but the free motion is not spent on it.
             return out;
         }
-        if self.entry > act {
-            out.starts = true;
-        } else {
-            self.approach_first(&mut out, samples);
-        }
-        if out.starts
-            && let Some(failure) = self.too_fast(&out)
-        {
-            out.starts = false;
-            out.failure = Some(failure);
+        if self.entry > act || self.approach_first(&mut out, samples) {
+            match self.emit(&mut out) {
+                Ok(timed) => out.timed = Some(timed),
+                Err(failure) => out.failure = Some(failure),
+            }
         }
         out
     }
@@ -161,10 +170,16 @@ impl Planner<'_> {
         let leg = self.world.course.along(path);
         let travel = out.travel[path].first().copied().unwrap_or(0.0);
         let near = self.model.start();
-        self.world.measure_start(State { x: &near, travel }, leg);
+        let start = State { x: &near, travel };
+        self.world.measure_start(start, leg);
+        if let Some(hit) = self.too_deep() {
+            out.failure = Some(Failure::Inside { keyframe: self.entry, hit });
+            return;
+        }
         let way = self.leads[self.lead].way(&self.start);
-        let brake = Way { waypoints: &way, travel: &[travel] };
-        if let Some((_, hit)) = self.world.sweep_along(brake, leg, &Margins::plain(0.0)) {
+        let brake = Way { waypoints: &way, travel: &[travel], off: &[] };
+        let margins = self.world.margins_between([start, start], leg, self.margin);
+        if let Some((_, hit)) = self.world.sweep_along(brake, leg, &margins) {
             out.hits.push((self.entry, hit.clone()));
             if self.problem.options.avoid_collisions {
                 out.failure = Some(Failure::Blocked { keyframe: self.entry, hit });
@@ -172,15 +187,15 @@ impl Planner<'_> {
         }
     }
 
-    /// Looks for the free motion to the first keyframe.
-    fn approach_first(&mut self, out: &mut Attempt, samples: usize) {
+    /// Looks for the free motion to the first keyframe; whether there is one.
+    fn approach_first(&mut self, out: &mut Attempt, samples: usize) -> bool {
         let goal = out.paths[self.entry..out.motions.actuation].first().map_or(out.x, |path| path[0]);
         let keyframe = self.entry;
         match self.approach(&goal, samples) {
-            Ok((approach, hit)) => {
-                out.approach = approach;
+            Ok(Approach { pieces, corners, kept, hit }) => {
+                (out.approach, out.corners, out.kept) = (pieces, corners, kept);
                 out.hits.extend(hit.map(|h| (keyframe, h)));
-                out.starts = true;
+                return true;
             }
             Err(NoWay::Blocked(hit)) => {
                 out.hits.push((keyframe, hit.clone()));
@@ -191,6 +206,7 @@ impl Planner<'_> {
                 out.failure = Some(Failure::NotFound { keyframe, hit });
             }
         }
+        false
     }
 
     /// Follows the paths as far as the hand gets. Before the actuation all must be followed whole, or there is no
@@ -284,16 +300,15 @@ impl Planner<'_> {
         false
     }
 
-    /// Sweeps the paths, and cuts the motion where it hits something.
-    fn sweep_all(&mut self, out: &mut Attempt, margins: &Margins) {
+    /// Sweeps the paths, and cuts the motion where it hits something. Each keeps the margin, or what either of its ends
+    /// leaves where that is less.
+    fn sweep_all(&mut self, out: &mut Attempt) {
         let act = out.motions.actuation;
         for i in out.outwards() {
             if out.paths[i].is_empty() {
                 continue;
             }
-            let Some((k, hit)) = self.world.sweep_along(out.way(i), self.world.course.along(i), margins) else {
-                continue;
-            };
+            let Some((k, hit)) = self.sweep_path(out, i) else { continue };
             if !self.problem.options.avoid_collisions {
                 out.hits.push((i + 1, hit));
                 continue;
@@ -308,6 +323,29 @@ impl Planner<'_> {
             out.travel[i].truncate(k + 1);
             out.paths[i + 1..].iter_mut().for_each(Vec::clear);
             return;
+        }
+    }
+
+    /// Sweeps a path; the last waypoint up to which it is free, and what it meets then. A path that ends earlier has
+    /// another end, whose clearances are those that count.
+    fn sweep_path(&mut self, out: &mut Attempt, path: usize) -> Option<(usize, Hit)> {
+        let leg = self.world.course.along(path);
+        let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+        let mut met: Option<(usize, Hit)> = None;
+        loop {
+            let way = out.way(path).until(met.as_ref().map_or(out.paths[path].len() - 1, |(k, _)| *k));
+            let ends = [way.state(0), way.state(way.waypoints.len() - 1)];
+            let wide = self.world.margins_between(ends, leg, clearance + PAD);
+            let wide = if self.entry > out.motions.actuation { wide } else { wide.parted() };
+            let hit = self.world.sweep_along(way, leg, &wide);
+            out.margins[path] = wide.with_clearance(clearance);
+            match hit {
+                Some((k, hit)) if met.as_ref().is_none_or(|(before, _)| k < *before) => met = Some((k, hit)),
+                _ => return met,
+            }
+            if !self.problem.options.allow_partial || met.as_ref().is_none_or(|(k, _)| *k == 0) {
+                return met;
+            }
         }
     }
 }

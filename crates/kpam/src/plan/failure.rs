@@ -1,6 +1,6 @@
 //! Why a motion ends before its end.
 
-use super::Status;
+use super::Lack;
 use crate::world::Hit;
 
 /// Why a candidate's motion ends before its end. Keyframes are numbered in time.
@@ -8,12 +8,16 @@ use crate::world::Hit;
 pub(super) enum Failure {
     /// The hand cannot follow the path to this keyframe beyond this fraction.
     Unreachable { keyframe: usize, fraction: f64 },
+    /// The motion begins deeper inside something than the problem allows.
+    Inside { keyframe: usize, hit: Hit },
     /// Something is in the way on the path to this keyframe.
     Blocked { keyframe: usize, hit: Hit },
     /// No free motion to this keyframe was found; this is in the straight way.
     NotFound { keyframe: usize, hit: Hit },
     /// The clock allows this much less than needed.
     TooFast { keyframe: usize, allowed: f64, needed: f64 },
+    /// No motion along the path to this keyframe keeps the limits from the state at the start on.
+    Untimed { keyframe: usize },
 }
 
 impl Failure {
@@ -21,19 +25,23 @@ impl Failure {
     pub fn keyframe(&self) -> usize {
         match self {
             Self::Unreachable { keyframe, .. }
+            | Self::Inside { keyframe, .. }
             | Self::Blocked { keyframe, .. }
             | Self::NotFound { keyframe, .. }
-            | Self::TooFast { keyframe, .. } => *keyframe,
+            | Self::TooFast { keyframe, .. }
+            | Self::Untimed { keyframe } => *keyframe,
         }
     }
 
     /// How planning ends with it.
-    pub fn status(&self) -> Status {
+    pub fn lack(&self) -> Lack {
         match self {
-            Self::Unreachable { .. } => Status::Unreachable,
-            Self::Blocked { .. } => Status::Collision,
-            Self::NotFound { .. } => Status::NotFound,
-            Self::TooFast { .. } => Status::TooFast,
+            Self::Unreachable { .. } => Lack::Unreachable,
+            Self::Inside { .. } => Lack::StartInCollision,
+            Self::Blocked { .. } => Lack::Collision,
+            Self::NotFound { .. } => Lack::NotFound,
+            Self::TooFast { .. } => Lack::TooFast,
+            Self::Untimed { .. } => Lack::Untimed,
         }
     }
 
@@ -43,6 +51,7 @@ impl Failure {
             Self::Unreachable { keyframe, fraction } => {
                 format!("{} is out of reach: the hand gets {:.0} % of the way", label(*keyframe), 100.0 * fraction)
             }
+            Self::Inside { hit, .. } => inside(hit),
             Self::Blocked { keyframe, hit } => {
                 format!("{} on the way to {}, {}", meeting(hit), label(*keyframe), place(hit))
             }
@@ -55,8 +64,16 @@ impl Failure {
             Self::TooFast { keyframe, allowed, needed } => {
                 format!("the clock gives {allowed:.2} s to {}, the joints need {needed:.2} s", label(*keyframe))
             }
+            Self::Untimed { keyframe } => {
+                format!("no motion to {} keeps the joints' limits from the velocity at the start on", label(*keyframe))
+            }
         }
     }
+}
+
+/// The start that cannot be planned from.
+pub(super) fn inside(hit: &Hit) -> String {
+    format!("{} is {:.4} m inside {} at the start, {}", hit.first, -hit.distance, hit.second, place(hit))
 }
 
 fn meeting(hit: &Hit) -> String {

@@ -1,7 +1,9 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
 mod attempt;
+mod emitted;
 mod failure;
+mod outcome;
 mod planner;
 mod replay;
 mod report;
@@ -13,56 +15,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::actuation::ActuationSearch;
 use crate::fingers::resting_joints;
-use crate::model::Model;
+use crate::model::{Model, Row};
+use crate::resolve::Resolved;
 use crate::world::Course;
 use crate::{Cancel, KeypointProblem, ProblemError, Trajectory};
+pub use outcome::{Lack, Outcome, Status};
 use planner::Planner;
 pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
 pub use request::Request;
 use resume::former_pose;
-
-/// How planning ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[non_exhaustive]
-pub enum Status {
-    /// The whole motion is reachable and free.
-    Solved,
-    /// A part of the motion that the caller allowed to take.
-    Partial,
-    /// No joint values meet the constraints.
-    ActuationInfeasible,
-    /// A keyframe is out of reach from every actuation pose tried.
-    Unreachable,
-    /// Something is in the way from every actuation pose tried.
-    Collision,
-    /// The clock asks for more than the joints' limits give.
-    TooFast,
-    /// No motion from the state at the start stays within the joints' limits.
-    CannotStop,
-    /// The search for a free motion spent its samples and found none; there may be one.
-    NotFound,
-    /// The caller cancelled it.
-    Cancelled,
-}
-
-impl Status {
-    /// Name, as in reports.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Solved => "solved",
-            Self::Partial => "partial",
-            Self::ActuationInfeasible => "actuation_infeasible",
-            Self::Unreachable => "unreachable",
-            Self::Collision => "collision",
-            Self::TooFast => "too_fast",
-            Self::CannotStop => "cannot_stop",
-            Self::NotFound => "not_found",
-            Self::Cancelled => "cancelled",
-        }
-    }
-}
 
 /// How one constraint is met.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -108,6 +69,43 @@ pub struct Collision {
     pub point: [f64; 3],
 }
 
+/// Two bodies that are nearer to each other at a keyframe than the margin, though they may not touch. The motions to and
+/// from there keep what they have there, in place of the margin.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Tight {
+    /// Link and body, or two links.
+    pub bodies: [String; 2],
+    /// `start`, or the label of a keyframe.
+    pub at: String,
+    /// Signed distance (m).
+    pub distance: f64,
+}
+
+/// Two bodies that overlap at a keyframe and may: a contact.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Touch {
+    /// Link and body, or two links.
+    pub bodies: [String; 2],
+    /// Label of the keyframe.
+    pub at: String,
+    /// How deep (m).
+    pub depth: f64,
+}
+
+/// How far the object's joint is taken to move by a motion of which that is not known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Guess {
+    /// The keyframe that the motion leads to.
+    pub toward: String,
+    /// Travel of the joint (rad or m) over the motion.
+    pub travel: f64,
+    /// Overlap (m) with what the joint moves that is let pass for it.
+    pub depth: f64,
+}
+
 /// What became of an actuation pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
@@ -128,10 +126,20 @@ pub struct TriedPose {
 pub struct Plan {
     /// Version of this value's layout.
     pub schema_version: u32,
-    /// How planning ended.
-    pub status: Status,
+    /// How planning ended, and the motion.
+    pub outcome: Outcome,
     /// One sentence for a person.
     pub reason: String,
+    /// Clearance (m) that the motion keeps from what it may not touch, but for what is `tight`.
+    pub margin: f64,
+    /// What is nearer than that at the start or at a keyframe.
+    pub tight: Vec<Tight>,
+    /// What overlaps at keyframes, and may.
+    pub touches: Vec<Touch>,
+    /// Motions that move the object's joint by an amount that is a guess.
+    pub guesses: Vec<Guess>,
+    /// Limits (`acceleration`, `jerk`) of which nothing was said, so that plain ones are assumed.
+    pub assumed_limits: Vec<String>,
     /// What a caller should know beside that.
     pub warnings: Vec<String>,
     /// The cheapest pose that meets the constraints, obstacles left out.
@@ -152,14 +160,26 @@ pub struct Plan {
     pub residuals: Vec<Residual>,
     /// Keyframes that follow from `q_plan`.
     pub keyframes: Vec<KeyframeReport>,
-    /// The motion.
-    pub trajectory: Option<Trajectory>,
     /// Part of the motion after the actuation pose that can be taken, 0..1 of its paths.
     pub reached_fraction: f64,
     /// What is in the way.
     pub collisions: Vec<Collision>,
     /// Deepest judged overlap at the start (m).
     pub start_overlap: f64,
+}
+
+impl Plan {
+    /// How planning ended, as a word.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        self.outcome.status()
+    }
+
+    /// The motion, where there is one.
+    #[must_use]
+    pub fn trajectory(&self) -> Option<&Trajectory> {
+        self.outcome.trajectory()
+    }
 }
 
 /// CPU time of the planning thread in the two stages (s); beside the plan, because a plan is the same on every run.
@@ -182,7 +202,8 @@ pub fn plan(problem: &KeypointProblem) -> Plan {
 #[must_use]
 pub fn plan_timed(problem: &KeypointProblem, cancel: &Cancel) -> (Plan, StageTimes) {
     let request = Request { cancel: Some(cancel.clone()), ..Request::default() };
-    plan_with(problem, &request).unwrap_or_else(|e| (refused(e.to_string()), StageTimes::default()))
+    plan_with(problem, &request)
+        .unwrap_or_else(|e| (refused(Lack::ActuationInfeasible, e.to_string()), StageTimes::default()))
 }
 
 /// As [`plan_timed`], with what the request asks for.
@@ -194,7 +215,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let mut times = StageTimes::default();
     let clock = cpu_time::ThreadTime::now();
     if request.cancel.as_ref().is_some_and(Cancel::is_cancelled) {
-        return Ok((Plan { status: Status::Cancelled, ..refused("it was cancelled".to_owned()) }, times));
+        return Ok((refused(Lack::Cancelled, "it was cancelled".to_owned()), times));
     }
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
     let resolved = problem.resolve()?;
@@ -205,9 +226,13 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
         Err(e) => {
             let joint = &problem.robot.joints()[model.map().indices()[e.joint]].name();
             let reason = format!("{joint} cannot be stopped in time: {}", e.reason);
-            return Ok((Plan { status: Status::CannotStop, ..refused(reason) }, times));
+            return Ok((refused(Lack::CannotStop, reason), times));
         }
     };
+    if let Some(plan) = planner.too_deep_at_start() {
+        times.trajectory = clock.elapsed().as_secs_f64();
+        return Ok((plan, times));
+    }
     let joints = problem.robot.joints().len();
     if let Some(former) = request.former
         && let Some(x) = former_pose(former, |q| model.pick(q), joints)
@@ -219,11 +244,29 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     let found = search.run(problem.options.starts);
     times.actuation = clock.elapsed().as_secs_f64();
     let plan = match found.candidates.first() {
-        None => planner.infeasible(found.best_effort),
+        None => {
+            let boxed = outside_the_box(problem, &model, &resolved);
+            planner.infeasible(found.best_effort, boxed)
+        }
         Some(_) => planner.whole_motion(&found, &mut search),
     };
     times.trajectory = clock.elapsed().as_secs_f64() - times.actuation;
     Ok((plan, times))
+}
+
+/// How far (m) outside the workspace box the hand has to be where it meets the constraints; `None` where it meets them
+/// nowhere, or there is no box.
+fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved) -> Option<f64> {
+    let [low, high] = problem.options.workspace?;
+    let mut open = problem.clone();
+    open.options.workspace = None;
+    let mut search = ActuationSearch::new(&open, model, resolved);
+    let found = search.run(problem.options.starts);
+    let mut outside = |x: &Row| {
+        let hand = search.hand(x).translation.vector;
+        (0..3).map(|i| (low[i] - hand[i]).max(hand[i] - high[i])).fold(0.0, f64::max)
+    };
+    found.candidates.iter().map(|c| outside(&c.x)).reduce(f64::min)
 }
 
 /// Number in time of the keyframe that the motion goes to first.
@@ -295,11 +338,16 @@ pub fn plan_batch(
     Ok(pool.install(|| problems.par_iter().map(|p| plan_timed(p, cancel)).collect()))
 }
 
-fn refused(reason: String) -> Plan {
+fn refused(lack: Lack, reason: String) -> Plan {
     Plan {
-        schema_version: 2,
-        status: Status::ActuationInfeasible,
+        schema_version: 3,
+        outcome: Outcome::Failed(lack),
         reason,
+        margin: 0.0,
+        tight: Vec::new(),
+        touches: Vec::new(),
+        guesses: Vec::new(),
+        assumed_limits: Vec::new(),
         warnings: Vec::new(),
         q_actuation: None,
         cost: None,
@@ -310,7 +358,6 @@ fn refused(reason: String) -> Plan {
         tried_poses: Vec::new(),
         residuals: Vec::new(),
         keyframes: Vec::new(),
-        trajectory: None,
         reached_fraction: 0.0,
         collisions: Vec::new(),
         start_overlap: 0.0,

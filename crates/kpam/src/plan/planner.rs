@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use super::attempt::Attempt;
-use super::failure::Failure;
-use super::{Plan, Request, Status, TriedPose, refused};
+use super::failure::{Failure, inside};
+use super::{Collision, Lack, Outcome, Plan, Request, TriedPose, refused};
 use crate::KeypointProblem;
 use crate::actuation::{Actuation, ActuationSearch, Candidate};
+use crate::default_limits::{ASSUMED, assumed_limits};
 use crate::free_space::{self, NoWay, Sampling};
 use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
@@ -28,7 +29,7 @@ struct Trial {
 
 impl Trial {
     fn done(&self) -> bool {
-        self.best.as_ref().is_some_and(|b| b.failure.is_none())
+        self.best.as_ref().is_some_and(Attempt::is_whole)
     }
 
     /// The score to beat, once there is one.
@@ -37,10 +38,22 @@ impl Trial {
     }
 
     fn keep(&mut self, attempt: Attempt) {
-        if self.best.as_ref().is_none_or(|b| attempt.failure.is_none() || attempt.score() > b.score()) {
+        if self.best.as_ref().is_none_or(|b| attempt.is_whole() || attempt.score() > b.score()) {
             self.best = Some(attempt);
         }
     }
+}
+
+/// A free motion to the first keyframe.
+pub(super) struct Approach {
+    /// Pieces end at rest, and begin there but for the first of a start under way.
+    pub pieces: Vec<Vec<Row>>,
+    /// The same motion with a stop wherever it turns.
+    pub corners: Vec<Vec<Row>>,
+    /// What it keeps.
+    pub kept: Margins,
+    /// What it hits where hits do not count.
+    pub hit: Option<Hit>,
 }
 
 pub(super) struct Planner<'p> {
@@ -53,6 +66,8 @@ pub(super) struct Planner<'p> {
     pub start: Start,
     pub leads: Vec<Lead>,
     pub lead: usize,
+    /// Clearance (m) that is kept from what may not be touched.
+    pub margin: f64,
     /// What is in the way of all of them, once that was looked at.
     lead_judged: Option<Option<Hit>>,
     /// What a trajectory of this problem is built from.
@@ -68,10 +83,10 @@ pub(super) struct Planner<'p> {
 
 /// Samples of the first round over all candidates; only where all fail is the full number spent.
 const FIRST_SAMPLES: usize = 150;
-/// Clearance (m) of the free approach where the one asked for cannot be kept.
-const TIGHT: f64 = 2e-4;
-/// A smooth curve may take this much of the clearance of its corners (m).
+/// Free motions are searched for with this much more than the margin (m): a smooth curve may take it from its corners.
 const CURVED: f64 = 1e-3;
+/// Paths are swept with this much more than the margin (m), for what timing moves them.
+pub(super) const PAD: f64 = 2e-4;
 /// Spacings of waypoints (rad or m) on the free approach, and that near its ends.
 const SPACINGS: [f64; 3] = [WIDE, 0.2, 0.08];
 pub(super) const WIDE: f64 = 0.5;
@@ -118,6 +133,7 @@ impl<'p> Planner<'p> {
             start,
             leads,
             lead: 0,
+            margin: options.margin,
             lead_judged: None,
             builder,
             clock,
@@ -141,15 +157,33 @@ impl<'p> Planner<'p> {
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
         let mut trial = Trial::default();
         let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
-        self.try_one(&pose.x, samples, &mut trial);
-        (past || trial.done()).then(|| self.conclude(trial, &pose))
+        for margin in self.margins_in_turn() {
+            self.set_margin(margin);
+            self.try_one(&pose.x, samples, &mut trial);
+            if self.is_done(&trial) {
+                break;
+            }
+        }
+        let stands = past || trial.done();
+        if !stands {
+            self.set_margin(self.problem.options.margin);
+        }
+        stands.then(|| self.conclude(trial, &pose))
     }
 
     pub(super) fn whole_motion(&mut self, found: &Actuation, search: &mut ActuationSearch<'_>) -> Plan {
         let options = &self.problem.options;
         let (samples, most) = (options.samples, options.candidates);
         let mut trial = Trial::default();
-        self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
+        for margin in self.margins_in_turn() {
+            self.set_margin(margin);
+            // The longest part that keeps less is no measure for what keeps more.
+            trial = Trial { tried: trial.tried, poses: trial.poses, ..Trial::default() };
+            self.try_each(&found.candidates, most, samples.min(FIRST_SAMPLES), &mut trial);
+            if self.is_done(&trial) {
+                break;
+            }
+        }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
         for start in 0..options.harvest {
@@ -171,6 +205,43 @@ impl<'p> Planner<'p> {
         self.conclude(trial, &found.candidates[0])
     }
 
+    /// Margins that are tried one after the other.
+    fn margins_in_turn(&self) -> Vec<f64> {
+        let options = &self.problem.options;
+        let least = options.least_margin.filter(|least| *least < options.margin && options.avoid_collisions);
+        std::iter::once(options.margin).chain(least).collect()
+    }
+
+    fn set_margin(&mut self, margin: f64) {
+        if self.margin.to_bits() != margin.to_bits() {
+            (self.margin, self.lead_judged) = (margin, None);
+        }
+    }
+
+    /// What the robot is too deep inside of at the start, if anything.
+    pub(super) fn too_deep(&self) -> Option<Hit> {
+        let options = &self.problem.options;
+        let deep = options.avoid_collisions && self.world.start_overlap > options.start_depth;
+        self.world.start_hit.clone().filter(|_| deep)
+    }
+
+    /// The plan of a problem that begins too deep inside something.
+    pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
+        // Past the actuation it is not yet known where things are.
+        let hit = self.too_deep().filter(|_| self.entry <= self.world.course.actuation())?;
+        let depth = self.problem.options.start_depth;
+        let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
+        out.start_overlap = self.world.start_overlap;
+        out.collisions = vec![Collision {
+            bodies: [hit.first, hit.second],
+            time: None,
+            toward: self.world.course.label(self.entry),
+            distance: hit.distance,
+            point: [hit.at.x, hit.at.y, hit.at.z],
+        }];
+        Some(out)
+    }
+
     /// Whether there is nothing more to try: a whole motion is found, or planning has to end.
     fn is_done(&self, trial: &Trial) -> bool {
         trial.done() || self.world.is_over()
@@ -189,15 +260,15 @@ impl<'p> Planner<'p> {
         let Trial { best, tried, poses, .. } = trial;
         let mut out = match best {
             Some(attempt) => self.report(attempt),
-            None => refused("no actuation pose was tried".to_owned()),
+            None => refused(Lack::NotFound, "no actuation pose was tried".to_owned()),
         };
         if !solved && self.world.is_cancelled() {
-            (out.status, out.reason) = (Status::Cancelled, "planning was cancelled".to_owned());
-        } else if !solved && self.world.is_spent() && out.status != Status::Partial {
-            out.status = Status::NotFound;
+            (out.outcome, out.reason) = (Outcome::Failed(Lack::Cancelled), "planning was cancelled".to_owned());
+        } else if !solved && self.world.is_spent() && out.trajectory().is_none() {
+            out.outcome = Outcome::Failed(Lack::NotFound);
             out.reason = format!("the collision checks are spent; so far {}", out.reason);
-        } else if !solved && self.world.is_late() && out.status != Status::Partial {
-            out.status = Status::NotFound;
+        } else if !solved && self.world.is_late() && out.trajectory().is_none() {
+            out.outcome = Outcome::Failed(Lack::NotFound);
             out.reason = format!("the time is up; so far {}", out.reason);
         }
         out.tried = tried;
@@ -205,7 +276,27 @@ impl<'p> Planner<'p> {
         out.q_actuation = Some(self.full(&cheapest.x));
         out.cost = Some(cheapest.cost);
         out.start_overlap = self.world.start_overlap;
+        out.assumed_limits = assumed_limits(&self.problem.options);
+        if !out.assumed_limits.is_empty() {
+            let names = out.assumed_limits.join(" and ");
+            out.warnings
+                .push(format!("limits on {names} are assumed ({ASSUMED}); options.limits or lists of them say better"));
+        }
+        let unchecked = self.problem.robot.unchecked_pairs();
+        if !unchecked.is_empty() {
+            let links = self.problem.robot.links();
+            let names: Vec<_> =
+                unchecked.iter().map(|(a, b)| format!("{} and {}", links[*a].name(), links[*b].name())).collect();
+            out.warnings.push(format!(
+                "never checked against each other, for they overlap at the middle of all joint ranges and no SRDF says whether they may: {}",
+                names.join(", ")
+            ));
+        }
         if out.start_overlap > 0.0 {
+            if let Some(hit) = self.world.start_hit.as_ref().filter(|_| solved) {
+                out.reason
+                    .push_str(&format!("; it begins {:.4} m inside: {} and {}", -hit.distance, hit.first, hit.second));
+            }
             out.warnings.push(format!("the robot overlaps something by {:.4} m at the start", out.start_overlap));
         }
         out
@@ -233,9 +324,8 @@ impl<'p> Planner<'p> {
         overlaps
     }
 
-    /// Free motion from the start to the first keyframe, and what it hits where hits do not count. Pieces end at rest,
-    /// and begin there but for the first of a start under way.
-    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<(Vec<Vec<Row>>, Option<Hit>), NoWay> {
+    /// Free motion from the start to the first keyframe.
+    pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
         let n = self.model.n();
         let leg = self.world.course.toward(self.entry);
         let braking = self.choose_lead(leg);
@@ -248,59 +338,63 @@ impl<'p> Planner<'p> {
         if !self.problem.options.avoid_collisions {
             let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
             let room = [&self.model.lower, &self.model.upper];
-            let way =
+            let pieces =
                 match turn(&self.builder, &lead, room, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
                     Some(turned) => vec![turned.waypoints],
                     None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
                 };
-            return Ok((way, hit));
+            return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
         }
         // What overlaps at the start comes apart first, and then stays apart.
         let out = self.way_out(&start, leg);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
         pieces.splice(0..0, lead.line());
-        let wish = self.problem.options.margin;
-        let kept = self.margins(&begin, goal, leg, wish, out.is_some()).eased(CURVED);
-        if let Some(way) = self.former_way(&begin, goal, leg, &kept) {
+        let wide = self.margins(&begin, goal, leg, self.margin + CURVED, out.is_some());
+        let curved = wide.with_clearance(self.margin + PAD);
+        // On the way out of what it overlaps at the start the motion is still inside.
+        let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
+        if let Some(way) = self.former_way(&begin, goal, leg, &curved) {
             let along = |_: &Row, _: f64| way.clone();
-            match self.turned(&way, leg, &kept, along).filter(|_| out.is_none()) {
-                Some(turned) => pieces = vec![turned],
-                None => pieces.push(way),
+            let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
+            if let Some(turned) = self.turned(&way, leg, &curved, along).filter(|_| out.is_none()) {
+                return Ok(Approach { pieces: vec![turned], corners, kept, hit: None });
             }
-            return Ok((pieces, None));
+            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), leg, &curved) {
+                pieces.push(way);
+                return Ok(Approach { pieces, corners, kept, hit: None });
+            }
         }
-        let (corners, margins) = match self.connect(&begin, goal, leg, wish, out.is_some(), samples) {
-            // The clearance is a wish; a free motion without it is still free.
-            Err(_) if wish > TIGHT => self.connect(&begin, goal, leg, TIGHT, out.is_some(), samples)?,
-            other => other?,
+        let corners = match self.connect(&begin, goal, leg, &wide, samples) {
+            // Straight from stop to stop no more than the margin is needed.
+            Err(_) => self.connect(&begin, goal, leg, &curved, samples)?,
+            Ok(corners) => corners,
         };
+        let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
         let from = |end: &Row, spacing: f64| {
             let mut corners = corners.clone();
             corners[0] = *end;
             rounded(n, &corners, spacing, NEAR)
         };
-        if let Some(turned) = self.turned(&corners, leg, &margins.eased(CURVED), from).filter(|_| out.is_none()) {
-            return Ok((vec![turned], None));
+        if let Some(turned) = self.turned(&corners, leg, &curved, from).filter(|_| out.is_none()) {
+            return Ok(Approach { pieces: vec![turned], corners: stops, kept, hit: None });
         }
         if corners.len() == 2 {
-            pieces.push(straight(&corners));
-            return Ok((pieces, None));
+            return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
         }
-        match self.rounded(&corners, leg, &margins) {
+        match self.rounded(&corners, leg, &curved) {
             Some(curve) => pieces.push(curve),
             None => pieces.extend(corners.windows(2).map(straight)),
         }
-        Ok((pieces, None))
+        Ok(Approach { pieces, corners: stops, kept, hit: None })
     }
 
     /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
     fn rounded(&mut self, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
-        let margins = margins.eased(CURVED);
         SPACINGS
             .into_iter()
             .map(|spacing| rounded(n, corners, spacing, NEAR))
-            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, &margins))
+            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, margins))
     }
 
     /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
@@ -323,7 +417,7 @@ impl<'p> Planner<'p> {
 
     /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
     fn margins(&mut self, from: &Row, to: &Row, leg: Leg, clearance: f64, parted: bool) -> Margins {
-        let margins = self.world.margins_between(from, to, leg, clearance);
+        let margins = self.world.margins_between([State::still(from), State::still(to)], leg, clearance);
         if parted { margins.parted() } else { margins }
     }
 
@@ -332,9 +426,12 @@ impl<'p> Planner<'p> {
     fn choose_lead(&mut self, leg: Leg) -> Option<Hit> {
         if self.lead_judged.is_none() {
             let mut first = None;
+            let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+            let start = self.start.position;
+            let margins = self.margins(&start, &start, leg, clearance, false);
             for (k, lead) in self.leads.iter().enumerate() {
                 let way = lead.way(&self.start);
-                match self.world.sweep_along(Way::still(&way), leg, &Margins::plain(0.0)) {
+                match self.world.sweep_along(Way::still(&way), leg, &margins) {
                     None => {
                         (self.lead, first) = (k, None);
                         break;
@@ -347,20 +444,17 @@ impl<'p> Planner<'p> {
         self.lead_judged.clone().flatten()
     }
 
-    /// Corners of a free motion that keeps a clearance, and the margins that they keep to.
+    /// Corners of a free motion that keeps to margins.
     fn connect(
         &mut self,
         from: &Row,
         to: &Row,
         leg: Leg,
-        clearance: f64,
-        parted: bool,
+        margins: &Margins,
         samples: usize,
-    ) -> Result<(Vec<Row>, Margins), NoWay> {
-        let margins = self.margins(from, to, leg, clearance, parted);
+    ) -> Result<Vec<Row>, NoWay> {
         let sampling = Sampling { most: samples, seed: self.problem.options.seed };
-        let corners = free_space::connect(&mut self.world, self.model, from, to, leg, &margins, sampling)?;
-        Ok((corners, margins))
+        free_space::connect(&mut self.world, self.model, from, to, leg, margins, sampling)
     }
 
     /// A free pose near the start, where that overlaps something and can get out of it.

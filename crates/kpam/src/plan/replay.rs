@@ -24,7 +24,7 @@ struct Replay<'p> {
 impl<'p> Replay<'p> {
     /// `None` where the plan has no motion, or one of another robot.
     fn new(problem: &'p KeypointProblem, plan: &'p Plan) -> Option<Self> {
-        let (trajectory, q) = (plan.trajectory.as_ref()?, plan.q_plan.as_ref()?);
+        let (trajectory, q) = (plan.trajectory()?, plan.q_plan.as_ref()?);
         let motions = motions(problem, &problem.robot.link_pose(q, problem.robot.hand())?);
         let act = motions.actuation;
         let mut before = vec![0.0; motions.paths.len() + 1];

@@ -3,11 +3,13 @@
 use gensim2_geometry::{Pose, pose_to_matrix};
 
 use super::attempt::Attempt;
-use super::failure::Failure;
 use super::planner::Planner;
-use super::{Collision, KeyframeReport, Plan, Residual, Status, TriedPose, refused};
+use super::{
+    Collision, Guess, KeyframeReport, Lack, Outcome, Plan, Residual, Status, Tight, Touch, TriedPose, refused,
+};
 use crate::model::Row;
 use crate::motion::{Motions, motions};
+use crate::world::State;
 
 impl Planner<'_> {
     pub(super) fn residuals(&mut self, x: &Row) -> Vec<Residual> {
@@ -31,8 +33,9 @@ impl Planner<'_> {
             .collect()
     }
 
-    pub(super) fn infeasible(&mut self, best_effort: Option<Row>) -> Plan {
-        let mut out = refused("no joint values meet the constraints".to_owned());
+    /// The plan where no joint values meet the constraints; with a workspace box they may outside of it, by this (m).
+    pub(super) fn infeasible(&mut self, best_effort: Option<Row>, outside: Option<f64>) -> Plan {
+        let mut out = refused(Lack::ActuationInfeasible, "no joint values meet the constraints".to_owned());
         out.start_overlap = self.world.start_overlap;
         if let Some(x) = best_effort {
             out.q_best_effort = Some(self.full(&x));
@@ -49,8 +52,13 @@ impl Planner<'_> {
                     r.residual - r.tolerance,
                     r.tolerance
                 ),
-                None => "the constraints can be met only outside the workspace box or the joint limits".to_owned(),
+                None => "the constraints can be met only outside the joint limits".to_owned(),
             };
+            if let Some(outside) = outside {
+                out.reason = format!(
+                    "options.workspace is the reason: the constraints are met only with the hand outside it, by {outside:.4} m at the least"
+                );
+            }
             let hand = self.follower.hand(&x);
             out.keyframes = keyframe_reports(&motions(self.problem, &hand), |_| (None, false));
         }
@@ -60,15 +68,21 @@ impl Planner<'_> {
     pub(super) fn report(&mut self, attempt: Attempt) -> Plan {
         let act = attempt.motions.actuation;
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
-        let mut out = refused(String::new());
-        let timed = if attempt.starts {
-            self.timed(&attempt)
-        } else {
-            Err(Failure::Unreachable { keyframe: 0, fraction: 0.0 })
+        let (lack, reason) = match &attempt.failure {
+            Some(failure) => (Some(failure.lack()), failure.reason(label)),
+            None if self.problem.options.avoid_collisions => {
+                (None, format!("the whole motion is reachable and keeps {} m clear", self.margin))
+            }
+            None => (None, "the whole motion is reachable; collisions were only looked for".to_owned()),
         };
-        let (trajectory, times) = match timed {
-            Ok((trajectory, times)) => (Some(trajectory), times),
-            Err(_) => (None, vec![None; attempt.motions.keyframes.len()]),
+        let mut out = refused(Lack::Untimed, reason);
+        out.margin = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
+        if attempt.timed.is_some() {
+            self.tell_of_contacts(&attempt, &mut out);
+        }
+        let times = match &attempt.timed {
+            Some(timed) => timed.times.clone(),
+            None => vec![None; attempt.motions.keyframes.len()],
         };
         out.q_plan = Some(self.full(&attempt.x));
         out.rank = Some(attempt.rank);
@@ -87,31 +101,81 @@ impl Planner<'_> {
         for (k, hit) in &attempt.hits {
             out.collisions.push(Collision {
                 bodies: [hit.first.clone(), hit.second.clone()],
-                time: times[*k].filter(|_| trajectory.is_some()),
+                time: times[*k],
                 toward: label(*k),
                 distance: hit.distance,
                 point: [hit.at.x, hit.at.y, hit.at.z],
             });
         }
-        let (status, reason) = outcome(&attempt);
-        let partial = attempt.failure.is_some() && trajectory.is_some();
-        out.status = if partial { Status::Partial } else { status };
-        out.reason = reason;
-        out.trajectory = trajectory;
+        out.outcome = match (attempt.timed, lack) {
+            (Some(timed), None) => Outcome::Solved(timed.trajectory),
+            (Some(timed), Some(lack)) => Outcome::Partial(timed.trajectory, lack),
+            (None, lack) => Outcome::Failed(lack.unwrap_or(Lack::Untimed)),
+        };
         out
+    }
+
+    /// What is nearer than the margin or overlaps at the start and at keyframes, and what is a guess.
+    fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
+        let course = self.world.course;
+        let start = self.start.position;
+        let mut places = Vec::new();
+        if self.entry <= attempt.motions.actuation {
+            places.push((None, course.toward(self.entry), start, 0.0));
+        }
+        for (i, path) in attempt.paths.iter().enumerate() {
+            let travel = |k: usize| attempt.travel[i].get(k).copied().unwrap_or(0.0);
+            if let (Some(first), Some(last)) = (path.first(), path.last()) {
+                let begins = (i > attempt.first || self.entry <= attempt.motions.actuation).then_some(i);
+                places.push((begins, course.along(i), *first, travel(0)));
+                places.push((Some(i + 1), course.along(i), *last, travel(path.len() - 1)));
+                if let (true, Some(from), Some(to)) =
+                    (self.world.guesses(course.along(i)), attempt.travel[i].first(), attempt.travel[i].last())
+                {
+                    let toward = attempt.motions.keyframes[i + 1].label.clone();
+                    out.guesses.push(Guess { toward, travel: to - from, depth: self.problem.options.guess_depth });
+                }
+            }
+        }
+        if attempt.paths.is_empty() {
+            places.push((Some(self.entry), course.toward(self.entry), attempt.x, 0.0));
+        }
+        for (keyframe, leg, x, travel) in places {
+            let at = keyframe.map_or_else(|| "start".to_owned(), |k| attempt.motions.keyframes[k].label.clone());
+            for (hit, may) in self.world.nearest(State { x: &x, travel }, leg, out.margin) {
+                let bodies = [hit.first, hit.second];
+                if may && hit.distance < 0.0 {
+                    if !out.touches.iter().any(|t| t.at == at && t.bodies == bodies) {
+                        out.touches.push(Touch { bodies, at: at.clone(), depth: -hit.distance });
+                    }
+                } else if !may && !out.tight.iter().any(|t| t.at == at && t.bodies == bodies) {
+                    out.tight.push(Tight { bodies, at: at.clone(), distance: hit.distance });
+                }
+            }
+        }
+        if !out.tight.is_empty() && attempt.failure.is_none() {
+            out.reason.push_str(", but for what is nearer at the start or a keyframe");
+        }
+        if let Some(least) = out.tight.iter().min_by(|a, b| a.distance.total_cmp(&b.distance)) {
+            out.warnings.push(format!(
+                "nearer than {} m at the start or a keyframe: {} pairs, {} and {} at {} the nearest ({:.4} m); the motion keeps there what they have",
+                out.margin, out.tight.len(), least.bodies[0], least.bodies[1], least.at, least.distance
+            ));
+        }
+        if out.margin < self.problem.options.margin && self.problem.options.avoid_collisions {
+            let wished = self.problem.options.margin;
+            out.warnings.push(format!("no motion was found that keeps {wished} m; this one keeps {} m", out.margin));
+        }
     }
 
     /// What became of one pose.
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
-        let (status, reason) = outcome(attempt);
+        let label = |k: usize| attempt.motions.keyframes[k].label.clone();
+        let (status, reason) = match &attempt.failure {
+            None => (Status::Solved, "the whole motion is reachable and clear".to_owned()),
+            Some(failure) => (failure.lack().into(), failure.reason(label)),
+        };
         TriedPose { q: self.full(&attempt.x), rank: attempt.rank, status, reason }
-    }
-}
-
-fn outcome(attempt: &Attempt) -> (Status, String) {
-    match &attempt.failure {
-        None => (Status::Solved, "the whole motion is reachable and free".to_owned()),
-        Some(failure) => (failure.status(), failure.reason(|k| attempt.motions.keyframes[k].label.clone())),
     }
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::Plan;
 use super::planner::Planner;
-use crate::hand_path::{Followed, Guide};
+use crate::hand_path::{Followed, Guide, OFF_PATH};
 use crate::model::Row;
 use crate::motion::HandPath;
 use crate::world::{Leg, Margins, Way};
@@ -21,6 +21,8 @@ const MOST_STEPS: f64 = 1e4;
 /// The earlier way serves where its ends are within this of the present state and of the goal (rad or m).
 const NEAR_START: f64 = 0.05;
 const AT_GOAL: f64 = 1e-3;
+/// The hand ends within this (m) of where the rest of its path does.
+const AT_END: f64 = 1e-4;
 /// An earlier way that leads further than this (rad or m) is taken for damage.
 const FURTHEST: f64 = 100.0;
 
@@ -79,16 +81,27 @@ impl Planner<'_> {
     /// done at each, and what of the rest they cover. The earlier plan's way is taken where the arm is on it.
     pub(super) fn rest_of(&mut self, path: &HandPath) -> (Vec<Row>, Vec<f64>, f64) {
         let start = self.leads[self.lead].rest();
-        if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1)) {
+        let rest = Rest::new(path, &self.follower.hand(&start));
+        if let Some(way) = self.former_waypoints(&start, self.entry.checked_sub(1))
+            && self.keeps_to(path, &way, rest.off.norm())
+        {
             let done = way.iter().map(|x| Rest::new(path, &self.follower.hand(x)).begin).collect();
             return (way, done, 1.0);
         }
-        let rest = Rest::new(path, &self.follower.hand(&start));
         let Followed { waypoints, fraction } = self.follower.follow(&rest, &start, false);
         let reached = (1.0 - rest.begin) * fraction;
         let steps = waypoints.len().saturating_sub(1).max(1) as f64;
         let done = (0..waypoints.len()).map(|k| rest.begin + reached * k as f64 / steps).collect();
         (waypoints, done, fraction)
+    }
+
+    /// Whether a way keeps the hand on a path, `off` (m) beside it at most where it begins, and ends where that does.
+    fn keeps_to(&mut self, path: &HandPath, way: &[Row], off: f64) -> bool {
+        let Some(last) = way.last() else { return false };
+        let (hand, end) = (self.follower.hand(last), path.at(1.0));
+        let turned = rotation_log(&(hand.rotation * end.rotation.inverse())).norm();
+        (hand.translation.vector - end.translation.vector).norm() + LEVER * turned < AT_END
+            && way.iter().all(|x| Rest::new(path, &self.follower.hand(x)).off.norm() < OFF_PATH + off)
     }
 
     /// The way of the earlier plan from `start` to `goal`, where it leads there and is free.
@@ -106,7 +119,7 @@ impl Planner<'_> {
     /// keyframe that it has passed, if any.
     fn former_waypoints(&self, start: &Row, after: Option<usize>) -> Option<Vec<Row>> {
         let former = self.former?;
-        let (trajectory, end) = (former.trajectory.as_ref()?, former.keyframes.get(self.entry)?.time?);
+        let (trajectory, end) = (former.trajectory()?, former.keyframes.get(self.entry)?.time?);
         // Times that were set from elsewhere may lie anywhere.
         let within = |time: f64| time.max(trajectory.start()).min(trajectory.end());
         let begin = within(after.and_then(|k| former.keyframes.get(k)?.time).unwrap_or(trajectory.start()));

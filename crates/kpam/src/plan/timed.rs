@@ -9,65 +9,82 @@ use crate::hand_path::OFF_PATH;
 use crate::model::{MOST_JOINTS, Row};
 use crate::motion::HandPath;
 use crate::timing::{Builder, Refusal, Spline, Trajectory, append, length, rounded, unit};
-use crate::world::{Leg as WorldLeg, Margins, Way};
+use crate::world::{Leg as WorldLeg, Margins};
+
+/// A motion in time.
+pub(super) struct Timed {
+    pub trajectory: Trajectory,
+    /// When each keyframe is met, where it is.
+    pub times: Vec<Option<f64>>,
+    /// When each leg begins and ends (s).
+    pub spans: Vec<[f64; 2]>,
+}
 
 /// Knots on either side of a bend within which joining two legs moves the curve by anything that counts.
 const BEND: usize = 6;
 /// Parts of an interval in which the speed of the point that touches is looked at.
 const LOOKS: u32 = 4;
-/// Points at which each interval of a bend is swept, where they are not nearer to each other than this (rad or m).
-const PARTS: f64 = 6.0;
-const FINE: f64 = 0.01;
-
 /// Joint waypoints that lead from one keyframe, or stop, to the next.
-struct Stretch<'a> {
-    waypoints: Cow<'a, [Row]>,
+pub(super) struct Stretch<'a> {
+    pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
-    travel: Cow<'a, [f64]>,
-    /// What is judged along it.
-    leg: WorldLeg,
+    pub travel: Cow<'a, [f64]>,
+    /// What is judged along it, and what it keeps.
+    pub leg: WorldLeg,
+    pub kept: &'a Margins,
     /// Keyframe at its end; none for part of the approach or of a path.
     keyframe: Option<usize>,
     /// Keyframe that it leads to.
-    toward: usize,
+    pub toward: usize,
     /// Whether it comes after the actuation.
     contact: bool,
     /// Path of the hand that it keeps to, and how much of that it goes.
     hand: Option<(&'a HandPath, f64)>,
     /// Whether the motion rests at its end.
-    stops: bool,
+    pub stops: bool,
     due: Option<f64>,
 }
 
 impl Planner<'_> {
-    /// The timed motion of an attempt as far as it goes, with the time at which each keyframe is met.
-    pub(super) fn timed(&mut self, attempt: &Attempt) -> Result<(Trajectory, Vec<Option<f64>>), Failure> {
-        let mut times = vec![None; attempt.motions.keyframes.len()];
-        let clock = self.clock.clone();
-        let legs = self.legs(attempt, clock.as_deref());
+    /// The timed motion along legs.
+    pub(super) fn timed(&mut self, legs: &[Stretch<'_>], keyframes: usize) -> Result<Timed, Failure> {
+        let mut times = vec![None; keyframes];
+        let mut ends: Vec<f64> = Vec::with_capacity(legs.len());
         let lead = self.leads[self.lead].clone();
         let mut builder = self.builder.clone();
         append(&mut builder, &lead, &self.start);
         let mut velocity = lead.velocity();
-        let mut rest = &legs[..];
+        let mut rest = legs;
         let mut outcome = Ok(());
         while !rest.is_empty() && outcome.is_ok() {
             let whole = rest.iter().position(|leg| leg.stops).map_or(rest.len(), |k| k + 1);
             let mut joined = self.joined(&rest[..whole], &velocity);
             outcome = loop {
                 match self.drive(&mut builder, &rest[..joined], &velocity, &mut times) {
+                    Ok(passed) => {
+                        ends.extend(passed);
+                        break Ok(());
+                    }
                     // Only a start under way can be too fast for a bend.
                     Err(_) if joined > 1 => joined -= 1,
-                    other => break other,
+                    Err(failure) => break Err(failure),
                 }
             };
             velocity = [0.0; MOST_JOINTS];
             rest = &rest[joined..];
         }
-        outcome.map(|()| (builder.build(self.model.map()), times))
+        outcome?;
+        let trajectory = builder.build(self.model.map());
+        if let Some(last) = ends.last_mut() {
+            *last = trajectory.end();
+        }
+        let begins = std::iter::once(trajectory.start()).chain(ends.iter().copied());
+        let spans = begins.zip(&ends).map(|(begin, end)| [begin, *end]).collect();
+        Ok(Timed { trajectory, times, spans })
     }
 
-    fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
+    /// The legs of an attempt as far as it goes.
+    pub(super) fn legs<'a>(&self, attempt: &'a Attempt, clock: Option<&[f64]>) -> Vec<Stretch<'a>> {
         let n = self.model.n();
         let act = attempt.motions.actuation;
         let options = &self.problem.options;
@@ -90,6 +107,7 @@ impl Planner<'_> {
                 waypoints: Cow::Borrowed(waypoints),
                 travel: Cow::Borrowed(&[]),
                 leg: self.world.course.toward(self.entry),
+                kept: &attempt.kept,
                 keyframe: last.then_some(self.entry),
                 toward: self.entry,
                 contact: self.entry > act,
@@ -107,6 +125,7 @@ impl Planner<'_> {
                 waypoints: Cow::Owned(rounded(n, &line, WIDE, NEAR)),
                 travel: Cow::Owned(vec![*travel]),
                 leg: self.world.course.along(first),
+                kept: &attempt.margins[first],
                 keyframe: None,
                 toward: self.entry,
                 contact: self.entry > act,
@@ -129,6 +148,7 @@ impl Planner<'_> {
                 waypoints: Cow::Borrowed(waypoints),
                 travel: Cow::Borrowed(&attempt.travel[i]),
                 leg: self.world.course.along(i),
+                kept: &attempt.margins[i],
                 keyframe: whole.then_some(i + 1),
                 toward: i + 1,
                 contact: i >= act,
@@ -170,7 +190,7 @@ impl Planner<'_> {
         (Spline::through(n, &waypoints, moving.then_some(&tangent)), ends)
     }
 
-    /// Whether the path keeps to joint limits, to the hand's path and off everything where leg `k` meets the next.
+    /// Whether the path keeps to joint limits and to the hand's path where leg `k` meets the next.
     fn bend_stands(&mut self, leg: &Stretch<'_>, next: &Stretch<'_>, path: &Spline, ends: &[usize], k: usize) -> bool {
         let [start, corner, end] = [k, k + 1, k + 2].map(|i| path.knot_of(ends[i]));
         let before = start.max(corner.saturating_sub(BEND))..corner;
@@ -192,29 +212,7 @@ impl Planner<'_> {
                 }
             }
         }
-        if !self.problem.options.avoid_collisions || knots.is_empty() {
-            return true;
-        }
-        // What overlaps where the motion begins may persist; on the approach it has come apart.
-        let begins = leg.toward == self.entry;
-        let margins = if begins { Margins::plain(0.0) } else { Margins::plain(0.0).parted() };
-        let (mut waypoints, mut travel) = (vec![path.at(knots.start, 0.0)], Vec::new());
-        for i in knots {
-            let apart = path.knots[i + 1] - path.knots[i];
-            let inside = path.along(i..i + 1, (apart / PARTS).max(FINE));
-            if let (Some(from), Some(to)) = (leg.travel.get(i - first), leg.travel.get(i - first + 1)) {
-                if travel.is_empty() {
-                    travel.push(*from);
-                }
-                let steps = (inside.len() - 1) as f64;
-                travel.extend((1..inside.len()).map(|k| from + (to - from) * k as f64 / steps));
-            }
-            waypoints.extend_from_slice(&inside[1..]);
-        }
-        if travel.is_empty() {
-            travel.extend(leg.travel.first());
-        }
-        self.world.sweep_along(Way { waypoints: &waypoints, travel: &travel }, leg.leg, &margins).is_none()
+        true
     }
 
     /// Least time (s) of each interval between waypoints at the speed allowed in contact, were each driven evenly as
@@ -242,14 +240,14 @@ impl Planner<'_> {
         out
     }
 
-    /// Appends the motion along legs that are driven in one go.
+    /// Appends the motion along legs that are driven in one go; when each of them ends.
     fn drive(
         &mut self,
         builder: &mut Builder,
         legs: &[Stretch<'_>],
         velocity: &Row,
         times: &mut [Option<f64>],
-    ) -> Result<(), Failure> {
+    ) -> Result<Vec<f64>, Failure> {
         let (path, ends) = self.path(legs, velocity);
         let slowest = self.slowest(legs, &path, &ends);
         let last = &legs[legs.len() - 1];
@@ -261,19 +259,13 @@ impl Planner<'_> {
                 Failure::TooFast { keyframe: last.toward, allowed, needed }
             }
             // Timing is not cancelled within a plan: it takes well under a millisecond.
-            Refusal::TooSharp | Refusal::Cancelled => Failure::Unreachable { keyframe: last.toward, fraction: 0.0 },
+            Refusal::TooSharp | Refusal::Cancelled => Failure::Untimed { keyframe: last.toward },
         })?;
-        for (leg, time) in legs.iter().zip(passed) {
+        for (leg, time) in legs.iter().zip(&passed) {
             if let Some(keyframe) = leg.keyframe {
-                times[keyframe] = Some(time);
+                times[keyframe] = Some(*time);
             }
         }
-        Ok(())
-    }
-
-    /// What the clock does not allow.
-    pub(super) fn too_fast(&mut self, attempt: &Attempt) -> Option<Failure> {
-        self.clock.as_ref()?;
-        self.timed(attempt).err()
+        Ok(passed)
     }
 }

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
 use crate::config::Constraint;
+use crate::model::{MOST_JOINTS, Model, Row};
 use crate::world::Course;
 use crate::{Bodies, Body, ObjectJoint, Options, ProblemError, Role, Scene, SolverConfig};
 
@@ -38,6 +39,11 @@ pub struct KeypointProblem {
 checked_when_read!(KeypointProblem);
 
 impl KeypointProblem {
+    /// Weight of each variable's squared way from the start.
+    pub(crate) fn joint_weights(&self, model: &Model) -> Row {
+        self.options.joint_weights.as_ref().map_or([1.0; MOST_JOINTS], |weights| model.pick(weights))
+    }
+
     /// The robot.
     #[must_use]
     pub fn robot(&self) -> &Arc<Robot> {

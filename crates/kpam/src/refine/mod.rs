@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::fingers::resting_joints;
 use crate::hand_path::LIMIT_MARGIN;
-use crate::model::{MOST_JOINTS, Model, Placed, Row};
+use crate::model::{Model, Placed, Row};
 use crate::motion::motions;
 use crate::world::{Clearance, Leg, Margins, State, Way, World, travel_over};
 use crate::{KeypointProblem, Plan, ProblemError};
@@ -89,7 +89,7 @@ struct Refinement<'p> {
 /// # Errors
 /// A plan without a motion, or times that are not those of its motion, by field.
 pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -> Result<Refined, ProblemError> {
-    let (Some(trajectory), Some(q_plan)) = (&plan.trajectory, &plan.q_plan) else {
+    let (Some(trajectory), Some(q_plan)) = (plan.trajectory(), &plan.q_plan) else {
         return Err(ProblemError::new("plan", "has no motion"));
     };
     let model = Model::new(&problem.robot, &resting_joints(problem)?)?;
@@ -143,8 +143,7 @@ pub fn refine(problem: &KeypointProblem, plan: &Plan, options: &RefineOptions) -
         let kept = is_keyframe || (options.keep_paths && past.is_some());
         places.push(Place { leg: world.course.toward(next), travel, hand: (k > 0 && kept).then_some(placed.hand) });
     }
-    let mut weights = [1.0; MOST_JOINTS];
-    weights[0] = 10.0;
+    let weights = problem.joint_weights(&model);
     let margins = Margins::plain(0.0);
     let mut work = Refinement { problem, model: &model, world, placed, weights, places, free: Vec::new(), margins };
     work.free = (1..waypoints.len()).map(|k| work.is_free(&waypoints, k)).collect();
@@ -169,7 +168,7 @@ impl Refinement<'_> {
     /// Whether the straight step to waypoint `k` is free.
     fn is_free(&mut self, waypoints: &[Row], k: usize) -> bool {
         let travel = [self.places[k - 1].travel, self.places[k].travel];
-        let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel };
+        let way = Way { waypoints: &waypoints[k - 1..=k], travel: &travel, off: &[] };
         self.world.sweep_along(way, self.places[k].leg, &self.margins).is_none()
     }
 

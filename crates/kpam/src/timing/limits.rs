@@ -65,17 +65,17 @@ impl Limits {
 
     /// Those of the problem's moving joints, scaled as its options say.
     pub(crate) fn of(problem: &KeypointProblem, model: &Model) -> Self {
-        Self::asked(&problem.robot, model, &problem.options)
+        Self::asked(model, &problem.options)
     }
 
     /// Those of a robot's moving joints, scaled as options say.
-    pub(crate) fn asked(robot: &gensim2_geometry::Robot, model: &Model, o: &crate::Options) -> Self {
+    pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
         let one = [1.0; MOST_JOINTS];
         let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one };
         // Limits of mimic joints bind the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
-        let usual = default_limits(robot, model, o);
+        let usual = default_limits(o);
         let acceleration = given(&o.acceleration_limits).unwrap_or(usual.0);
         let jerk = given(&o.jerk_limits).unwrap_or(usual.1);
         for v in 0..model.n() {

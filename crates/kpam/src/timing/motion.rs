@@ -98,6 +98,16 @@ impl Quintic {
         out
     }
 
+    /// Upper bound of the acceleration between two shares of the time: that at both ends, and an eighth of the square of
+    /// the time between them times the greatest second derivative, which is a line.
+    fn hardest(&self, from: f64, to: f64) -> f64 {
+        let jerk = self.rates()[2];
+        let second = |i: usize| 2.0 * (jerk[i + 1] - jerk[i]) / self.h;
+        let bend = second(0).abs().max(second(1).abs());
+        let time = (to - from) * self.h;
+        self.at(from)[2].abs().max(self.at(to)[2].abs()) + 0.125 * time * time * bend
+    }
+
     /// Difference of the position to its start, velocity and acceleration at a share of the time.
     fn at(&self, share: f64) -> [f64; 3] {
         let rates = self.rates();
@@ -287,6 +297,36 @@ impl Piece {
         };
         let acceleration = self.accelerations.get(n * i..n * (i + 1)).map(row);
         Node { time: self.times[i], position: row(&state[..n]), velocity: row(&state[n..]), acceleration }
+    }
+
+    /// Widens `most` to upper bounds of each joint's acceleration between two times of the trajectory (s). An average is
+    /// bounded by what it is taken of, which is a line between nodes.
+    pub fn widen_to_accelerations(&self, [from, to]: [f64; 2], most: &mut Row) {
+        let local = |time: f64| (time - self.start).clamp(0.0, self.duration());
+        let (from, to) = (local(from) - self.width, local(to));
+        let first = self.times.partition_point(|t| *t <= from).saturating_sub(1);
+        for cell in first..self.times.len().saturating_sub(1) {
+            let (a, b) = (self.node(cell), self.node(cell + 1));
+            let h = b.time - a.time;
+            if a.time > to {
+                return;
+            }
+            if h <= 0.0 {
+                continue;
+            }
+            let (begin, end) = ((from - a.time).clamp(0.0, h), (to - a.time).clamp(0.0, h));
+            if self.smooth {
+                for v in 0..self.joints {
+                    most[v] = most[v].max(Quintic::between(&a, &b, v).hardest(begin / h, end / h));
+                }
+                continue;
+            }
+            let cubic = Cubic::between(self.joints, &a, &b);
+            for v in 0..self.joints {
+                let acceleration = |t: f64| 2.0 * cubic.0[2][v] + 6.0 * cubic.0[3][v] * t;
+                most[v] = most[v].max(acceleration(begin).abs()).max(acceleration(end).abs());
+            }
+        }
     }
 
     /// Position, velocity and acceleration at a time of the trajectory (s), as at the start before it and as at the end

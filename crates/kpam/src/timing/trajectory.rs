@@ -267,6 +267,16 @@ impl Trajectory {
         }
     }
 
+    /// Upper bounds of the variables' accelerations between two times.
+    pub(crate) fn hardest(&self, [from, to]: [f64; 2]) -> Row {
+        let mut most = [0.0; MOST_JOINTS];
+        let first = self.pieces.partition_point(|p| p.counts <= from).saturating_sub(1);
+        for piece in self.pieces.get(first..).unwrap_or_default().iter().take_while(|p| p.counts <= to) {
+            piece.widen_to_accelerations([from.max(piece.counts), to], &mut most);
+        }
+        most
+    }
+
     /// Joint positions at the waypoint times.
     #[must_use]
     pub fn positions(&self) -> Vec<Vec<f64>> {

@@ -175,7 +175,7 @@ pub fn plan_to(
     };
     let asked = options.limits();
     asked.check(robot, &model)?;
-    let limits = Limits::asked(robot, &model, &asked);
+    let limits = Limits::asked(&model, &asked);
     Ok(Transit { scene, model: &model, options, start, goals, ending, limits }.plan())
 }
 

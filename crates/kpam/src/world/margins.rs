@@ -1,6 +1,7 @@
 //! The clearance that is asked of pairs.
 
 use super::Overlaps;
+use super::query::Seen;
 use crate::world::TOUCH;
 
 /// Clearance asked of judged pairs, and less where a pair cannot keep it.
@@ -23,19 +24,24 @@ impl Margins {
         Self { forgiving: false, ..self }
     }
 
-    /// The same margins, all `by` smaller.
-    pub fn eased(&self, by: f64) -> Self {
-        let mut out = self.clone();
-        out.clearance -= by.min(out.clearance);
-        out.bodies.iter_mut().for_each(|(_, d)| *d = (*d - by).max(d.min(-TOUCH)));
-        out.pairs.iter_mut().for_each(|(_, d)| *d = (*d - by).max(d.min(-TOUCH)));
-        out
+    /// The same margins with another clearance: what the ends leave stays.
+    pub fn with_clearance(&self, clearance: f64) -> Self {
+        Self { clearance, ..self.clone() }
     }
 
-    /// What is asked of a group and a body that stands, from which at least `least` is to be kept.
-    pub fn body(&self, known: &Overlaps, group: usize, body: usize, least: f64) -> f64 {
+    /// What is asked of a group and a body that stands, where `clearance` is kept.
+    pub fn body(&self, known: &Overlaps, group: usize, body: usize, clearance: f64) -> f64 {
         let (start, picked) = known.body(group, body);
-        self.asked(&self.bodies, (group, body), self.clearance.max(least), start, picked)
+        self.asked(&self.bodies, (group, body), clearance, start, picked)
+    }
+
+    /// What is asked of two things that may overlap by `depth`, or as they do at the start.
+    pub(super) fn touching(&self, known: &Overlaps, group: usize, seen: Seen, depth: f64) -> f64 {
+        let (start, _) = match seen {
+            Seen::Body(body) => known.body(group, body),
+            Seen::Pair(pair) => known.pair(pair),
+        };
+        (-depth).min(start) - TOUCH
     }
 
     /// What is asked of a pair of groups.

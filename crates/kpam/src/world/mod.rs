@@ -41,9 +41,6 @@ const EXACT: f64 = f64::INFINITY;
 /// Overlaps up to this are rounding (m).
 pub(crate) const TOUCH: f64 = 1e-4;
 
-/// Where it is a guess how far the object's joint moves, overlaps of what it moves up to this (m) prove nothing.
-const GUESSED: f64 = 0.05;
-
 /// An overlap that breaks the rules, or a distance for a report.
 #[derive(Debug, Clone)]
 pub(crate) struct Hit {
@@ -119,6 +116,8 @@ pub(crate) struct World<'p> {
     placed: Vec<Pose>,
     known: Overlaps,
     pub start_overlap: f64,
+    /// The deepest judged overlap at the start.
+    pub start_hit: Option<Hit>,
     scratch: Scratch,
     spare: Bubble,
     q: Vec<f64>,
@@ -176,6 +175,7 @@ impl<'p> World<'p> {
             middles,
             grasps,
             start_overlap: 0.0,
+            start_hit: None,
             scratch: Scratch::remembering(),
             spare: Bubble::default(),
             q: Vec::new(),

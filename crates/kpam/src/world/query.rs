@@ -3,7 +3,7 @@
 use gensim2_geometry::{Proximity, Target};
 
 use super::rules::{Group, Verdict};
-use super::{EXACT, GUESSED, Hit, Leg, Margins, State, TOUCH, World};
+use super::{EXACT, Hit, Leg, Margins, State, TOUCH, World};
 use crate::Role;
 use crate::model::Row;
 
@@ -23,7 +23,7 @@ pub(super) enum Seen {
 }
 
 impl World<'_> {
-    /// Visits what is judged in a leg as things are placed: `reach` says how near (m) something has to be, `visit`
+    /// Visits what is looked at in a leg as things are placed: `reach` says how near (m) something has to be, `visit`
     /// whether to go on.
     pub(super) fn look(
         &mut self,
@@ -37,8 +37,8 @@ impl World<'_> {
         let table = world.table(leg);
         let bodies = world.problem.bodies.len();
         let judged = |group: usize, body: usize| match table.bodies[group * bodies + body] {
-            Verdict::Judged => reach(world, group, Seen::Body(body)),
-            Verdict::MayTouch | Verdict::Apart => f64::NEG_INFINITY,
+            Verdict::Judged | Verdict::MayTouch(_) => reach(world, group, Seen::Body(body)),
+            Verdict::Apart => f64::NEG_INFINITY,
         };
         let whole =
             world.shapes.near_bodies(&table.present, world.obstacles, &mut scratch, coarse, judged, |p| {
@@ -60,11 +60,47 @@ impl World<'_> {
 
     /// What margins ask of a group and something else in a leg.
     pub(super) fn asked(&self, leg: Leg, margins: &Margins, group: usize, seen: Seen) -> f64 {
+        if let Some(depth) = self.depth(leg, group, seen) {
+            return margins.touching(&self.known, group, seen, depth);
+        }
         match seen {
-            Seen::Body(body) => margins.body(&self.known, group, body, self.kept_from(leg, seen)),
-            Seen::Pair(pair) if self.is_guess(leg, pair) => margins.pair(&self.known, pair).min(-GUESSED),
+            Seen::Body(body) if self.is_about_to_touch(leg, group, body) => {
+                margins.body(&self.known, group, body, self.reach_clearance())
+            }
+            Seen::Body(body) => {
+                margins.body(&self.known, group, body, margins.clearance.max(self.kept_from(leg, seen)))
+            }
+            Seen::Pair(pair) if self.is_guess(leg, pair) => {
+                margins.pair(&self.known, pair).min(-self.problem.options.guess_depth)
+            }
             Seen::Pair(pair) => margins.pair(&self.known, pair),
         }
+    }
+
+    /// How deep (m) two things may overlap in a leg, where they may.
+    pub(super) fn depth(&self, leg: Leg, group: usize, seen: Seen) -> Option<f64> {
+        let table = self.table(leg);
+        match seen {
+            Seen::Body(body) => match table.bodies[group * self.problem.bodies.len() + body] {
+                Verdict::MayTouch(depth) => Some(depth),
+                Verdict::Judged | Verdict::Apart => None,
+            },
+            Seen::Pair(pair) if self.is_guess(leg, pair) => {
+                table.depths[pair].map(|depth| depth.max(self.problem.options.guess_depth))
+            }
+            Seen::Pair(pair) => table.depths[pair],
+        }
+    }
+
+    /// Whether the hand is about to touch a body that it yet keeps a clearance from.
+    fn is_about_to_touch(&self, leg: Leg, group: usize, body: usize) -> bool {
+        let touches = self.cast.touches(group) || matches!(self.cast.groups[group], Group::Riding(_));
+        self.table(leg).reached[body] && leg == self.course.last_before_actuation() && touches
+    }
+
+    /// How near (m) two things have to be to count: as `reach` says, where they may not touch.
+    fn judged(&self, leg: Leg, group: usize, seen: Seen, reach: f64) -> f64 {
+        if self.depth(leg, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
 
     /// Clearance (m) that is kept in a leg from what the hand reaches for, zero from all else.
@@ -73,6 +109,11 @@ impl World<'_> {
             Seen::Body(body) if self.table(leg).reached[body] => self.reach_clearance(),
             Seen::Body(_) | Seen::Pair(_) => 0.0,
         }
+    }
+
+    /// Whether how far the object's joint moves in a leg is a guess.
+    pub fn guesses(&self, leg: Leg) -> bool {
+        self.table(leg).guessed && self.problem.joint.is_some() && leg != Leg::LetGo
     }
 
     /// Whether where one of a pair is in a leg is a guess.
@@ -84,26 +125,30 @@ impl World<'_> {
     pub fn measure_start(&mut self, state: State<'_>, leg: Leg) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);
-        self.start_overlap = 0.0;
+        (self.start_overlap, self.start_hit) = (0.0, None);
         self.place(state, leg);
         let mut found = Vec::new();
         self.look(
             leg,
             EXACT,
-            |world, _, seen| world.kept_from(leg, seen),
+            |world, group, seen| world.depth(leg, group, seen).map_or(world.kept_from(leg, seen), |depth| -depth),
             |world, seen, p| {
                 if p.contact.distance < world.kept_from(leg, seen) {
-                    found.push((p.group, seen, p.contact.distance));
+                    found.push((seen, *p, world.depth(leg, p.group, seen).is_some()));
                 }
                 true
             },
         );
-        for (group, seen, distance) in found {
+        for (seen, p, touches) in found {
+            let distance = p.contact.distance;
             match seen {
-                Seen::Body(body) => self.known.start_bodies[group * self.known.bodies + body] = distance,
+                Seen::Body(body) => self.known.start_bodies[p.group * self.known.bodies + body] = distance,
                 Seen::Pair(pair) => self.known.start_pairs[pair] = distance,
             }
-            self.start_overlap = self.start_overlap.max(-distance);
+            if !touches && -distance > self.start_overlap {
+                self.start_overlap = -distance;
+                self.start_hit = Some(self.hit(&p));
+            }
         }
     }
 
@@ -124,7 +169,7 @@ impl World<'_> {
             }
         };
         let reach = |world: &Self, group: usize, seen: Seen| {
-            if is_picked(world, group, seen) { 0.0 } else { f64::NEG_INFINITY }
+            if is_picked(world, group, seen) { world.judged(first, group, seen, 0.0) } else { f64::NEG_INFINITY }
         };
         self.look(first, EXACT, reach, |_, seen, p| {
             if p.contact.distance < 0.0 {
@@ -147,7 +192,7 @@ impl World<'_> {
         self.look(
             leg,
             EXACT,
-            |_, _, _| 0.0,
+            |world, group, seen| world.judged(leg, group, seen, 0.0),
             |_, _, p| {
                 deepest = deepest.max(-p.contact.distance);
                 true
@@ -172,18 +217,20 @@ impl World<'_> {
         found.map(|p| self.hit(&p))
     }
 
-    /// Margins for the free motion between two poses: `clearance`, or what either end leaves where that is less.
-    pub fn margins_between(&mut self, a: &Row, b: &Row, leg: Leg, clearance: f64) -> Margins {
+    /// Margins for the motion between two states: `clearance`, or what either end leaves where that is less. What an
+    /// end overlaps gives no such leave: the motion does not get there.
+    pub fn margins_between(&mut self, ends: [State<'_>; 2], leg: Leg, clearance: f64) -> Margins {
         let mut out = Margins::plain(clearance);
-        for x in [a, b] {
-            self.place(State::still(x), leg);
+        for state in ends {
+            self.place(state, leg);
             self.look(
                 leg,
                 EXACT,
-                |world, _, seen| world.kept_from(leg, seen).max(clearance),
+                |world, group, seen| world.judged(leg, group, seen, world.kept_from(leg, seen).max(clearance)),
                 |_, seen, p| {
-                    let left = (p.contact.distance - TOUCH).max(-TOUCH);
+                    let left = p.contact.distance - TOUCH;
                     match seen {
+                        _ if p.contact.distance < -TOUCH => {}
                         Seen::Body(body) => out.bodies.push(((p.group, body), left)),
                         Seen::Pair(pair) => out.pairs.push((pair, left)),
                     }
@@ -192,6 +239,24 @@ impl World<'_> {
             );
         }
         out
+    }
+
+    /// What is nearer than `clearance` (m) in a state though it may not touch, and what overlaps where it may; how near
+    /// or deep (m), and whether it may.
+    pub fn nearest(&mut self, state: State<'_>, leg: Leg, clearance: f64) -> Vec<(Hit, bool)> {
+        self.place(state, leg);
+        let mut found = Vec::new();
+        self.look(
+            leg,
+            EXACT,
+            |world, group, seen| if world.depth(leg, group, seen).is_some() { 0.0 } else { clearance },
+            |world, seen, p| {
+                let guess = matches!(seen, Seen::Pair(pair) if world.is_guess(leg, pair));
+                found.push((world.hit(p), guess || world.depth(leg, p.group, seen).is_some()));
+                true
+            },
+        );
+        found
     }
 
     /// Adds the distances in a state to the smallest so far; those of guesses are left out.
@@ -207,7 +272,8 @@ impl World<'_> {
                 Group::Link(_) | Group::Riding(_) => Kind::Itself,
             },
         };
-        let reach = |world: &Self, _: usize, seen: Seen| match kind(world, seen) {
+        let reach = |world: &Self, group: usize, seen: Seen| match kind(world, seen) {
+            _ if world.depth(leg, group, seen).is_some() => f64::NEG_INFINITY,
             _ if matches!(seen, Seen::Pair(pair) if world.is_guess(leg, pair)) => f64::NEG_INFINITY,
             Kind::Table => table,
             Kind::Object => object,

@@ -35,14 +35,22 @@ pub(crate) enum Carrier {
 }
 
 /// Whether two things are looked at.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Verdict {
     /// They may not overlap.
     Judged,
-    /// They may.
-    MayTouch,
-    /// Nothing of what is planned moves one against the other, or one of them is not there.
+    /// They may, as deep as this (m).
+    MayTouch(f64),
+    /// Nothing of what is planned moves one against the other, one of them is not there or held by the other, or it is
+    /// not known where it is.
     Apart,
+}
+
+impl Verdict {
+    /// One that lets two things overlap as deep as `depth` (m), or however deep.
+    fn touching(depth: Option<f64>) -> Self {
+        depth.map_or(Self::Apart, Self::MayTouch)
+    }
 }
 
 /// The world in one leg.
@@ -55,8 +63,10 @@ pub(crate) struct LegWorld {
     pub bodies: Vec<Verdict>,
     /// Whether each body is one that the hand reaches for and keeps a clearance from, yet.
     pub reached: Vec<bool>,
-    /// Numbers of the judged pairs of groups.
+    /// Numbers of the pairs of groups that are looked at.
     pub pairs: Vec<usize>,
+    /// How deep (m) each pair of groups may overlap, where it may.
+    pub depths: Vec<Option<f64>>,
     /// Which joints carry which groups.
     pub carried: Carried,
     /// Whether how far the object's joint moves is a guess.
@@ -103,7 +113,7 @@ impl<'p> Cast<'p> {
     }
 
     /// Whether a group is hand or finger, which may touch what they reach for.
-    fn touches(&self, group: usize) -> bool {
+    pub fn touches(&self, group: usize) -> bool {
         matches!(self.groups[group], Group::Link(l) if self.hand.touches[l])
     }
 
@@ -164,6 +174,7 @@ struct Window {
     bodies: Vec<bool>,
     from: usize,
     to: usize,
+    depth: Option<f64>,
 }
 
 impl<'c, 'p> Compiler<'c, 'p> {
@@ -176,6 +187,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
                     bodies: problem.bodies.iter().map(|b| w.bodies.contains(&b.name)).collect(),
                     from: problem.window_index(&w.from)?,
                     to: problem.window_index(&w.to)?,
+                    depth: w.depth.or(problem.options.contact_depth),
                 })
             };
             // The problem's check has refused windows that name no keyframe.
@@ -194,8 +206,11 @@ impl<'c, 'p> Compiler<'c, 'p> {
             .flat_map(|g| (0..self.cast.bodies.len()).map(move |b| (g, b)))
             .map(|(g, b)| self.against_body(g, b, leg, &carriers, &carried))
             .collect();
-        let judged = |pair: &usize| self.between(self.cast.pairs[*pair], leg, &carriers, &carried) == Verdict::Judged;
-        let pairs = (0..self.cast.pairs.len()).filter(judged).collect();
+        let verdicts: Vec<Verdict> =
+            self.cast.pairs.iter().map(|pair| self.between(*pair, leg, &carriers, &carried)).collect();
+        let pairs = (0..verdicts.len()).filter(|pair| verdicts[*pair] != Verdict::Apart).collect();
+        let depth = |verdict: &Verdict| if let Verdict::MayTouch(depth) = verdict { Some(*depth) } else { None };
+        let depths = verdicts.iter().map(depth).collect();
         let steps = joint_steps(self.problem);
         let guessed = match leg {
             Leg::Post(i) => steps[i].is_none(),
@@ -204,7 +219,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
             Leg::Approach | Leg::Pre(_) | Leg::ToActuation => false,
         };
         let reached = (0..self.cast.bodies.len()).map(|b| self.is_kept_from(b, leg)).collect();
-        LegWorld { carriers, present, bodies, reached, pairs, carried, guessed }
+        LegWorld { carriers, present, bodies, reached, pairs, depths, carried, guessed }
     }
 
     fn carrier(&self, group: usize, leg: Leg) -> Carrier {
@@ -251,11 +266,13 @@ impl<'c, 'p> Compiler<'c, 'p> {
         Carried { joints, flags }
     }
 
-    /// Whether a window lets a group and a body touch in a leg. A window from the start covers the approach.
-    fn is_open(&self, windows: &[Window], group: usize, body: usize, leg: Leg) -> bool {
+    /// The verdict of the windows on a group and a body in a leg. A window from the start covers the approach.
+    fn through(&self, windows: &[Window], group: usize, body: usize, leg: Leg) -> Verdict {
         // Among windows the start is 0, and keyframe k of the motion k + 1.
         let leads_to = self.course.number(leg) + 1;
-        windows.iter().any(|w| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to)
+        let open = |w: &&Window| w.groups[group] && w.bodies[body] && w.from < leads_to && leads_to <= w.to;
+        let deepest = windows.iter().filter(open).map(|w| w.depth.unwrap_or(f64::INFINITY)).reduce(f64::max);
+        deepest.map_or(Verdict::Judged, |depth| Verdict::touching(Some(depth).filter(|d| d.is_finite())))
     }
 
     fn against_body(&self, group: usize, body: usize, leg: Leg, carriers: &[Carrier], carried: &Carried) -> Verdict {
@@ -270,7 +287,7 @@ impl<'c, 'p> Compiler<'c, 'p> {
             return Verdict::Apart;
         }
         if let Some(windows) = &self.windows {
-            return if self.is_open(windows, group, body, leg) { Verdict::MayTouch } else { Verdict::Judged };
+            return self.through(windows, group, body, leg);
         }
         if self.is_kept_from(body, leg) {
             return Verdict::Judged;
@@ -279,13 +296,14 @@ impl<'c, 'p> Compiler<'c, 'p> {
         let reaching = leg == self.course.last_before_actuation();
         let may = match what.role {
             Role::Target => gripper || carriers[group] == Carrier::Hand,
-            // Without a joint nobody knows how it moves.
-            Role::MovingLink => after || (gripper && reaching),
+            // Without a joint it is not known how it moves.
+            Role::MovingLink if after => return Verdict::Apart,
+            Role::MovingLink => gripper && reaching,
             Role::Table | Role::ObjectBody | Role::Rigid | Role::Attached => {
                 gripper && reaching && self.is_picked(body)
             }
         };
-        if may { Verdict::MayTouch } else { Verdict::Judged }
+        if may { Verdict::touching(self.problem.options.contact_depth) } else { Verdict::Judged }
     }
 
     /// Whether a group is ever judged: what the object's joint moves is, against the robot alone.
@@ -309,13 +327,19 @@ impl<'c, 'p> Compiler<'c, 'p> {
             Group::Riding(body) | Group::Moved(body) => Some(body),
         };
         if let Some(windows) = &self.windows {
-            let open = |g: usize, other: usize| body_of(other).is_some_and(|o| self.is_open(windows, g, o, leg));
-            let holds = carriers[b] == Carrier::Hand && self.cast.holds(a);
-            return if holds || open(a, b) || open(b, a) { Verdict::MayTouch } else { verdict };
+            let open = |g: usize, other: usize| {
+                body_of(other).map(|o| self.through(windows, g, o, leg)).filter(|v| *v != Verdict::Judged)
+            };
+            if carriers[b] == Carrier::Hand && self.cast.holds(a) {
+                return Verdict::Apart;
+            }
+            return open(a, b).or_else(|| open(b, a)).unwrap_or(verdict);
         }
         // Hand and fingers hold what rides, leave what was placed, and push or pull what the joint moves.
-        let may =
-            if matches!(self.cast.groups[b], Group::Riding(_)) { self.cast.holds(a) } else { self.cast.touches(a) };
-        if may { Verdict::MayTouch } else { verdict }
+        match self.cast.groups[b] {
+            Group::Riding(_) if self.cast.holds(a) => Verdict::Apart,
+            Group::Moved(_) if self.cast.touches(a) => Verdict::touching(self.problem.options.contact_depth),
+            _ => verdict,
+        }
     }
 }

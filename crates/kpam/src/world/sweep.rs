@@ -26,12 +26,14 @@ const COARSE: f64 = 0.02;
 pub(crate) struct Way<'w> {
     pub waypoints: &'w [Row],
     pub travel: &'w [f64],
+    /// How far (rad or m) each joint may lie off the straight segment after each waypoint; none where it does not.
+    pub off: &'w [Row],
 }
 
 impl<'w> Way<'w> {
     /// A way on which the object's joint stands still where it stood.
     pub fn still(waypoints: &'w [Row]) -> Self {
-        Self { waypoints, travel: &[] }
+        Self { waypoints, travel: &[], off: &[] }
     }
 
     fn travel_at(&self, waypoint: usize) -> f64 {
@@ -45,7 +47,7 @@ impl<'w> Way<'w> {
 
     /// The first waypoints, up to and with number `last`.
     pub fn until(&self, last: usize) -> Self {
-        Self { waypoints: &self.waypoints[..=last], travel: self.travel }
+        Self { waypoints: &self.waypoints[..=last], ..*self }
     }
 
     /// Joint values and travel `t` waypoints along.
@@ -163,8 +165,10 @@ impl World<'_> {
         steps
     }
 
-    fn holds(&mut self, bubble: &Bubble, leg: Leg, x: &Row, travel: f64) -> bool {
-        let steps = self.steps((&bubble.center, bubble.travel), (x, travel));
+    /// Whether a state on a segment of a way is inside, and all that is no further off it than the way may lie.
+    fn holds(&mut self, bubble: &Bubble, leg: Leg, (x, travel): (&Row, f64), off: Option<&Row>) -> bool {
+        let mut steps = self.steps((&bubble.center, bubble.travel), (x, travel));
+        self.add_off(off, &mut steps);
         let inside = bubble.holds(&self.table(leg).carried, &steps);
         self.steps = steps;
         inside
@@ -197,20 +201,27 @@ impl World<'_> {
             // leads to a point inside is inside.
             let from = t as usize;
             let mut k = from;
-            while k < last && self.holds(&bubble, leg, &way.waypoints[k + 1], way.travel_at(k + 1)) {
+            while k < last && self.holds(&bubble, leg, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
                 k += 1;
             }
             let mut next = t.max(k as f64);
             if k < last && k == from {
                 let steps = self.segment(&way, k);
-                next = (t + bubble.times(&self.table(leg).carried, &steps)).min((k + 1) as f64);
+                let mut times = bubble.times(&self.table(leg).carried, &steps);
+                if let Some(off) = way.off.get(k) {
+                    // What a step uses grows evenly with it: as much less of it as lying off the segment uses.
+                    let mut aside = vec![0.0; steps.len()];
+                    self.add_off(Some(off), &mut aside);
+                    times = (times * (1.0 - 1.0 / bubble.times(&self.table(leg).carried, &aside))).max(0.0);
+                }
+                next = (t + times).min((k + 1) as f64);
                 self.steps = steps;
             } else if k < last {
                 let (mut low, mut high) = (next, (k + 1) as f64);
                 for _ in 0..6 {
                     let middle = 0.5 * (low + high);
                     let (x, travel) = way.at(middle);
-                    if self.holds(&bubble, leg, &x, travel) {
+                    if self.holds(&bubble, leg, (&x, travel), way.off.get(k)) {
                         low = middle;
                     } else {
                         high = middle;
@@ -226,6 +237,14 @@ impl World<'_> {
             let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
             t = next.max((t + finest).min((next as usize + 1) as f64)).min(end);
             self.spare = bubble;
+        }
+    }
+
+    /// Adds how far the joints may lie off a segment to how far they move along it.
+    fn add_off(&self, off: Option<&Row>, steps: &mut [f64]) {
+        let Some(off) = off else { return };
+        for (step, joint) in steps.iter_mut().zip(self.movers.iter()) {
+            *step += (joint.factor * off[joint.variable]).abs();
         }
     }
 

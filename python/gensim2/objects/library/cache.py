@@ -53,6 +53,7 @@ SHARED_MODULES = (
     "gensim2.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.prepare",
+    "gensim2.objects.kinematics",
     "gensim2.objects.model",
     "gensim2.objects.physics",
     "gensim2.objects.placement",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from gensim2.policy.heads.chunk import ChunkHead
 from gensim2.policy.heads.diffusion import DiffusionHead
 from gensim2.policy.heads.flow import FlowHead
+from gensim2.policy.heads.keypose import KeyposeHead
 from gensim2.policy.heads.transformer import TransformerHead
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ _KINDS: dict[str, Any] = {
     "transformer": TransformerHead,
     "diffusion": DiffusionHead,
     "flow": FlowHead,
+    "keypose": KeyposeHead,
 }
 
 

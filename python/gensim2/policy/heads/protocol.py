@@ -15,11 +15,13 @@ class Context:
 
     Attributes:
         tokens: (B, S, D) of the trunk, the readout first.
-        points: (B, N, 3) coordinates of the present cloud in the policy's frame, m.
-        features: (B, N, G) of the points; None unless the head wants them.
+        cloud: (B, N, 3) coordinates of the present cloud in the policy's frame, m.
+        points: (B, P, 3) those of the points that have features; all where no head wants them.
+        features: (B, P, G) of ``points``; None unless the head wants them.
     """
 
     tokens: torch.Tensor
+    cloud: torch.Tensor
     points: torch.Tensor
     features: torch.Tensor | None
 

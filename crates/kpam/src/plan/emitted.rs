@@ -1,0 +1,172 @@
+//! What is emitted is what was swept: the motion in time is looked at once more, whole.
+
+use super::attempt::Attempt;
+use super::failure::Failure;
+use super::planner::Planner;
+use super::timed::{Stretch, Timed};
+use crate::Trajectory;
+use crate::model::Row;
+use crate::world::{Hit, Way};
+
+/// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
+const OFF: f64 = 2e-5;
+/// Times between samples (s), and how many of them a leg may have at the least and the greatest step: what takes longer
+/// is slower.
+const SHORTEST: f64 = 2e-3;
+const LONGEST: f64 = 2e-2;
+const MOST: f64 = 2e4;
+const ENOUGH: f64 = 1e3;
+
+/// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
+struct Samples {
+    waypoints: Vec<Row>,
+    off: Vec<Row>,
+}
+
+impl Samples {
+    /// Of a motion of `joints` variables between two times (s). Within a step `h` whose acceleration is at most `a`, a
+    /// joint lies at most `a h^2 / 8` off its chord.
+    fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2]) -> Self {
+        let mut time = begin;
+        let shortest = SHORTEST.max((end - begin) / MOST);
+        let longest = LONGEST.max((end - begin) / ENOUGH);
+        let [position, _, mut acceleration] = trajectory.moving_with_rates(time);
+        let mut out = Self { waypoints: vec![position], off: Vec::new() };
+        while time < end {
+            let hardest = acceleration[..joints].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+            let mut step = (8.0 * OFF / hardest).sqrt().clamp(shortest, longest);
+            loop {
+                let next = if time + step >= end { end } else { time + step };
+                let mut off = trajectory.hardest([time, next]);
+                off[..joints].iter_mut().for_each(|o| *o *= (next - time).powi(2) / 8.0);
+                if step > shortest && off[..joints].iter().any(|o| *o > 2.0 * OFF) {
+                    step = (0.5 * step).max(shortest);
+                    continue;
+                }
+                let [position, _, after] = trajectory.moving_with_rates(next);
+                out.waypoints.push(position);
+                out.off.push(off);
+                (time, acceleration) = (next, after);
+                break;
+            }
+        }
+        out
+    }
+
+    /// Travel of the object's joint at each sample of a leg: the motion passes its waypoints one after the other.
+    fn travel(&self, joints: usize, leg: &Stretch<'_>) -> Vec<f64> {
+        let (waypoints, travel) = (&leg.waypoints, &leg.travel);
+        if travel.len() < 2 || travel.len() != waypoints.len() {
+            return travel.first().copied().into_iter().collect();
+        }
+        let last = waypoints.len() - 2;
+        let mut k = 0;
+        let part = |k: usize, x: &Row| {
+            let (mut along, mut whole) = (0.0, 0.0);
+            for v in 0..joints {
+                let way = waypoints[k + 1][v] - waypoints[k][v];
+                along += way * (x[v] - waypoints[k][v]);
+                whole += way * way;
+            }
+            if whole > 0.0 { along / whole } else { 1.0 }
+        };
+        let place = |x: &Row| {
+            let mut share = part(k, x);
+            while share >= 1.0 && k < last {
+                k += 1;
+                share = part(k, x);
+            }
+            travel[k] + share.clamp(0.0, 1.0) * (travel[k + 1] - travel[k])
+        };
+        self.waypoints.iter().map(place).collect()
+    }
+}
+
+impl Planner<'_> {
+    /// The timed motion of an attempt, swept as it is emitted. Where it does not stand, the legs about the place stop
+    /// where they meet, then the free motion stops wherever it turns.
+    pub(super) fn emit(&mut self, attempt: &mut Attempt) -> Result<Timed, Failure> {
+        let clock = self.clock.clone();
+        let keyframes = attempt.motions.keyframes.len();
+        let mut stops: Vec<bool> = Vec::new();
+        loop {
+            let mut legs = self.legs(attempt, clock.as_deref());
+            stops.resize(legs.len(), false);
+            for (leg, stop) in legs.iter_mut().zip(&stops) {
+                leg.stops |= stop;
+            }
+            let timed = self.timed(&legs, keyframes)?;
+            if !self.problem.options.avoid_collisions {
+                return Ok(timed);
+            }
+            let Some((k, hit)) = self.first_hit(&timed, &legs) else { return Ok(timed) };
+            let toward = legs[k].toward;
+            let joined: Vec<usize> = (k.saturating_sub(1)..=k).filter(|leg| !legs[*leg].stops).collect();
+            let free = k < attempt.approach.len();
+            if !joined.is_empty() {
+                joined.into_iter().for_each(|leg| stops[leg] = true);
+            } else if free && !attempt.corners.is_empty() {
+                drop(legs);
+                attempt.approach = std::mem::take(&mut attempt.corners);
+                stops.clear();
+            } else {
+                drop(legs);
+                attempt.hits.push((toward, hit.clone()));
+                return Err(Failure::Blocked { keyframe: toward, hit });
+            }
+        }
+    }
+
+    /// The first leg of a motion in time that comes nearer to something than it may, and to what.
+    fn first_hit(&mut self, timed: &Timed, legs: &[Stretch<'_>]) -> Option<(usize, Hit)> {
+        let joints = self.model.n();
+        legs.iter().zip(&timed.spans).enumerate().find_map(|(k, (leg, span))| {
+            let samples = Samples::of(&timed.trajectory, joints, *span);
+            let travel = samples.travel(joints, leg);
+            let way = Way { waypoints: &samples.waypoints, travel: &travel, off: &samples.off };
+            self.world.sweep_along(way, leg.leg, leg.kept).map(|(_, hit)| (k, hit))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::timing::{Limits, RetimeOptions, retime};
+
+    #[test]
+    fn between_samples_no_joint_is_further_off_than_they_say() {
+        let limits = Limits::new(&[1.0, 1.5], &[5.0, 8.0], &[500.0, 900.0]).unwrap();
+        let waypoints = [vec![0.0, 0.0], vec![0.5, 0.2], vec![0.3, 0.9], vec![-0.4, 0.8]];
+        let motion = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory;
+        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()]);
+        assert_eq!(samples.off.len() + 1, samples.waypoints.len());
+        assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
+        // Some place on the segment is as near as is said in every joint.
+        let beside = |x: &Row, k: usize| {
+            let (a, b) = (&samples.waypoints[k], &samples.waypoints[k + 1]);
+            let (mut from, mut to) = (0.0_f64, 1.0_f64);
+            for v in 0..2 {
+                let (way, off) = (b[v] - a[v], samples.off[k][v] + 1e-9);
+                let ends = [(x[v] - a[v] - off) / way, (x[v] - a[v] + off) / way];
+                from = from.max(ends[0].min(ends[1]));
+                to = to.min(ends[0].max(ends[1]));
+            }
+            from <= to
+        };
+        let count = 20_000;
+        for k in 0..=count {
+            let time = motion.start() + (motion.end() - motion.start()) * f64::from(k) / f64::from(count);
+            let x = motion.moving_with_rates(time)[0];
+            assert!((0..samples.off.len()).any(|segment| beside(&x, segment)), "at {time}");
+        }
+    }
+
+    #[test]
+    fn long_motions_have_few_samples() {
+        let limits = Limits::new(&[1e-3], &[1e-3], &[1e-2]).unwrap();
+        let motion = retime(&[vec![0.0], vec![40.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
+        assert!(motion.end() > 3e4);
+        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()]).waypoints.len() < 3_000);
+    }
+}

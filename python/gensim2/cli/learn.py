@@ -1,0 +1,104 @@
+"""``gensim2 learn``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gensim2.cli import options
+from gensim2.cli.output import line, report, table
+
+
+@click.command("learn", cls=options.Command, short_help="Teach tasks to a policy, and measure it.")
+@click.argument("tasks", nargs=-1, required=True)
+@click.option(
+    "--policy",
+    type=click.Choice(("keypose", "chunk", "transformer", "diffusion", "flow")),
+    default="keypose",
+    show_default=True,
+    help="keypose: the network says where the hand goes, the planner how; taught by plans. The others give chunks of "
+    "actions and are taught by episodes.",
+)
+@click.option(
+    "--minutes",
+    type=click.FloatRange(0, 1e5, min_open=True),
+    default=15.0,
+    show_default=True,
+    help="CPU minutes for the data and the training of each policy; evaluation is not bounded.",
+)
+@click.option("--multi-task", is_flag=True, help="One policy for all TASKS; their sentences tell them apart.")
+@click.option(
+    "--scenes",
+    type=options.count(),
+    default=2000,
+    show_default=True,
+    help="Most of each task to plan; of episodes at most 200.",
+)
+@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
+@click.option(
+    "--control-episodes",
+    type=options.count(),
+    default=30,
+    show_default=True,
+    help="Of each task and control: blind, clouds of other scenes, an arm that stands still, the planner.",
+)
+@click.option(
+    "--test-instances",
+    default="test",
+    show_default=True,
+    metavar="all|train|test|new|ID",
+    help="Objects to evaluate on.",
+)
+@options.library
+@options.seed
+@options.assets
+@click.option(
+    "--instances",
+    default="train",
+    show_default=True,
+    metavar="all|train|test|new|ID",
+    help="Objects to learn from.",
+)
+@options.physics
+@options.randomization
+@options.robot
+@options.out("Folder to write to: a --checkpoint, or one for each task.  [default: runs/<date>-<time>]")
+@options.workers
+@options.resume
+@options.json_file
+def learn(tasks: tuple[str, ...], out: Path | None, json_file: str | None, **given: Any) -> None:
+    """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
+
+    Draws scenes and plans them (for action chunks: simulates and renders them), trains, and evaluates on objects and
+    seeds that no training saw, beside its controls.
+    """
+    with report(json_file, _show) as (progress, give):
+        from gensim2.data.runfolder import default_run_dir
+        from gensim2.policy.learning import learn as function
+
+        result = function(tasks, out=out or default_run_dir(), progress=progress, **given)
+        give(result.to_dict())
+
+
+def _show(result: dict[str, Any]) -> None:
+    rows = [
+        (
+            row["name"],
+            f"{row['held_mean']:.2f} ({row['interval'][0]:.2f} to {row['interval'][1]:.2f})",
+            *(_rate(row[f"{name}_mean"]) for name in ("blind", "shuffled", "no_op", "expert")),
+            row["demonstrations"],
+            row["steps"],
+            f"{row['cpu_s']:.0f}",
+            ", ".join(f"{count} {cause}" for cause, count in row["causes"].items()),
+        )
+        for row in result["tasks"]
+    ]
+    heads = ("task", "held (95 %)", "blind", "shuffled", "no-op", "expert", "taught by", "steps", "CPU s", "causes")
+    table(heads, rows)
+    line(f"page: {Path(result['out']) / 'report.html'}")
+
+
+def _rate(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

@@ -1,0 +1,183 @@
+"""Policies measured beside their controls: the same scenes, the same loop, the same verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Unpack, get_args
+
+from gensim2.errors import InputError
+from gensim2.evaluation.evaluating import EvaluationResult, evaluate
+from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.rollout.controller_spec import ControllerSpec
+from gensim2.rollout.inputs import read_task_inputs, scene_options
+from gensim2.rollout.run import Stop
+from gensim2.rollout.worker import chain
+from gensim2.scenes.config import SceneArguments
+
+Control = Literal["blind", "shuffled", "no-op", "expert"]
+"""What stands beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
+that stands still, and the planner with the whole scene before it (privileged)."""
+CONTROLS: tuple[Control, ...] = get_args(Control)
+
+CONTROL_EPISODES = 30
+"""Episodes of each task that a control is measured by, the first of the policy's own."""
+
+KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
+STANDS_STILL = "gensim2.policy.standing:StandStill"
+
+
+@dataclass(frozen=True)
+class PolicyResult:
+    """A policy and its controls.
+
+    Attributes:
+        policy: the policy's own table.
+        controls: tables of its controls, by name; the expert has one a task.
+    """
+
+    policy: EvaluationResult
+    controls: Mapping[str, tuple[EvaluationResult, ...]]
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds of all of them."""
+        others = (each for several in self.controls.values() for each in several)
+        return self.policy.cpu_s + sum(each.cpu_s for each in others)
+
+    def mean_of(self, control: str, task: str) -> float | None:
+        """Share of a control's episodes that held; None where it was not run."""
+        found = self.rows(control).get(task)
+        return None if found is None else float(found["held_mean"])
+
+    def rows(self, control: str) -> dict[str, dict[str, Any]]:
+        """Rows of a control's table by task, without the records."""
+        found = {}
+        for each in self.controls.get(control, ()):
+            for row in each.rows:
+                told = row.to_dict()
+                del told["records"]
+                found[row.task.name] = told
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """The policy's table with ``controls``: by name a row a task."""
+        controls = {name: list(self.rows(name).values()) for name in self.controls}
+        told = {**self.policy.to_dict(), "schema_version": SCHEMA_VERSION}
+        return {**told, "controls": controls, "cpu_s": round(self.cpu_s, 3)}
+
+
+def policy_controller(checkpoint: Path, **arguments: Any) -> ControllerSpec:
+    """The controller of a checkpoint, whatever its head.
+
+    Args:
+        checkpoint: folder.
+        arguments: of the controller, beside it.
+
+    Raises:
+        InputError: the checkpoint cannot be used.
+    """
+    policy = PolicyCheckpoint.load(checkpoint)
+    target = KEYPOSE if policy.action.kind == "keypose" else CHUNKS
+    return ControllerSpec(target, {"checkpoint": str(Path(checkpoint).resolve()), **arguments})
+
+
+def evaluate_policy(
+    checkpoint: Path,
+    tasks: Sequence[str],
+    *,
+    controls: Sequence[Control] = CONTROLS,
+    control_episodes: int = CONTROL_EPISODES,
+    episodes: int = 50,
+    stop: Stop = "goal",
+    data: Path | None = None,
+    videos: int = 0,
+    seed: int = 0,
+    arguments: Mapping[str, Any] | None = None,
+    runs: int = 1,
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
+) -> PolicyResult:
+    """Measure a policy and its controls.
+
+    Args:
+        checkpoint: its folder.
+        controls: which.
+        control_episodes: of each task; at most ``episodes``.
+        arguments: of the policy's controller, beside its checkpoint.
+        out: folder; each control has one in it.
+        tasks, episodes, stop, data, videos, seed, runs, workers, resume, time_limit, jobs_per_worker, progress, scene:
+            as for :func:`~gensim2.evaluation.evaluate`.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used with this robot or these tasks.
+        InputError, NotRunError: as :func:`~gensim2.evaluation.evaluate`.
+    """
+    policy = PolicyCheckpoint.load(checkpoint)
+    policy.require_robot(scene_options(**scene).robot, checkpoint)
+    given, skipped = read_task_inputs(tuple(tasks), seed=seed, **scene)
+    if skipped:
+        name, reason = next(iter(skipped.items()))
+        raise InputError(reason, field=f"tasks.{name}")
+    for one in given:
+        if policy.action.kind == "keypose" and one.spec.description not in policy.sentences:
+            raise unknown_sentence(policy, one.spec.description, checkpoint)
+        policy.row_of(one.spec.description, checkpoint)
+    if "shuffled" in controls and policy.action.kind != "keypose":
+        raise InputError("is for policies with a keypose head", field="controls", remedy="leave it out")
+    from gensim2.data.runfolder import default_run_dir
+
+    out = default_run_dir() if out is None else out
+    shared: dict[str, Any] = {
+        "seed": seed,
+        "workers": workers,
+        "resume": resume,
+        "time_limit": time_limit,
+        "jobs_per_worker": jobs_per_worker,
+        "progress": progress,
+        **scene,
+    }
+    names = list(tasks)
+    found = evaluate(
+        policy_controller(checkpoint, **(arguments or {})),
+        names,
+        runs=runs,
+        stop=stop,
+        data=data,
+        videos=videos,
+        episodes=episodes,
+        out=out,
+        **shared,
+    )
+    few = {**shared, "episodes": min(episodes, control_episodes)}
+    beside: dict[str, tuple[EvaluationResult, ...]] = {}
+    for control in controls:
+        folder = out / "controls" / control
+        if control == "expert":
+            beside[control] = tuple(
+                evaluate(chain(one.strategies), name, out=folder / one.spec.name, **few)
+                for name, one in zip(names, given, strict=True)
+            )
+        else:
+            spec = (
+                ControllerSpec(STANDS_STILL, {"arm": policy.action.arm})
+                if control == "no-op"
+                else _altered(checkpoint, policy, control)
+            )
+            beside[control] = (evaluate(spec, names, stop=stop, out=folder, **few),)
+    return PolicyResult(found, beside)
+
+
+def _altered(checkpoint: Path, policy: PolicyCheckpoint, control: Control) -> ControllerSpec:
+    if policy.action.kind == "keypose":
+        return policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
+    return policy_controller(checkpoint, blind=True)

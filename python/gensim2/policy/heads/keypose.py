@@ -1,0 +1,206 @@
+r"""Keypose head: which way, where on the cloud, and the hand's poses about that place; the planner executes them.
+
+Two looks. The first is at some of the points: a class for each strategy of each step (and one for "done"), and for
+a strategy a heatmap over the points whose mean, with an offset from each point, is where the hand acts,
+:math:`p = \sum_i w_i (x_i + o_i)`. The second is at the points about that place, with :math:`p` as the origin and
+Fourier features of their coordinates: it moves :math:`p` and gives the program: positions relative to it, 6-D
+rotations, gripper commands, times. What strategies do is not averaged: each has its own heatmap and program. The two
+looks are trained side by side: the second sees the true place with noise, not what the first one found.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import nn
+
+from gensim2.policy.encoders.mlp import MlpEncoder
+from gensim2.policy.keypose.program import ACTUATION, KEYPOSES
+from gensim2.policy.rotations import matrix_of_six
+
+if TYPE_CHECKING:
+    from gensim2.policy.config import PolicyConfig
+    from gensim2.policy.heads.protocol import Context
+
+WAY, POSITIONS, ROTATIONS = "keypose_way", "keypose_positions", "keypose_rotations"
+GRIPPER, SECONDS, FORCE = "keypose_gripper", "keypose_seconds", "keypose_force"
+"""Names of targets: (B,) class, (B, K, 3) m, (B, K, 3, 3), (B, K + 1), (B, K) s, (B,) N; all but the class mean nothing
+where it is that of "done", the last."""
+
+ANSWERS = 4
+"""Classes, most probable first, of which ``act`` gives the programs."""
+HEAT = 0.02
+"""Metres about the place of the hand within which points are to be hot."""
+BANDS = (2.0, 8.0)
+"""Fourier features, 1/m."""
+NEAR, FAR = 128, 64
+"""Points about the place and points from anywhere of the second look."""
+NOISE = (0.01, 0.03)
+"""Standard deviations (m) of the second look's origin in training: one look done, and none."""
+ROUNDS = 2
+"""Times that the second look is taken, each about where the one before found the hand."""
+METRE, CENTIMETRES = 0.05, 0.1
+"""Scales of positions (m)."""
+FORCE_SCALE = 2.0  # N
+SOONEST = 0.02  # s
+
+_SIZES = (3, 3 * (KEYPOSES - 1), 6 * KEYPOSES, KEYPOSES + 1, KEYPOSES, 1)
+
+
+@dataclass(frozen=True)
+class Programs:
+    """Programs of the second look; the attributes are as the targets."""
+
+    positions: torch.Tensor
+    rotations: torch.Tensor
+    gripper: torch.Tensor
+    seconds: torch.Tensor
+    force: torch.Tensor
+
+
+class KeyposeHead(nn.Module):  # type: ignore[misc]
+    """Head for keypose programs.
+
+    Args:
+        config: of the policy.
+        arm: number of the arm's joints, which poses of the hand do not depend on.
+        features: G, width of a point's feature.
+    """
+
+    wants_features = True
+    noise: tuple[int, ...] = ()
+
+    def __init__(self, config: PolicyConfig, arm: int, features: int) -> None:
+        super().__init__()
+        width, hidden, of_way = config.width, config.hidden, 32
+        self.ways = config.ways
+        self.way = nn.Sequential(nn.Linear(width, 128), nn.GELU(), nn.Linear(128, config.ways))
+        self.of_way = nn.Embedding(config.ways, of_way)
+        self.of_point, self.of_cloud = nn.Linear(features, 64), nn.Linear(width + of_way, 64)
+        self.heat = nn.Linear(64, 4)
+        self.near = MlpEncoder(3 + 6 * len(BANDS))
+        self.register_buffer("center", torch.zeros(3))
+        self.program = nn.Sequential(
+            nn.Linear(self.near.width + of_way + 3 + width, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, hidden),
+            nn.GELU(),
+            nn.Linear(hidden, sum(_SIZES)),
+        )
+        self.center: torch.Tensor
+
+    def fit(self, batch: Mapping[str, torch.Tensor]) -> None:
+        """Set the middle of the places at which hands act."""
+        live = batch[WAY] < self.ways - 1
+        if live.any():
+            self.center.copy_(batch[POSITIONS][live, ACTUATION].mean(0))
+
+    def loss(self, context: Context, batch: Mapping[str, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return the weighted sum of the losses of both looks."""
+        way, true = batch[WAY], batch[POSITIONS]
+        place = true[:, ACTUATION]
+        live = (way < self.ways - 1).to(place.dtype)
+        share = live / live.sum().clamp(min=1.0)
+        summary = context.tokens[:, 0]
+        chosen = nn.functional.cross_entropy(self.way(summary), way)
+        points = context.points
+        logits, found = self._first(points, context, way)
+        hot = (-(points - place[:, None]).square().sum(-1) / (2 * HEAT**2)).softmax(-1)
+        heat = -(hot * logits.log_softmax(-1)).sum(-1)
+        coarse = (found - place).abs().sum(-1) / METRE
+        made = {"generator": generator, "device": place.device}
+        spread = torch.where(torch.rand(len(place), 1, **made) < 0.5, *NOISE)
+        origin = place + spread * torch.randn(place.shape, **made)
+        given = self._second(context.cloud, origin, way, summary, generator)
+        away = (given.positions - true).abs().sum(-1) / METRE
+        others = away.sum(-1) - away[:, ACTUATION]
+        turned = _turned(given.rotations, batch[ROTATIONS])
+        fingers = (given.gripper - batch[GRIPPER]).abs().mean(-1)
+        times = ((given.seconds + SOONEST).log() - (batch[SECONDS] + SOONEST).log()).abs().mean(-1)
+        force = (given.force - batch[FORCE]).abs() / FORCE_SCALE
+        each = 0.3 * heat + 0.5 * coarse + 2.0 * away[:, ACTUATION] + others / (KEYPOSES - 1) + 2.0 * turned
+        each = each + fingers + 0.3 * times + 0.3 * force
+        return chosen + (each * share).sum()
+
+    def act(self, context: Context, noise: torch.Tensor) -> torch.Tensor:
+        """Return the programs of the most probable ways, (B, ``ANSWERS``, 2 + numbers of a program):
+        probability and number of the way, then the program (:func:`read_answer`).
+        """
+        summary = context.tokens[:, 0]
+        chances = self.way(summary).softmax(-1)
+        best = chances.topk(min(ANSWERS, self.ways), -1)
+        found = []
+        for rank in range(best.indices.shape[1]):
+            way = best.indices[:, rank]
+            _, place = self._first(context.points, context, way)
+            for _ in range(ROUNDS):
+                given = self._second(context.cloud, place, way, summary, None)
+                place = given.positions[:, ACTUATION]
+            parts = (
+                best.values[:, rank, None],
+                way[:, None].to(place.dtype),
+                given.positions.flatten(1),
+                given.rotations.flatten(1),
+                given.gripper,
+                given.seconds,
+                given.force[:, None],
+            )
+            found.append(torch.cat(parts, -1))
+        return torch.stack(found, 1)
+
+    def _first(self, points: torch.Tensor, context: Context, way: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Logits of the heatmap (B, N), and the place (B, 3), m."""
+        assert context.features is not None
+        told = torch.cat([context.tokens[:, 0], self.of_way(way)], -1)
+        inner = nn.functional.gelu(self.of_point(context.features) + self.of_cloud(told)[:, None])
+        logits, offsets = self.heat(inner).split((1, 3), -1)
+        weights = logits.softmax(1)
+        return logits[..., 0], (weights * (points + CENTIMETRES * offsets)).sum(1)
+
+    def _second(
+        self,
+        cloud: torch.Tensor,
+        origin: torch.Tensor,
+        way: torch.Tensor,
+        summary: torch.Tensor,
+        generator: torch.Generator | None,
+    ) -> Programs:
+        """The program as it is seen about ``origin`` (B, 3)."""
+        about = cloud - origin[:, None]
+        count = about.shape[1]
+        near = about.square().sum(-1).topk(min(NEAR, count), largest=False).indices
+        if generator is None:
+            far = torch.linspace(0, count - 1, min(FAR, count), device=cloud.device).long().expand(len(cloud), -1)
+        else:
+            far = torch.randint(count, (len(cloud), min(FAR, count)), generator=generator, device=cloud.device)
+        rows = torch.cat([near, far], 1)
+        about = torch.gather(about, 1, rows[..., None].expand(-1, -1, 3))
+        waves = [about]
+        for band in BANDS:
+            waves += [torch.sin(2 * math.pi * band * about), torch.cos(2 * math.pi * band * about)]
+        seen = self.near(torch.cat(waves, -1))[:, 0]
+        out = self.program(torch.cat([seen, self.of_way(way), origin - self.center, summary], -1))
+        moved, relative, six, gripper, seconds, force = out.split(_SIZES, -1)
+        place = (origin + METRE * moved)[:, None]
+        others = place + CENTIMETRES * relative.unflatten(-1, (KEYPOSES - 1, 3))
+        down = torch.tensor([1.0, 0.0, 0.0, 0.0, -1.0, 0.0], device=out.device)
+        return Programs(
+            positions=torch.cat([others[:, :ACTUATION], place, others[:, ACTUATION:]], 1),
+            rotations=matrix_of_six(six.unflatten(-1, (KEYPOSES, 6)) + down),
+            gripper=gripper,
+            seconds=(seconds.clamp(-6.0, 4.0).exp() - SOONEST).clamp(min=0.0),
+            force=FORCE_SCALE * force[:, 0],
+        )
+
+
+def _turned(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
+    """(B,) mean squared chord of rotations (B, K, 3, 3), the fingers either way round, the same way in all of a
+    program: a hand with two pads that is turned by half a turn about its z axis does the same.
+    """
+    one = (found - true).square().sum((-2, -1)).mean(-1)
+    swapped = true * torch.tensor([-1.0, -1.0, 1.0], device=true.device)
+    return torch.minimum(one, (found - swapped).square().sum((-2, -1)).mean(-1))

@@ -1,0 +1,71 @@
+"""What the keypose head says of one observation: ways with their probability, each with a program in the base frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from gensim2.observations import Observation
+from gensim2.observations.columns import CLOUD as SEEN_CLOUD
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.frames import SEEN, inputs_of, turn_matrix
+from gensim2.policy.heads.keypose import KeyposeHead
+from gensim2.policy.keypose.program import KEYPOSES, KeyposeProgram
+from gensim2.policy.network import CLOUD, PROPRIO, TEXT
+from gensim2.seeding import rng
+
+_SHAPES = ((KEYPOSES, 3), (KEYPOSES, 3, 3), (KEYPOSES + 1,), (KEYPOSES,), ())
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One way.
+
+    Attributes:
+        way: number of its class.
+        chance: probability, 0 to 1.
+        program: in the base frame; means nothing where the class is "done".
+    """
+
+    way: int
+    chance: float
+    program: KeyposeProgram
+
+
+def answers(checkpoint: PolicyCheckpoint, observation: Observation, row: torch.Tensor) -> list[Answer]:
+    """The most probable ways, first the most probable.
+
+    Args:
+        checkpoint: with a keypose head.
+        observation: by its spec.
+        row: (1, ...) of the sentence.
+    """
+    network, config = checkpoint.network, checkpoint.config
+    assert isinstance(network.head, KeyposeHead)
+    seen = {name: torch.from_numpy(np.asarray(observation[name], dtype=np.float32))[None, None] for name in SEEN}
+    # The first of the points are looked at for the place: a sample of all, the same for every cloud.
+    order = rng(0, "keypose/points").permutation(seen[SEEN_CLOUD].shape[2])
+    seen[SEEN_CLOUD] = seen[SEEN_CLOUD][:, :, order]
+    inputs = inputs_of(seen, config, checkpoint.action.arm)
+    with torch.inference_mode():
+        found = network({CLOUD: inputs.cloud, PROPRIO: inputs.proprio, TEXT: row}, torch.zeros(1, 0))[0]
+    angle = seen["state"][0, 0, 0] if config.frame == "turned" else torch.zeros(())
+    turn = turn_matrix(angle).numpy()
+    return [_answer(numbers, turn) for numbers in found.numpy()]
+
+
+def _answer(numbers: np.ndarray, turn: np.ndarray) -> Answer:
+    chance, way, *rest = numbers[0], numbers[1], numbers[2:]
+    sizes = [int(np.prod(shape)) for shape in _SHAPES]
+    parts = np.split(np.asarray(rest[0]), np.cumsum(sizes)[:-1])
+    positions, rotations, gripper, seconds, force = (p.reshape(s) for p, s in zip(parts, _SHAPES, strict=True))
+    program = KeyposeProgram(
+        positions=(positions @ turn.T).astype(np.float32),
+        rotations=np.einsum("ij,kjl->kil", turn, rotations).astype(np.float32),
+        gripper=np.clip(gripper, -1.0, 1.0).astype(np.float32),
+        seconds=np.maximum(seconds, 0.0).astype(np.float32),
+        force=max(0.0, float(force)),
+    )
+    return Answer(round(float(way)), float(chance), program)

@@ -1,0 +1,154 @@
+"""Controller of keypose policies: looks, lets the network say where and how, plans the motion, looks again."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from gensim2.errors import InputError
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.observations.columns import CLOUD
+from gensim2.planning.actions import grip_on
+from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
+from gensim2.policy.keypose.answers import Answer, answers
+from gensim2.policy.keypose.control import Shuffled, altered
+from gensim2.policy.keypose.execution import Executor
+from gensim2.policy.keypose.training import WAYS_JSON, read_ways
+from gensim2.robots import robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE
+
+Array = npt.NDArray[np.float64]
+
+Sees = Literal["all", "nothing", "other"]
+"""What of the clouds: all, points at the origin, or the cloud of another scene."""
+
+MOST_LOOKS = 8
+"""Times that the policy looks in one episode, for every step of its task that it was taught."""
+MOST_TRIES = 2
+"""Times that one way is taken in one episode before the next most probable one is."""
+SURE = 0.8
+"""Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
+too few."""
+RELEASES = 0.5
+"""Gripper command from which on fingers hold nothing."""
+HOLDS = 0.1
+"""N of each finger from which on a program is one that takes something up."""
+
+
+class KeyposeController:
+    """Sees the point cloud, the robot's own state and the sentence; the table is where the robot's profile says.
+
+    Each look gives ways and programs. The most probable way that was not tried too often is planned and executed open
+    loop: a free motion clear of the cloud, then the hand along its poses. Then the arm goes back to where it looks
+    from, unless the hand holds something, and looks again, until the network says that nothing is left to do.
+
+    Args:
+        checkpoint: folder of a policy with a keypose head.
+        sees: a control, where it is not ``"all"``.
+
+    Raises:
+        InputError: the checkpoint cannot be used.
+    """
+
+    privileged = False
+
+    @staticmethod
+    def depends_on(checkpoint: str, **_: object) -> list[Path]:
+        """Files that say what it does beside its source: they name the weights by their digest."""
+        return [Path(checkpoint) / CONFIG_JSON, Path(checkpoint) / WAYS_JSON]
+
+    def __init__(self, checkpoint: str, sees: Sees = "all") -> None:
+        if sees not in get_args(Sees):
+            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
+        folder = Path(checkpoint)
+        self._folder, self._sees = folder, sees
+        self._policy = PolicyCheckpoint.load(folder)
+        if self._policy.action.kind != "keypose":
+            raise InputError(f"has a {self._policy.config.head} head", file=folder, remedy="give one with keyposes")
+        self._ways = read_ways(folder)
+        self._others = Shuffled.of(folder) if sees == "other" else None
+        self._profile = robot(self._policy.robot)
+        self._executor = Executor(self._profile)
+        self._arm = list(self._profile.arm_columns)
+        self._rows: deque[npt.NDArray[np.float32]] = deque()
+        #: Counts over the episode: free motions by how they were found, programs cut short, looks.
+        self.told: Counter[str] = Counter()
+
+    @property
+    def observation_spec(self) -> ObservationSpec:
+        """What it looks at next: by the spec of its training, or at the robot alone while it moves."""
+        return PROPRIOCEPTIVE if self._rows else self._policy.observation
+
+    def reset(self, observation: Observation, seed: int) -> None:
+        """Begin an episode."""
+        torch.set_num_threads(1)
+        if observation.language not in self._policy.sentences:  # also where the network looks at none
+            raise unknown_sentence(self._policy, observation.language, self._folder)
+        self._row = self._policy.row_of(observation.language, self._folder)
+        self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
+        self._tried, self.told = Counter[int](), Counter()
+        self._rows.clear()
+        self._seed, self._force, self._holds = seed, 0.0, False
+        self._until_gripped: int | None = None
+        self._home = observation.joint_positions.astype(np.float64)
+
+    def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
+        """The next action; None: done, or no way is left."""
+        if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
+            return None
+        action = self._rows.popleft()
+        if self._until_gripped is not None:
+            self._until_gripped -= 1
+            if self._until_gripped < 0:
+                self._until_gripped, self._holds = None, True
+        if action[-1] > RELEASES:
+            self._holds = False
+        if not self._holds:
+            return action
+        # Fingers that have closed on something press as hard as the program says, however far apart it keeps them.
+        command = grip_on(observation.gripper_width, self._force, self._profile)
+        return np.append(action[:-1], command).astype(np.float32)
+
+    def _look(self, observation: Observation) -> bool:
+        """Plan what comes next; whether there is anything."""
+        self.told["looks"] += 1
+        seen = altered(observation, self._sees, self._others, self._seed)
+        points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
+        q = observation.joint_positions.astype(np.float64)
+        for answer in answers(self._policy, seen, self._row):
+            if answer.way == len(self._ways):
+                # Whoever is asked to do something is asked before it is done.
+                if self.told["looks"] > 1 and answer.chance >= SURE:
+                    return False
+                continue
+            if answer.way not in self._mine or self._tried[answer.way] >= MOST_TRIES:
+                continue
+            if self._begin(answer, q, observation.gripper_command, points):
+                return True
+        return False
+
+    def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
+        self._tried[answer.way] += 1
+        program = answer.program
+        found = self._executor.execute(program, q, command, points)
+        if found is None:
+            self.told["out of reach"] += 1
+            return False
+        self.told[found.free] += 1
+        if not found.is_whole:
+            self.told["cut short"] += 1
+        self._rows = deque(found.actions)
+        takes = program.force > HOLDS
+        if takes:
+            self._force, self._until_gripped = program.force, found.gripped
+        if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
+            end = q.copy()
+            end[self._arm] = found.actions[-1, :-1]
+            back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), points[:0])
+            self._rows.extend(back.actions)
+        return True

@@ -1,0 +1,239 @@
+"""Folder of planned scenes: shards of arrays that are written whole or not at all, and a record of what they are of."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.errors import InputError
+from gensim2.files import write_atomic, write_json
+from gensim2.observations import ObservationSpec
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import read_record
+from gensim2.rollout.inputs import TaskInput
+from gensim2.scenes.config import SceneConfig
+from gensim2.seeding import scene_seeds
+from gensim2.tasks.strategies import Strategies
+
+if TYPE_CHECKING:
+    from gensim2.processes import Executor
+
+SHARD = 50
+"""Scenes of a shard."""
+RECORD = "data.json"
+PURPOSE = "keypose/train"
+"""Of the scenes' seeds, which so are those of no benchmark and no evaluation."""
+
+
+class PlannedRecord(BaseModel):
+    """``data.json``.
+
+    Attributes:
+        task: its name.
+        language: its sentence.
+        robot: name of the profile.
+        steps, ways: names of the steps, and of the strategies of each.
+        scene: what scenes follow from.
+        observation: what is seen.
+        seed: of the run.
+        identity: digest of task, strategies and objects.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    task: str
+    language: str
+    robot: str
+    steps: tuple[str, ...]
+    ways: tuple[tuple[str, ...], ...]
+    scene: dict[str, Any]
+    observation: dict[str, Any]
+    seed: int
+    identity: str
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a folder holds.
+
+    Attributes:
+        record: what it is of.
+        arrays: by the names of :func:`~gensim2.policy.keypose.examples.example`, one row an example.
+        scenes: that were drawn.
+        failed: scenes in which a step could not be planned, by what the planner said.
+        cpu_s: CPU seconds that they took.
+    """
+
+    record: PlannedRecord
+    arrays: Mapping[str, npt.NDArray[Any]]
+    scenes: int
+    failed: Mapping[str, int]
+    cpu_s: float
+
+    @property
+    def demonstrations(self) -> int:
+        """Steps that were planned."""
+        return int((self.arrays["way"] >= 0).sum())
+
+
+def plan_scenes(
+    given: TaskInput,
+    spec: ObservationSpec,
+    folder: Path,
+    executor: Executor,
+    *,
+    seed: int,
+    scenes: int,
+    cpu_limit: float | None = None,
+    progress: Progress = NULL_PROGRESS,
+) -> Planned:
+    """Draw and plan scenes of a task, going on with what the folder holds.
+
+    Args:
+        given: the task.
+        spec: what is seen.
+        folder: of this task alone.
+        executor: runs the shards; the data do not depend on it.
+        seed: of the run.
+        scenes: most, rounded up to whole shards.
+        cpu_limit: CPU seconds after which no shard is begun.
+        progress: is advanced a shard.
+
+    Raises:
+        InputError: the folder holds something else.
+        NotRunError: a shard could not be made.
+    """
+    from gensim2.processes import Job, results
+
+    folder.mkdir(parents=True, exist_ok=True)
+    _begin(folder, record_of(given, spec, seed))
+    shards = -(-scenes // SHARD)
+    seeds = scene_seeds(seed, given.spec.name, PURPOSE, shards * SHARD)
+    missing = [number for number in range(shards) if not _shard(folder, number).exists()]
+    spent = sum(_cpu_of(_shard(folder, number)) for number in range(shards) if number not in missing)
+    progress.start(f"{given.spec.name}: scenes", shards)
+    progress.advance(shards - len(missing))
+    jobs = (
+        Job(
+            number,
+            (given.scene, given.strategies, spec, seeds[number * SHARD : (number + 1) * SHARD], str(folder), number),
+        )
+        for number in missing
+    )
+
+    def while_there_is_time() -> Any:
+        for job in jobs:
+            if cpu_limit is not None and spent >= cpu_limit:
+                return
+            yield job
+
+    for _, cpu_s in results(executor.map_unordered(make_shard, while_there_is_time()), "planned scenes", None):
+        spent += cpu_s
+        progress.advance()
+    return read_planned(folder)
+
+
+def make_shard(
+    scene: SceneConfig, strategies: Strategies, spec: ObservationSpec, seeds: list[int], folder: str, number: int
+) -> float:
+    """Make one shard and write it; called in a worker. Returns CPU seconds."""
+    from gensim2.policy.keypose.examples import draw
+
+    begin = time.process_time()
+    examples: list[dict[str, npt.NDArray[Any]]] = []
+    failed = Counter[str]()
+    for seed in seeds:
+        drawn = draw(scene, strategies, spec, seed)
+        examples += drawn.examples
+        if drawn.failed is not None:
+            failed[drawn.failed] += 1
+    cpu_s = time.process_time() - begin
+    names = list(examples[0]) if examples else []
+    arrays: dict[str, Any] = {name: np.stack([each[name] for each in examples]) for name in names}
+    about = json.dumps({"scenes": len(seeds), "failed": failed, "cpu_s": cpu_s})
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, about=np.array(about), **arrays)
+    write_atomic(_shard(Path(folder), number), buffer.getvalue())
+    return cpu_s
+
+
+def record_of(given: TaskInput, spec: ObservationSpec, seed: int) -> PlannedRecord:
+    """What a folder says of scenes that are planned so."""
+    from gensim2.rollout.identity import digest, listing
+
+    classes = sorted({thing.asset_class for thing in given.spec.objects.values()})
+    parts = [given.spec.model_dump(mode="json"), given.strategies, listing(given.library, classes)]
+    return PlannedRecord(
+        task=given.spec.name,
+        language=given.spec.description,
+        robot=given.scene.robot,
+        steps=tuple(step.name for step in given.spec.steps),
+        ways=tuple(tuple(step.strategies) for step in given.spec.steps),
+        scene={**given.scene.options.to_record(), "instances": given.instances},
+        observation=spec.to_dict(),
+        seed=seed,
+        identity=digest(parts),
+    )
+
+
+def read_planned(folder: Path) -> Planned:
+    """Everything that a folder holds.
+
+    Raises:
+        InputError: it holds no planned scenes, or a file is damaged.
+    """
+    record = read_record(folder / RECORD, PlannedRecord, "make the data again, in a new folder")
+    found, scenes, failed, cpu_s = [], 0, Counter[str](), 0.0
+    for path in sorted(folder.glob("shard_*.npz")):
+        about, arrays = _read(path)
+        scenes, cpu_s = scenes + about["scenes"], cpu_s + about["cpu_s"]
+        failed.update(about["failed"])
+        if arrays:
+            found.append(arrays)
+    if not found:
+        raise InputError("holds no scene that was planned", file=folder)
+    joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+    return Planned(record, joined, scenes, dict(failed), cpu_s)
+
+
+def _begin(folder: Path, record: PlannedRecord) -> None:
+    path = folder / RECORD
+    if not path.exists():
+        write_json(path, record.model_dump(mode="json"))
+        return
+    there = read_record(path, PlannedRecord, "give another folder")
+    for name in PlannedRecord.model_fields:
+        if getattr(there, name) != getattr(record, name):
+            raise InputError("the data are of something else", file=path, field=name, remedy="give another folder")
+
+
+def _shard(folder: Path, number: int) -> Path:
+    return folder / f"shard_{number:05d}.npz"
+
+
+def _cpu_of(path: Path) -> float:
+    return float(_read(path)[0]["cpu_s"])
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            about = json.loads(str(archive["about"]))
+            return about, {name: archive[name] for name in archive.files if name != "about"}
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
+    except Exception as error:  # zipfile's own
+        if type(error).__module__ not in ("zipfile", "zlib"):
+            raise
+        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error

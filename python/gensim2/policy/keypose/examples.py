@@ -1,0 +1,175 @@
+"""Examples of keypose programs: scenes that are drawn, looked at and planned, and never simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.observations import Observation, ObservationSpec
+from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
+from gensim2.policy.keypose.program import KEYPOSES, program_of
+from gensim2.raycast.observer import Observer
+from gensim2.robots import OPEN, RobotProfile, robot
+from gensim2.rollout.worker import parsed, simulator
+from gensim2.scenes.config import SceneConfig
+from gensim2.seeding import rng
+from gensim2.sim.headless import HeadlessEnv
+from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.spec import Step
+from gensim2.tasks.strategies import Strategies
+
+Example = dict[str, npt.NDArray[Any]]
+
+RESOLUTION = 1e-4
+"""Metres in a unit of the stored clouds."""
+OTHER_OPENNESS = 0.3
+"""Share of scenes whose first joint stands anywhere: as a hand may leave it that has failed or is done."""
+MOST_TOUCHING = 1
+"""Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What came of one scene.
+
+    Attributes:
+        examples: arrays by the names of :func:`example`, one dict a step that was planned, and one of the end.
+        failed: why a step was left out: the planner's status; None where all were planned.
+    """
+
+    examples: tuple[Example, ...]
+    failed: str | None = None
+
+
+def draw(
+    scene: SceneConfig,
+    strategies: Strategies,
+    spec: ObservationSpec,
+    seed: int,
+    only: Mapping[str, Sequence[str]] | None = None,
+) -> Drawn:
+    """Draw a scene, and plan its steps one after the other on what the plans before them foresee.
+
+    Args:
+        scene: what it follows from beside the seed.
+        strategies: of the task, plain data.
+        spec: what is seen.
+        seed: of the scene.
+        only: strategies that are planned with, by step; others are left alone. None: all.
+    """
+    env, task, profile = simulator(scene), scene.task, robot(scene.robot)
+    env.reset(seed, _other_openness(scene, seed))
+    observer = Observer(profile, {name: thing.model for name, thing in env.setup.objects.items()}, spec, seed)
+    now = env.scene_state()
+    begin = 0
+    if all_hold(task.success, env.measure()):
+        begin = len(task.steps)
+    planner, ways = StepPlanner(profile), parsed(strategies)
+    following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
+    examples: list[Example] = []
+    for number in range(begin, len(task.steps)):
+        step = task.steps[number]
+        names = [name for name in step.strategies if only is None or name in only.get(step.name, ())]
+        found = _planned(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
+        if found is None:
+            return Drawn(tuple(examples), f"{step.name}: no plan")
+        name, planned = found
+        seen = _seen(env, observer, profile, now)
+        way = step.strategies.index(name)
+        examples.append(example(seen, planned, profile, number, way, seed))
+        assert planned.after is not None
+        now = _rested(planned.after, profile)
+    seen = _seen(env, observer, profile, now)
+    examples.append(example(seen, None, profile, len(task.steps), -1, seed))
+    return Drawn(tuple(examples))
+
+
+def example(
+    seen: Observation, planned: StepPlan | None, profile: RobotProfile, step: int, way: int, seed: int
+) -> Example:
+    """Arrays of an example.
+
+    ``points`` (N, 3) int16 of ``RESOLUTION`` in the base frame, ``joints`` (n,), ``fingers`` (2,) distance of the pads
+    and last command, the program (``positions``, ``rotations``, ``gripper``, ``seconds``, ``force``; zeros where
+    nothing is left to do), ``step``: number of the task's step, or how many there are where all is done, ``way``: of
+    its strategy, or -1, and the scene's ``seed``.
+    """
+    assert seen.cloud is not None
+    program = None if planned is None else program_of(planned, profile)
+    return {
+        "points": np.rint(seen.cloud.xyz / RESOLUTION).astype(np.int16),
+        "joints": seen.joint_positions.astype(np.float32),
+        "fingers": np.array([seen.gripper_width, seen.gripper_command], dtype=np.float32),
+        "positions": np.zeros((KEYPOSES, 3), np.float32) if program is None else program.positions,
+        "rotations": np.tile(np.eye(3, dtype=np.float32), (KEYPOSES, 1, 1)) if program is None else program.rotations,
+        "gripper": np.zeros(KEYPOSES + 1, np.float32) if program is None else program.gripper,
+        "seconds": np.zeros(KEYPOSES, np.float32) if program is None else program.seconds,
+        "force": np.float32(0.0 if program is None else program.force),
+        "step": np.int16(step),
+        "way": np.int16(way),
+        "seed": np.int64(seed),
+    }
+
+
+def _other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
+    """Reset options of a scene whose first step's joint stands anywhere; None for the others."""
+    generator = rng(seed, f"{scene.task.name}/keypose")
+    anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
+    first = scene.task.steps[0].object
+    has_joint = any(criterion_is_of_joint(each) for each in scene.task.steps[0].done)
+    return {"openness": {first: openness}} if anywhere and has_joint else None
+
+
+def criterion_is_of_joint(criterion: Any) -> bool:
+    """Whether a criterion is about how far a joint is open."""
+    return str(criterion.type).startswith("articulated_")
+
+
+def _planned(
+    planner: StepPlanner, scene: Scene, step: Step, ways: Mapping[str, Strategy], following: Sequence[Any]
+) -> tuple[str, StepPlan] | None:
+    """The strategy that the chain of steps would take, and its plan; None where none is whole."""
+    found: dict[str, StepPlan] = {}
+    for name, strategy in ways.items():
+        found[name] = planner.plan(scene, step, strategy, following=following)
+        if found[name].rank == 0:
+            break
+    best = min(found, key=lambda name: found[name].rank, default=None)
+    return None if best is None or found[best].rank > MOST_TOUCHING else (best, found[best])
+
+
+def _rested(scene: Scene, profile: RobotProfile) -> Scene:
+    """The scene with the arm where it looks from: where an episode begins, unless the hand holds something."""
+    if scene.held is not None:
+        return scene
+    q = np.array(profile.reset_qpos)
+    return replace(scene, q=q, qvel=np.zeros_like(q))
+
+
+def _seen(env: HeadlessEnv, observer: Observer, profile: RobotProfile, scene: Scene) -> Observation:
+    """What the cameras would see of a scene that is foreseen."""
+    rows = {kind: {name: row[None].copy() for name, row in group.items()} for kind, group in env.state().items()}
+    arm = rows["articulations"][profile.agent]
+    n = len(profile.reset_qpos)
+    arm[0, 13 : 13 + n] = scene.q
+    for name, thing in scene.objects.items():
+        if thing.joint is not None:
+            rows["articulations"][name][0, 13] = thing.joint.value
+        else:
+            rows["actors"][name][0, :7] = _pose(scene.T_world_base @ thing.T_base_object)
+    command = OPEN if scene.held is None else float(np.clip(_command(profile, scene.q), -1.0, 1.0))
+    return observer.observe(rows, 0, command)
+
+
+def _command(profile: RobotProfile, q: npt.NDArray[np.float64]) -> float:
+    return profile.gripper.command_at(q[list(profile.gripper_columns)])
+
+
+def _pose(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    from scipy.spatial.transform import Rotation
+
+    return np.concatenate([matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)])

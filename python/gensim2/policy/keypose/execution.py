@@ -1,0 +1,218 @@
+"""A keypose program as control actions: a free motion that the planner finds, then the hand along its poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+import gensim2_kpam as kpam
+from gensim2.planning.actions import CLOSING_SPEED, HOLD_SECONDS
+from gensim2.policy.keypose.paths import JointPath, joint_path
+from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, KeyposeProgram
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+Row = npt.NDArray[np.float32]
+
+Free = Literal["planned", "table only", "straight"]
+"""How a free motion was found: clear of the cloud, clear of the table and the arm itself, or not at all."""
+
+SHARE = 0.5
+"""Of the joints' velocity limits that motions take, as the planner's own."""
+ACCELERATION, JERK = 3.75, 1875.0
+"""Per second squared and cubed, rad or m: half of what the slowest joint of a Panda may."""
+POINT_RADIUS = 0.006
+"""Metres about each point of the cloud that free motions keep off, beside their margin."""
+MARGIN = 0.005
+SAMPLES = 4000
+SAME_COMMAND = 0.1
+"""Gripper commands nearer than this need no time of their own."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Actions of a program.
+
+    Attributes:
+        actions: (N, m + 1).
+        free: how its free motion was found.
+        reached: poses of the program that it goes through; ``KEYPOSES`` where it is whole.
+        gripped: number of the first action after the fingers have acted at the actuation pose.
+    """
+
+    actions: Row
+    free: Free
+    reached: int
+    gripped: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it goes through all poses."""
+        return self.reached == KEYPOSES
+
+
+class Executor:
+    """Makes actions of programs for one robot.
+
+    Args:
+        profile: the robot.
+        table: its top's height in the base frame, m.
+    """
+
+    def __init__(self, profile: RobotProfile) -> None:
+        self._profile = profile
+        self._table = _table(profile)
+        self._bare = kpam.Scene(profile.model, [self._table])
+        self._arm = list(profile.arm_columns)
+        self._velocity = SHARE * profile.model.velocity[self._arm]
+
+    def execute(self, program: KeyposeProgram, q: Array, command: float, points: Array) -> Execution | None:
+        """The actions of a program; None where the actuation pose is out of the arm's reach.
+
+        Args:
+            program: in the base frame.
+            q: (n,) present joints.
+            command: the gripper's last.
+            points: (N, 3) of the cloud, obstacles of the free motion; (0, 3) for none.
+        """
+        q = np.clip(q, self._profile.model.lower, self._profile.model.upper)
+        path = joint_path(program, q, self._profile, self._bare)
+        if path is None:
+            return None
+        rows = _Rows(self._profile, command)
+        begin = float(program.gripper[0])
+        if abs(begin - command) > SAME_COMMAND:
+            rows.dwell(q[self._arm], begin, self._profile.gripper_steps)
+        rows.command = begin
+        free = self._free(rows, q, path.joints[0], points)
+        gripped = 0
+        for first, last, number in self._segments(program, path):
+            rows.follow(self._timed(program, path, first, last))
+            rows.act(path.joints[last][self._arm], float(program.gripper[number + 1]), gently=program.force > 0)
+            if number == ACTUATION:
+                gripped = len(rows)
+        rows.dwell(path.joints[-1][self._arm], rows.command, ceil(HOLD_SECONDS * self._profile.control_hz))
+        return Execution(rows.actions(), free, path.reached, gripped)
+
+    def rest(self, q: Array, goal: Array, command: float, points: Array) -> Execution:
+        """Free motion of the arm to joints ``goal`` (n,), where it looks from."""
+        rows = _Rows(self._profile, command)
+        free = self._free(rows, np.clip(q, self._profile.model.lower, self._profile.model.upper), goal, points)
+        rows.dwell(goal[self._arm], command, ceil(HOLD_SECONDS * self._profile.control_hz))
+        return Execution(rows.actions(), free, KEYPOSES, len(rows))
+
+    def _free(self, rows: _Rows, q: Array, goal: Array, points: Array) -> Free:
+        goal = goal.copy()
+        fingers = list(self._profile.gripper_columns)
+        goal[fingers] = q[fingers] = self._profile.gripper.at_command(rows.command)
+        scenes: list[tuple[Free, kpam.Scene]] = [("table only", self._bare)]
+        if len(points):
+            cloud = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(points, POINT_RADIUS)], np.eye(4))
+            scenes.insert(0, ("planned", kpam.Scene(self._profile.model, [self._table, cloud])))
+        for how, scene in scenes:
+            motion = scene.plan_to(
+                q, goal, margin=MARGIN, samples=SAMPLES, velocity_scale=SHARE, acceleration_scale=SHARE
+            )
+            if motion.trajectory is not None:
+                rows.follow(motion.trajectory.sample_every(1.0 / self._profile.control_hz)[:, self._arm])
+                return "planned" if not len(points) else how
+        rows.follow(self._retimed(np.linspace(q, goal, 8)[:, self._arm]))
+        return "straight"
+
+    def _segments(self, program: KeyposeProgram, path: JointPath) -> list[tuple[int, int, int]]:
+        """First and last waypoint of each stretch between two rests, and the pose at which it ends: the arm rests at
+        the actuation pose, wherever the fingers act, before it backs off, and at the end.
+        """
+        reached = [number for number in range(KEYPOSES) if path.at[number] >= 0]
+        rests = {ACTUATION, KEYPOSES - 2, reached[-1]}
+        rests |= {n for n in reached if abs(float(program.gripper[n + 1] - program.gripper[n])) > SAME_COMMAND}
+        found, first = [], 0
+        for number in reached:
+            if number in rests and number != APPROACH:
+                found.append((first, int(path.at[number]), number))
+                first = int(path.at[number])
+        return found
+
+    def _timed(self, program: KeyposeProgram, path: JointPath, first: int, last: int) -> Array:
+        """(N, m) samples of a stretch, no faster than the program's clock."""
+        slowest = np.zeros(len(path.joints) - 1)
+        for number in range(1, KEYPOSES):
+            begin, end = path.at[number - 1], path.at[number]
+            if 0 <= begin < end:
+                slowest[begin:end] = program.seconds[number] / (end - begin)
+        return self._retimed(path.joints[first : last + 1, self._arm], slowest[first:last])
+
+    def _retimed(self, waypoints: Array, slowest: Array | None = None) -> Array:
+        apart = np.concatenate([[True], np.abs(np.diff(waypoints, axis=0)).max(axis=1) > 1e-6])
+        if slowest is not None:
+            slowest = np.array([part.sum() for part in np.split(slowest, np.flatnonzero(apart[1:]))])[: apart.sum() - 1]
+        waypoints = waypoints[apart]
+        if len(waypoints) < 2:
+            return waypoints
+        m = waypoints.shape[1]
+        limits = (self._velocity, np.full(m, ACCELERATION), np.full(m, JERK))
+        motion, _ = kpam.retime(waypoints, *limits, slowest=slowest)
+        return motion.sample_every(1.0 / self._profile.control_hz)
+
+
+class _Rows:
+    """Actions under way."""
+
+    def __init__(self, profile: RobotProfile, command: float) -> None:
+        self._profile, self.command = profile, command
+        self._positions: list[Array] = []
+        self._ends: list[int] = []
+        self._commands: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self._positions)
+
+    def follow(self, samples: Array) -> None:
+        """Samples (N, m) at the control rate; the last one is held."""
+        last = len(self) + len(samples) - 1
+        for sample in samples:
+            self._add(sample, last)
+
+    def dwell(self, target: Array, command: float, count: int) -> None:
+        """Stay at (m,) joints with a gripper command."""
+        self.command = command
+        for _ in range(count):
+            self._add(target, len(self))
+
+    def act(self, target: Array, command: float, gently: bool) -> None:
+        """Let the arm arrive at (m,) joints and the fingers act there, where they do."""
+        before, rate = self.command, self._profile.control_hz
+        if abs(command - before) <= SAME_COMMAND:
+            return
+        self.dwell(target, before, self._profile.arrival_steps)
+        if gently and command < before:
+            steps = ceil(self._profile.gripper.travel(before, command) * rate / CLOSING_SPEED) + 1
+            for each in np.linspace(before, command, steps)[1:]:
+                self.dwell(target, float(each), 1)
+            self.dwell(target, command, self._profile.arrival_steps + ceil(HOLD_SECONDS * rate))
+        else:
+            self.dwell(target, command, self._profile.gripper_steps)
+
+    def actions(self) -> Row:
+        """(N, m + 1): targets of the arm, ahead by the drives' delay, and the gripper's commands."""
+        positions = np.array(self._positions, dtype=np.float32)
+        targets = self._profile.simulated_targets(positions, np.array(self._ends))
+        return np.column_stack([targets, self._commands]).astype(np.float32)
+
+    def _add(self, position: Array, end: int) -> None:
+        self._positions.append(position)
+        self._ends.append(end)
+        self._commands.append(self.command)
+
+
+def _table(profile: RobotProfile) -> kpam.Body:
+    """The table before the robot, as large as a scene's."""
+    from gensim2.sim.table import HALF_SIZE
+
+    pose = np.eye(4)
+    pose[2, 3] = -HALF_SIZE[2]
+    return kpam.Body("table", "table", [kpam.Shape.box(HALF_SIZE)], np.linalg.inv(profile.T_world_base) @ pose)

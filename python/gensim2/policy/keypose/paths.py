@@ -1,0 +1,124 @@
+"""Hand poses followed by inverse kinematics: joint waypoints of a keypose program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation, Slerp
+
+import gensim2_kpam as kpam
+from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, KeyposeProgram
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+STEP, TURN = 0.015, 0.08
+"""Metres and radians between the hand poses that are followed."""
+JUMP = 0.35
+"""Joint difference (rad or m) between two of them from which on they are on different branches."""
+BRANCHES = 8
+"""Distinct arm postures at the actuation pose that are tried, with the fingers either way round."""
+
+
+@dataclass(frozen=True)
+class JointPath:
+    """A program in joints.
+
+    Attributes:
+        joints: (W, n) waypoints, from the approach on.
+        at: (KEYPOSES,) numbers of the waypoints at the program's poses; -1 of poses that are not reached.
+        touches: waypoints at which the arm overlaps the table or itself.
+    """
+
+    joints: Array
+    at: npt.NDArray[np.int64]
+    touches: int
+
+    @property
+    def reached(self) -> int:
+        """Poses of the program that it goes through."""
+        return int((self.at >= 0).sum())
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it goes through all poses and overlaps nothing."""
+        return self.reached == KEYPOSES and self.touches == 0
+
+
+def joint_path(program: KeyposeProgram, q: Array, profile: RobotProfile, scene: kpam.Scene) -> JointPath | None:
+    """The waypoints of the first arm posture in which the whole program can be followed; else of the one that goes
+    furthest. None where the actuation pose is out of reach.
+
+    Args:
+        program: hand poses in the base frame.
+        q: (n,) present joints; postures near to them are tried first.
+        scene: the robot, and what stands about it for certain.
+    """
+    best: JointPath | None = None
+    for path in _paths(program, q, scene):
+        if path.is_whole:
+            return path
+        if best is None or (path.reached, -path.touches) > (best.reached, -best.touches):
+            best = path
+    return best
+
+
+def _paths(program: KeyposeProgram, q: Array, scene: kpam.Scene) -> Iterator[JointPath]:
+    poses = program.poses
+    turned = poses.copy()
+    turned[:, :3, :2] *= -1.0  # the fingers the other way round
+    starts = [
+        (float(np.abs(found - q).max()), number, each, found)
+        for number, each in enumerate((poses, turned))
+        for found in scene.ik(each[ACTUATION], q, most=BRANCHES)
+    ]
+    for _, _, each, found in sorted(starts, key=lambda start: start[:2]):
+        yield _followed(each, found, scene)
+
+
+def _followed(poses: Array, acting: Array, scene: kpam.Scene) -> JointPath:
+    """From the actuation pose back to the approach, and on to the end, as far as either goes."""
+    at = np.full(KEYPOSES, -1)
+    back = _follow(poses[ACTUATION], poses[APPROACH], acting, scene)
+    way = [] if back is None else back[::-1]
+    if back is not None:
+        at[APPROACH] = 0
+    way.append(acting)
+    at[ACTUATION] = len(way) - 1
+    for number in range(ACTUATION + 1, KEYPOSES):
+        onward = _follow(poses[number - 1], poses[number], way[-1], scene)
+        if onward is None:
+            break
+        way += onward
+        at[number] = len(way) - 1
+    joints = np.array(way)
+    return JointPath(joints, at, int(np.count_nonzero(scene.in_collision(joints))))
+
+
+def _follow(begin: Array, end: Array, q: Array, scene: kpam.Scene) -> list[Array] | None:
+    """Joints along the straight way from one pose to another, the first left out; None where the arm cannot follow."""
+    found: list[Array] = []
+    for pose in between(begin, end):
+        near = scene.ik(pose, q, most=1)
+        if len(near) == 0 or np.abs(near[0] - q).max() > JUMP:
+            return None
+        q = near[0]
+        found.append(q)
+    return found
+
+
+def between(begin: Array, end: Array) -> Array:
+    """(N, 4, 4) poses on the straight way, evenly turned, the first left out; none where both are the same."""
+    turns = Rotation.from_matrix(np.stack([begin[:3, :3], end[:3, :3]]))
+    angle = (turns[0].inv() * turns[1]).magnitude()
+    count = int(np.ceil(max(np.linalg.norm(end[:3, 3] - begin[:3, 3]) / STEP, angle / TURN) - 1e-6))
+    if count == 0:
+        return np.zeros((0, 4, 4))
+    shares = np.arange(1, count + 1) / count
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, :3] = Slerp([0.0, 1.0], turns)(shares).as_matrix()
+    poses[:, :3, 3] = begin[:3, 3] + shares[:, None] * (end[:3, 3] - begin[:3, 3])
+    return poses

@@ -1,0 +1,104 @@
+"""Keypose program: the hand poses that a motion goes through, what the fingers do at each, and how long it takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.planning.step_plan import StepPlan
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+Float32 = npt.NDArray[np.float32]
+
+PATH_POSES = 8
+"""Hand poses between the actuation pose and the end of the motion that touches, evenly spaced along it."""
+APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_POSES
+"""Where poses stand in a program."""
+KEYPOSES = 3 + PATH_POSES
+"""Poses of a program: before the contact, the actuation pose, the path, and where the hand backs off to."""
+TURN_LENGTH = 0.15
+"""Metres of way that a turn of the hand by one radian counts for."""
+_DENSE = 200
+
+
+@dataclass(frozen=True)
+class KeyposeProgram:
+    """One step as a robot does it, whatever robot that is.
+
+    Attributes:
+        positions: (K, 3) of the hand in the base frame, m.
+        rotations: (K, 3, 3) of the hand.
+        gripper: (K + 1,) commands from -1 to 1: before the arm moves, then after the fingers have acted at each pose.
+        seconds: (K,) from the pose before it; the first is not used, for the free motion takes the time that it takes.
+        force: with which each finger presses on what was taken up, N; 0 where nothing was.
+    """
+
+    positions: Float32
+    rotations: Float32
+    gripper: Float32
+    seconds: Float32
+    force: float = 0.0
+
+    def __post_init__(self) -> None:
+        shapes = {"positions": (KEYPOSES, 3), "rotations": (KEYPOSES, 3, 3), "gripper": (KEYPOSES + 1,)}
+        for name, shape in (*shapes.items(), ("seconds", (KEYPOSES,))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be {shape}, is {getattr(self, name).shape}")
+
+    @property
+    def poses(self) -> Array:
+        """(K, 4, 4) of the hand in the base frame."""
+        poses = np.tile(np.eye(4), (KEYPOSES, 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = self.rotations, self.positions
+        return poses
+
+
+def program_of(planned: StepPlan, profile: RobotProfile) -> KeyposeProgram:
+    """The program of a planned step.
+
+    Raises:
+        ValueError: the plan has no motion, or does not get to its actuation pose.
+    """
+    if planned.plan is None or planned.plan.trajectory is None or planned.schedule is None:
+        raise ValueError(f"the step has no motion: {planned.reason}")
+    trajectory, rows = planned.plan.trajectory, planned.schedule
+    reached = {frame["label"]: frame["time"] for frame in planned.plan.keyframes if frame["time"] is not None}
+    if "actuation" not in reached:
+        raise ValueError("the motion does not get to its actuation pose")
+    acting = reached["actuation"]
+    first = min((time for label, time in reached.items() if label.startswith("pre_")), default=acting)
+    lets_go = reached.get("let_go")
+    ends = [time for label, time in reached.items() if label.startswith("post_")]
+    end = max(ends, default=acting if lets_go is not None else trajectory.duration)
+    times = np.array([first, acting, *_evenly(planned, profile, acting, end), end if lets_go is None else lets_go])
+    joints = np.array([trajectory.sample(time)[0] for time in times])
+    poses = profile.model.forward_kinematics(joints)
+    commands = rows.commands
+    half = 0.5 / profile.control_hz
+    last = [max(0, int(np.searchsorted(rows.times, time + half)) - 1) for time in times]
+    return KeyposeProgram(
+        positions=poses[:, :3, 3].astype(np.float32),
+        rotations=poses[:, :3, :3].astype(np.float32),
+        gripper=np.concatenate([commands[:1], commands[last]]).astype(np.float32),
+        seconds=np.diff(times, prepend=0.0).astype(np.float32),
+        force=float(planned.force or 0.0),
+    )
+
+
+def _evenly(planned: StepPlan, profile: RobotProfile, begin: float, end: float) -> Array:
+    """(``PATH_POSES``,) times at which the hand has gone equal parts of its way, turns counted in."""
+    assert planned.plan is not None
+    assert planned.plan.trajectory is not None
+    times = np.linspace(begin, end, _DENSE)
+    joints = np.array([planned.plan.trajectory.sample(time)[0] for time in times])
+    poses = profile.model.forward_kinematics(joints)
+    gone = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    between = np.einsum("nij,nij->n", poses[:-1, :3, :3], poses[1:, :3, :3])
+    gone += TURN_LENGTH * np.arccos(np.clip((between - 1.0) / 2.0, -1.0, 1.0))
+    way = np.concatenate([[0.0], np.cumsum(gone)])
+    if way[-1] < 1e-4:
+        return np.full(PATH_POSES, end)
+    return np.interp(np.linspace(0.0, way[-1], PATH_POSES + 1)[1:], way, times)

@@ -1,0 +1,150 @@
+"""Planned scenes as training data: batches of what was seen, and of the programs that the planner found."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
+from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
+from gensim2.observations.proprioception import tool_pose
+from gensim2.policy.checkpoint import ActionSpec, DataRecord
+from gensim2.policy.frames import turn_matrix
+from gensim2.policy.heads.keypose import FORCE, POSITIONS, ROTATIONS, SECONDS, WAY
+from gensim2.policy.heads.keypose import GRIPPER as FINGERS
+from gensim2.policy.keypose.data import Planned, PlannedRecord
+from gensim2.policy.keypose.examples import RESOLUTION
+from gensim2.policy.source import SENTENCE
+from gensim2.robots import robot
+
+YAW = 0.2
+"""Largest yaw (rad) by which an example is turned about the base, poses with it: what the planner finds for a scene
+that is turned so differs a little, since the arm starts where it did."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Classes of the keypose head: every strategy of every step of every task, and "done" last.
+
+    Attributes:
+        tasks: (sentence, step, strategy) of each class but the last.
+    """
+
+    tasks: tuple[tuple[str, int, str], ...]
+
+    @staticmethod
+    def of(records: Sequence[PlannedRecord]) -> Ways:
+        """Those of several tasks."""
+        return Ways(
+            tuple(
+                (record.language, step, name)
+                for record in records
+                for step, names in enumerate(record.ways)
+                for name in names
+            )
+        )
+
+    @property
+    def done(self) -> int:
+        """Number of the class that says that nothing is left to do."""
+        return len(self.tasks)
+
+    def __len__(self) -> int:
+        return len(self.tasks) + 1
+
+
+class PlannedSource:
+    """Planned scenes of one task or of several, drawn evenly by task.
+
+    Args:
+        planned: one a task, all of one robot and one observation.
+
+    Raises:
+        InputError: they do not go together.
+    """
+
+    def __init__(self, planned: Sequence[Planned]) -> None:
+        first = planned[0].record
+        for other in planned[1:]:
+            for name in ("robot", "observation"):
+                if getattr(other.record, name) != getattr(first, name):
+                    raise InputError(f"{other.record.task} and {first.task} differ", field=name)
+        self.planned = tuple(planned)
+        self.robot = first.robot
+        profile = robot(first.robot)
+        self.action = ActionSpec(kind="keypose", arm=profile.arm_size, control_hz=profile.control_hz)
+        self.observation = ObservationSpec.of(first.observation)
+        self.sentences = tuple(dict.fromkeys(each.record.language for each in planned))
+        self.ways = Ways.of([each.record for each in planned])
+        self._tool = np.stack([tool_pose(profile, each.arrays["joints"][0]) for each in planned])
+        self._starts = np.cumsum([0, *(len(each.arrays["way"]) for each in planned)])
+        self._way = np.concatenate([self._classes(each) for each in planned])
+        self._arrays = {
+            name: np.concatenate([each.arrays[name] for each in planned]) for name in planned[0].arrays if name != "way"
+        }
+        self._tools = np.stack([tool_pose(profile, joints) for joints in self._arrays["joints"]])
+        self.record = DataRecord(
+            digest=self._digest(),
+            tasks=tuple(each.record.task for each in planned),
+            episodes=sum(each.demonstrations for each in planned),
+            frames=int(self._starts[-1]),
+            folders=tuple(each.record.task for each in planned),
+        )
+
+    def draw(self, rng: np.random.Generator, size: int) -> Mapping[str, torch.Tensor]:
+        """A batch; clouds in an order that is drawn, so that the first of their points are any."""
+        task = rng.integers(len(self.planned), size=size)
+        rows = rng.integers(self._starts[task], self._starts[task + 1])
+        found = {name: values[rows] for name, values in self._arrays.items()}
+        count = found["points"].shape[1]
+        points = found["points"][:, rng.permutation(count)].astype(np.float32) * np.float32(RESOLUTION)
+        joints = torch.from_numpy(found["joints"])
+        yaw = torch.from_numpy(rng.uniform(-YAW, YAW, size).astype(np.float32))
+        turn, into = turn_matrix(yaw), turn_matrix(yaw - joints[:, 0])
+        cloud = torch.einsum("bij,bnj->bni", turn, torch.from_numpy(points))
+        colour = torch.zeros_like(cloud)
+        return {
+            CLOUD: torch.cat([cloud, colour], -1)[:, None],
+            STATE: joints[:, None],
+            VELOCITY: torch.zeros_like(joints)[:, None],
+            TOOL_POSE: torch.from_numpy(self._tools[rows])[:, None],
+            GRIPPER: torch.from_numpy(found["fingers"])[:, None],
+            SENTENCE: torch.from_numpy(np.array([self._sentence(number) for number in task])),
+            WAY: torch.from_numpy(self._way[rows]),
+            POSITIONS: torch.einsum("bij,bkj->bki", into, torch.from_numpy(found["positions"])),
+            ROTATIONS: torch.einsum("bij,bkjl->bkil", into, torch.from_numpy(found["rotations"])),
+            FINGERS: torch.from_numpy(found["gripper"]),
+            SECONDS: torch.from_numpy(found["seconds"]),
+            FORCE: torch.from_numpy(found["force"]),
+        }
+
+    def some_clouds(self, most: int) -> np.ndarray:
+        """(S, N, 3) float32 m: clouds of scenes evenly through the data."""
+        points = self._arrays["points"]
+        rows = np.unique(np.linspace(0, len(points) - 1, most).astype(np.int64))
+        return points[rows].astype(np.float32) * np.float32(RESOLUTION)
+
+    def _sentence(self, task: int) -> int:
+        return self.sentences.index(self.planned[task].record.language)
+
+    def _classes(self, planned: Planned) -> np.ndarray:
+        record = planned.record
+        numbers = {each: number for number, each in enumerate(self.ways.tasks)}
+        found = np.full(len(planned.arrays["way"]), self.ways.done, dtype=np.int64)
+        for row, (step, way) in enumerate(zip(planned.arrays["step"], planned.arrays["way"], strict=True)):
+            if way >= 0:
+                found[row] = numbers[record.language, int(step), record.ways[step][way]]
+        return found
+
+    def _digest(self) -> str:
+        found = hashlib.sha256()
+        for each in self.planned:
+            found.update(each.record.model_dump_json().encode())
+            for name, values in sorted(each.arrays.items()):
+                found.update(name.encode() + np.ascontiguousarray(values).tobytes())
+        return found.hexdigest()

@@ -1,0 +1,93 @@
+"""Training of a keypose policy on planned scenes, and what its checkpoint says beside the network."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.files import write_atomic, write_json
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.keypose.control import CLOUDS, MOST_CLOUDS
+from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.train import TrainResult, train_policy
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import read_record
+
+WAYS_JSON = "keypose.json"
+"""Beside a checkpoint's ``config.json``."""
+
+POLICY = PolicyConfig(
+    head="keypose", colour=False, tool_frame=False, text="none", layers=1, width=128, hidden=256, seen_points=128
+)
+"""Network for one task: its sentence tells nothing, and it is small enough for minutes on one core."""
+TRAINING = TrainConfig(steps=1200, batch=32, learning_rate=2e-3, ema=0.995, threads=1, save_every=200, log_every=25)
+
+
+class Way(BaseModel):
+    """One class of the keypose head.
+
+    Attributes:
+        language: the task's sentence.
+        step: number of the task's step.
+        name: of the strategy that was taught.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    language: str
+    step: int
+    name: str
+
+
+class WaysRecord(BaseModel):
+    """``keypose.json``: what the classes mean; the last class of the network, behind these, is "done"."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    schema_version: Literal[1] = 1
+    ways: list[Way]
+
+
+def train_keypose(
+    source: PlannedSource,
+    out: Path,
+    *,
+    policy: PolicyConfig = POLICY,
+    training: TrainConfig = TRAINING,
+    resume: bool = False,
+    progress: Progress = NULL_PROGRESS,
+) -> TrainResult:
+    """Train a policy with the keypose head and write its checkpoint.
+
+    Args:
+        source: planned scenes.
+        out: folder of the checkpoint.
+        policy: the network; its ``ways`` follow from the source, and several sentences need a text encoder.
+        training: how.
+        resume: go on where an interrupted training was.
+
+    Raises:
+        InputError: as :func:`gensim2.policy.train.train_policy`.
+    """
+    text = "small" if len(source.sentences) > 1 and policy.text == "none" else policy.text
+    config = PolicyConfig.of({**policy.to_dict(), "ways": len(source.ways), "text": text})
+    ways = [Way(language=language, step=step, name=name) for language, step, name in source.ways.tasks]
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, points=source.some_clouds(MOST_CLOUDS))
+    write_atomic(out / CLOUDS, buffer.getvalue())
+    return train_policy(source, config, training, out, resume=resume, device="cpu", progress=progress)
+
+
+def read_ways(folder: Path) -> list[Way]:
+    """What the classes of a checkpoint mean.
+
+    Raises:
+        InputError: its file is missing or damaged.
+    """
+    return read_record(folder / WAYS_JSON, WaysRecord, "train the policy again").ways

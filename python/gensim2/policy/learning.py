@@ -1,0 +1,350 @@
+"""From nothing to a policy that is measured: data, training, evaluation beside its controls, one page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Unpack
+
+import numpy as np
+import torch
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.errors import InputError
+from gensim2.files import check_writable, write_json
+from gensim2.observations import ObservationSpec
+from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
+from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, PolicyResult, evaluate_policy
+from gensim2.policy.keypose.data import plan_scenes
+from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
+from gensim2.policy.network import fresh_network
+from gensim2.policy.source import Source
+from gensim2.policy.text import prepare
+from gensim2.policy.train import TrainResult, _batch
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION, read_record
+from gensim2.rollout.inputs import TaskInput, check_counts, read_task_inputs
+from gensim2.scenes.config import SceneArguments
+from gensim2.seeding import rng
+
+SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
+"""What a keypose policy looks at: the scene without the robot."""
+SCENES = 2000
+"""Of each task at most; more make hands no more exact in a training of minutes."""
+DATA_SHARE = 0.4
+"""Of the CPU time, at most, that goes into data."""
+LEAST_STEPS, MOST_STEPS = 20, 10_000
+"""Gradient steps for one task; of several tasks as many times more."""
+LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
+PROBES = 3
+"""Steps by which the time of one is measured."""
+CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
+"""What a policy of action chunks looks at."""
+EPISODES, SECONDS_AN_EPISODE = 200, 1.5
+"""Demonstrations of each task at most, and what one takes of CPU with its clouds."""
+
+
+class LearnRecord(BaseModel):
+    """``learn.json``: what was asked for, and what a run that is gone on with must keep to.
+
+    Attributes:
+        minutes: of CPU for data and training.
+        steps: of each policy that were decided on when its training began, by its folder.
+        data_cpu_s: CPU seconds that went into the data of each.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    tasks: tuple[str, ...]
+    policy: str
+    minutes: float
+    multi_task: bool
+    seed: int
+    scenes: int
+    scene: dict[str, Any]
+    steps: dict[str, int] = {}
+    data_cpu_s: dict[str, float] = {}
+
+
+@dataclass(frozen=True)
+class Learned:
+    """One policy.
+
+    Attributes:
+        folder: of its checkpoint.
+        demonstrations: that it was taught by, by task: plans, or episodes.
+        data_cpu_s: CPU seconds that they took.
+        trained: how it went.
+        measured: it and its controls.
+    """
+
+    folder: Path
+    demonstrations: Mapping[str, int]
+    data_cpu_s: float
+    trained: TrainResult
+    measured: PolicyResult
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds of data and training."""
+        return self.data_cpu_s + self.trained.cpu_s
+
+
+@dataclass(frozen=True)
+class LearnResult:
+    """What ``learn`` leaves.
+
+    Attributes:
+        out: folder.
+        record: what was asked for.
+        learned: one policy a task, or one for all.
+    """
+
+    out: str
+    record: LearnRecord
+    learned: tuple[Learned, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data: ``tasks`` has one entry a task."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "out": self.out,
+            **self.record.model_dump(mode="json", exclude={"tasks", "schema_version", "data_cpu_s"}),
+            "tasks": [row for each in self.learned for row in _rows(each, self.record.policy)],
+            "cpu_s": round(sum(each.cpu_s for each in self.learned), 3),
+        }
+
+
+def learn(
+    tasks: str | Sequence[str],
+    *,
+    policy: str = "keypose",
+    minutes: float = 15.0,
+    multi_task: bool = False,
+    scenes: int = SCENES,
+    episodes: int = 50,
+    control_episodes: int = CONTROL_EPISODES,
+    test_instances: str = "test",
+    seed: int = 0,
+    out: Path,
+    workers: int = 2,
+    resume: bool = False,
+    progress: Progress = NULL_PROGRESS,
+    **scene: Unpack[SceneArguments],
+) -> LearnResult:
+    """Teach tasks to a policy by the planner, and measure it on objects and seeds that it never saw.
+
+    Args:
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/.
+        policy: name of the head: ``"keypose"``, taught by plans, or one of action chunks, taught by episodes.
+        minutes: of CPU for the data and the training of each task; evaluation is not bounded.
+        multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
+        scenes: most of each task that are planned.
+        episodes, control_episodes: of each task that the policy and each control are measured by.
+        test_instances: objects that the policy is measured on; the data are of ``instances``, by default ``train``.
+        seed: of everything.
+        out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
+        workers: processes that plan and simulate.
+        resume: go on with what the folder holds.
+        progress: listener.
+        scene: see :class:`~gensim2.scenes.config.SceneArguments`.
+
+    Raises:
+        InputError: an argument cannot be used, or the folder holds something else.
+        NotRunError: some scenes or episodes could not be run.
+    """
+    check_counts(scenes=scenes, episodes=episodes, control_episodes=control_episodes)
+    if policy not in HEADS:
+        raise InputError(f"must be one of {', '.join(HEADS)}, is {policy!r}", field="policy")
+    if not 0 < minutes <= 1e5:
+        raise InputError(f"must lie in 0..1e5, is {minutes}", field="minutes")
+    train_on: dict[str, Any] = {**scene, "instances": scene.get("instances", "train")}
+    given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tuple(tasks), seed=seed, **train_on)
+    if skipped:
+        name, reason = next(iter(skipped.items()))
+        raise InputError(reason, field=f"tasks.{name}")
+    out.mkdir(parents=True, exist_ok=True)
+    check_writable(out / LEARN_JSON)
+    record = LearnRecord(
+        tasks=tuple(one.spec.name for one in given),
+        policy=policy,
+        minutes=minutes,
+        multi_task=multi_task,
+        seed=seed,
+        scenes=scenes,
+        scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
+    )
+    record = _begin(out, record, resume)
+    groups = [tuple(given)] if multi_task or len(given) == 1 else [(one,) for one in given]
+    learned = []
+    tested_on: dict[str, Any] = {**scene, "instances": test_instances}
+    for group in groups:
+        folder = out if len(groups) == 1 else out / group[0].spec.name
+        teach = _teach_by_plans if policy == "keypose" else _teach_by_episodes
+        demonstrations, trained = teach(group, words(group, tasks), folder, out, record, workers, progress)
+        measured = evaluate_policy(
+            folder,
+            words(group, tasks),
+            controls=CONTROLS if policy == "keypose" else tuple(each for each in CONTROLS if each != "shuffled"),
+            control_episodes=control_episodes,
+            episodes=episodes,
+            seed=seed,
+            out=folder / "evaluation",
+            workers=workers,
+            resume=True,
+            progress=progress,
+            **tested_on,
+        )
+        spent = record.data_cpu_s[_key(folder, out)]
+        learned.append(Learned(folder, demonstrations, spent, trained, measured))
+    result = LearnResult(str(out), record, tuple(learned))
+    write_json(out / RESULT_JSON, result.to_dict())
+    from gensim2.policy.page import write_page
+
+    write_page(result)
+    return result
+
+
+def _begin(out: Path, record: LearnRecord, resume: bool) -> LearnRecord:
+    path = out / LEARN_JSON
+    if not path.exists():
+        write_json(path, record.model_dump(mode="json"))
+        return record
+    if not resume:
+        raise InputError("holds a run already", file=out, remedy="choose another --out, or go on with --resume")
+    there = read_record(path, LearnRecord, "choose another --out")
+    for name in LearnRecord.model_fields:
+        if name not in ("steps", "data_cpu_s") and getattr(there, name) != getattr(record, name):
+            message = f"the run has {getattr(there, name)!r}, not {getattr(record, name)!r}"
+            raise InputError(message, file=path, field=name, remedy="give the same, or another --out")
+    return there
+
+
+def _teach_by_plans(
+    group: Sequence[TaskInput],
+    named: Sequence[str],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
+    from gensim2.rollout.evaluator import PoolEvaluator
+
+    planned = []
+    limit = DATA_SHARE * 60.0 * record.minutes / len(group)
+    with PoolEvaluator(group[0].scene.options, workers, progress) as evaluator:
+        for one in group:
+            planned.append(
+                plan_scenes(
+                    one,
+                    SPEC,
+                    folder / "data" / one.spec.name,
+                    evaluator.executor,
+                    seed=record.seed,
+                    scenes=record.scenes,
+                    cpu_limit=limit,
+                    progress=progress,
+                )
+            )
+    source, key = PlannedSource(planned), _key(folder, out)
+    record.data_cpu_s[key] = sum(each.cpu_s for each in planned)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out)
+    training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
+    trained = train_keypose(source, folder, training=training, resume=True, progress=progress)
+    return {each.record.task: each.demonstrations for each in planned}, trained
+
+
+def _teach_by_episodes(
+    group: Sequence[TaskInput],
+    named: Sequence[str],
+    folder: Path,
+    out: Path,
+    record: LearnRecord,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, int], TrainResult]:
+    from gensim2.data.collection import collect
+    from gensim2.data.rendering import render
+    from gensim2.policy.demonstrations import Demonstrations
+    from gensim2.policy.train import train_policy
+
+    data, key = folder / "data", _key(folder, out)
+    limit = DATA_SHARE * 60.0 * record.minutes / len(group)
+    episodes = max(1, min(EPISODES, record.scenes, int(limit / SECONDS_AN_EPISODE)))
+    scene: dict[str, Any] = dict(record.scene)
+    collected = collect(named, episodes=episodes, out=data, seed=record.seed, workers=workers, resume=True, **scene)
+    rendered = render(data, spec=CHUNK_SPEC, workers=workers, resume=True, progress=progress)
+    # What an earlier call took stands in the record.
+    record.data_cpu_s[key] = record.data_cpu_s.get(key, 0.0) + collected.cpu_s + rendered.cpu_s
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+    policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
+    source = Demonstrations.open([data], policy, (), progress=progress)
+    training = TrainConfig(seed=record.seed, threads=1)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out)
+    training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
+    trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
+    return {task.name: task.held for task in collected.status.tasks}, trained
+
+
+def _decide_steps(record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path) -> None:
+    """Gradient steps for the CPU time that is left, once: a run that is gone on with takes as many."""
+    if key not in record.steps:
+        left = 60.0 * record.minutes - record.data_cpu_s[key]
+        record.steps[key] = max(LEAST_STEPS, min(int(left / seconds()), MOST_STEPS * tasks))
+    write_json(out / LEARN_JSON, record.model_dump(mode="json"))
+
+
+def _key(folder: Path, out: Path) -> str:
+    return str(folder.relative_to(out))
+
+
+def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) -> float:
+    """CPU seconds of a gradient step: the median of some on a network that is thrown away."""
+    torch.set_num_threads(training.threads or 1)
+    ways = len(source.ways) if isinstance(source, PlannedSource) else policy.ways
+    config = PolicyConfig.of({**policy.to_dict(), "ways": ways})
+    table = prepare(source.sentences, config)
+    network = fresh_network(config, source.action.arm, table.shape[1:], 0).train()
+    generator, draw, taken = torch.Generator().manual_seed(0), rng(0, "keypose/probe"), []
+    for _ in range(PROBES):
+        begin = time.process_time()
+        network.loss(_batch(source, config, table, draw, training.batch, training, generator), generator).backward()
+        taken.append(time.process_time() - begin)
+    return 1.15 * float(np.median(taken))  # the optimizer and the averages come on top
+
+
+def words(group: Sequence[TaskInput], tasks: str | Sequence[str]) -> list[str]:
+    """The words that a user gave for tasks: names, or folders."""
+    given = (tasks,) if isinstance(tasks, str) else tuple(tasks)
+    folders = {Path(word).name: word for word in given if Path(word).is_dir()}
+    return [folders.get(one.spec.name, one.spec.name) for one in group]
+
+
+def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
+    rows = []
+    for row in learned.measured.policy.rows:
+        told, name = row.to_dict(), row.task.name
+        rows.append(
+            {
+                "name": name,
+                "policy": policy,
+                "checkpoint": str(learned.folder),
+                "held_mean": told["held_mean"],
+                "interval": told["held_interval"],
+                "blind_mean": learned.measured.mean_of("blind", name),
+                "shuffled_mean": learned.measured.mean_of("shuffled", name),
+                "no_op_mean": learned.measured.mean_of("no-op", name),
+                "expert_mean": learned.measured.mean_of("expert", name),
+                "episodes": told["episodes"],
+                "demonstrations": learned.demonstrations.get(name, 0),
+                "steps": learned.trained.steps,
+                "causes": told["causes"],
+                "cpu_s": round(learned.cpu_s / len(learned.measured.policy.rows), 3),
+            }
+        )
+    return rows

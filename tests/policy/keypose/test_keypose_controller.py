@@ -1,0 +1,114 @@
+"""Programs executed: true ones do the task, the controller sees no more than a camera, and misfits are one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gensim2.cli.main import run as command
+from gensim2.planning import StepPlanner
+from gensim2.policy.keypose.controller import KeyposeController
+from gensim2.policy.keypose.execution import Executor
+from gensim2.policy.keypose.paths import between
+from gensim2.policy.keypose.program import KEYPOSES, program_of
+from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.training import TRAINING, train_keypose
+from gensim2.robots import robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, is_privileged
+from gensim2.rollout.inputs import read_task_input
+from gensim2.rollout.run import run
+from gensim2.rollout.worker import parsed, simulator
+
+from .made_up import SPEC, made_up
+from .test_keypose_network import SMALL
+
+PROFILE = robot("panda")
+
+
+class Oracle:
+    """Executes the program of the planner's own plan: a network that makes no mistake."""
+
+    privileged, observation_spec = True, PROPRIOCEPTIVE
+
+    def __init__(self, task: str) -> None:
+        self.given = read_task_input(task, assets="builtin", instances="test")
+        self.ways = parsed(self.given.strategies)
+
+    def reset(self, observation: PrivilegedObservation, seed: int) -> None:
+        step = self.given.spec.steps[0]
+        planned = StepPlanner(PROFILE).plan(observation.scene(), step, self.ways[step.strategies[0]])
+        program = program_of(planned, PROFILE)
+        self.done = Executor(PROFILE).execute(program, observation.q, 1.0, np.zeros((0, 3)))
+        assert self.done is not None
+        self.rows = list(self.done.actions)
+
+    def act(self, observation: PrivilegedObservation) -> np.ndarray | None:
+        return self.rows.pop(0) if self.rows else None
+
+
+def test_true_programs_do_the_task() -> None:
+    controller = Oracle("CloseBox")
+    env = simulator(controller.given.scene)
+    found = [run(env, controller, seed=seed, stop="goal").episode for seed in (1, 2)]
+    assert [each.held for each in found] == [True, True]
+    assert controller.done is not None
+    assert (controller.done.reached, controller.done.free) == (KEYPOSES, "planned")
+
+
+def test_actions_keep_the_joints_limits_and_obstacles_are_gone_around() -> None:
+    controller = Oracle("CloseBox")
+    env = simulator(controller.given.scene)
+    env.reset(1)
+    controller.reset(PrivilegedObservation.of(env.observe(PROPRIOCEPTIVE), env.measure(), env.scene_state), 0)
+    assert controller.done is not None
+    arm = controller.done.actions[:, :7].astype(np.float64)
+    assert (arm >= PROFILE.model.lower[:7] - 1e-6).all()
+    assert (arm <= PROFILE.model.upper[:7] + 1e-6).all()
+    speed = np.abs(np.diff(arm, axis=0)) * PROFILE.control_hz
+    assert speed.max() <= 0.5 * PROFILE.model.velocity[:7].max() + 1e-3
+    q, goal = np.array(PROFILE.reset_qpos), np.array(PROFILE.reset_qpos)
+    goal[0] = 1.0
+    middle = np.array(PROFILE.reset_qpos)
+    middle[0] = 0.5
+    wall = PROFILE.model.forward_kinematics(middle)[:3, 3] + np.random.default_rng(0).uniform(-0.03, 0.03, (60, 3))
+    around = Executor(PROFILE).rest(q, goal, 1.0, wall)
+    assert around.free == "planned"
+    hands = PROFILE.model.forward_kinematics(
+        np.column_stack([around.actions[:, :7], np.full((len(around.actions), 2), 0.04)])
+    )
+    assert np.linalg.norm(hands[:, None, :3, 3] - wall, axis=-1).min() > 0.03
+
+
+def test_poses_between_two_are_near_to_each_other() -> None:
+    end = np.eye(4)
+    end[:3, 3] = [0.1, 0.0, 0.0]
+    found = between(np.eye(4), end)
+    assert np.allclose(found[-1], end)
+    assert np.linalg.norm(np.diff(found[:, :3, 3], axis=0), axis=1).max() <= 0.015 + 1e-9
+    assert len(between(end, end)) == 0
+
+
+def test_the_controller_is_not_privileged_and_misfits_are_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "policy"
+    short = TRAINING.of({**TRAINING.to_dict(), "steps": 2, "batch": 4})
+    train_keypose(PlannedSource([made_up(4)]), folder, policy=SMALL, training=short)
+    controller = KeyposeController(str(folder))
+    assert not is_privileged(controller)
+    assert controller.observation_spec == SPEC
+    common = ["evaluate", "CloseBox", "--assets", "builtin", "--episodes", "1", "--workers", "1"]
+    for words, said in (
+        (["--checkpoint", str(folder)], "was not trained on the sentence 'close the box'"),
+        (["--checkpoint", str(folder), "--robot", "fetch"], "is for the robot 'panda'"),
+        (["--checkpoint", str(tmp_path / "none")], "config.json"),
+        (["--checkpoint", str(folder), "--controls", "deaf"], "no control 'deaf'"),
+    ):
+        assert command([*common, *words]) == 2
+        (line,) = [each for each in capfd.readouterr().err.splitlines() if each.startswith("gensim2:")]
+        assert said in line
+    (folder / "keypose.json").write_text("{}")
+    with pytest.raises(Exception, match=r"keypose\.json"):
+        KeyposeController(str(folder))

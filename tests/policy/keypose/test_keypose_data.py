@@ -1,0 +1,87 @@
+"""Planned scenes as data: the same whoever makes them, whole or not at all, and what they say of a plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.observations import ObservationSpec
+from gensim2.planning import StepPlanner
+from gensim2.policy.keypose import data
+from gensim2.policy.keypose.data import plan_scenes, read_planned
+from gensim2.policy.keypose.examples import draw
+from gensim2.policy.keypose.program import ACTUATION, APPROACH, KEYPOSES, RETREAT, program_of
+from gensim2.processes import WorkerPool
+from gensim2.robots import robot
+from gensim2.rollout.inputs import TaskInput, read_task_input
+from gensim2.rollout.worker import parsed, simulator
+
+SPEC = ObservationSpec.of({"points": 64, "candidates": 256, "robot": "none"})
+
+
+@pytest.fixture(scope="module")
+def given() -> TaskInput:
+    return read_task_input("CloseBox", assets="builtin", instances="train")
+
+
+def test_a_program_goes_through_the_poses_of_its_plan(given: TaskInput) -> None:
+    env, profile = simulator(given.scene), robot("panda")
+    env.reset(3)
+    step = given.spec.steps[0]
+    ways = parsed(given.strategies)
+    planned = StepPlanner(profile).plan(env.scene_state(), step, ways[step.strategies[0]])
+    assert planned.plan is not None
+    poses = {frame["label"]: frame["T_base_hand"] for frame in planned.plan.keyframes}
+    program = program_of(planned, profile)
+    for number, label in ((APPROACH, "pre_0"), (ACTUATION, "actuation"), (RETREAT - 1, "post_0"), (RETREAT, "let_go")):
+        assert np.abs(program.poses[number] - poses[label]).max() < 2e-3, label
+    ways_gone = np.linalg.norm(np.diff(program.positions[ACTUATION:RETREAT], axis=0), axis=1)
+    assert np.ptp(ways_gone) < 0.35 * ways_gone.mean()
+    assert (program.gripper == -1.0).all()  # closed fingers push
+    assert len(program.positions) == KEYPOSES
+
+
+def test_scenes_are_the_same_again_and_of_other_seeds_others(given: TaskInput) -> None:
+    one, again, other = (draw(given.scene, given.strategies, SPEC, seed) for seed in (1, 1, 2))
+    assert one.failed == again.failed
+    assert one.failed is None or not one.examples
+    assert one.examples or other.examples
+    for mine, its in zip(one.examples, again.examples, strict=True):
+        for name, value in mine.items():
+            assert np.array_equal(value, its[name]), name
+    for mine, its in zip(one.examples, other.examples, strict=False):
+        assert not np.array_equal(mine["points"], its["points"])
+
+
+def test_the_end_looks_otherwise_than_the_beginning(given: TaskInput) -> None:
+    examples = next(
+        d.examples for d in (draw(given.scene, given.strategies, SPEC, s) for s in range(9)) if d.examples[1:]
+    )
+    assert [int(each["way"]) for each in examples] == [0, -1]
+    assert [int(each["step"]) for each in examples] == [0, 1]
+    assert not np.array_equal(examples[0]["points"], examples[1]["points"])  # the lid has gone down
+    assert np.array_equal(examples[0]["joints"], examples[1]["joints"])  # the arm looks from where it looked from
+
+
+def test_a_folder_goes_on_and_refuses_what_is_not_its_own(
+    given: TaskInput, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data, "SHARD", 2)
+    with WorkerPool(0) as pool:
+        first = plan_scenes(given, SPEC, tmp_path, pool, seed=0, scenes=4)
+        assert first.scenes == 4
+        assert first.demonstrations > 0
+        (tmp_path / "shard_00001.npz").unlink()
+        stopped = plan_scenes(given, SPEC, tmp_path, pool, seed=0, scenes=4, cpu_limit=1e-6)
+        assert stopped.scenes == 2
+        again = plan_scenes(given, SPEC, tmp_path, pool, seed=0, scenes=4)
+        for name, values in first.arrays.items():
+            assert np.array_equal(values, again.arrays[name]), name
+        with pytest.raises(InputError, match="seed"):
+            plan_scenes(given, SPEC, tmp_path, pool, seed=1, scenes=4)
+    (tmp_path / "shard_00001.npz").write_bytes(b"PK nothing")
+    with pytest.raises(InputError, match="shard_00001"):
+        read_planned(tmp_path)

@@ -1,0 +1,94 @@
+"""The keypose head on made-up scenes: it learns them, does not average ways, and a yaw changes nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from gensim2.observations import Observation, PointCloud
+from gensim2.observations.proprioception import proprioception
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.frames import turn_matrix
+from gensim2.policy.heads.keypose import _turned
+from gensim2.policy.keypose.answers import answers
+from gensim2.policy.keypose.data import read_planned
+from gensim2.policy.keypose.program import ACTUATION
+from gensim2.policy.keypose.source import PlannedSource
+from gensim2.policy.keypose.training import POLICY, TRAINING, read_ways, train_keypose
+from gensim2.robots import robot
+
+from .made_up import made_up, written
+
+SMALL = PolicyConfig.of({**POLICY.to_dict(), "seen_points": 48, "width": 32, "hidden": 64, "layers": 0})
+SHORT = TrainConfig.of({**TRAINING.to_dict(), "steps": 250, "batch": 16, "save_every": 1000, "dropout": 0.0})
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("keypose")
+    source = PlannedSource([read_planned(written(made_up(), folder / "data"))])
+    train_keypose(source, folder / "policy", policy=SMALL, training=SHORT)
+    return folder / "policy"
+
+
+def seen(row: int, yaw: float = 0.0) -> Observation:
+    """What is seen of an example, robot and scene turned about the base."""
+    arrays, profile = made_up().arrays, robot("panda")
+    xyz = arrays["points"][row].astype(np.float32) * np.float32(1e-4)
+    q = arrays["joints"][row].astype(np.float64)
+    q[0] += yaw
+    cloud = (turn_matrix(torch.tensor(yaw)).numpy() @ xyz.T).T.astype(np.float32)
+    return Observation(
+        step=0,
+        time=0.0,
+        language="push the bar",
+        arrays=proprioception(profile, q, np.zeros_like(q), 1.0),
+        cloud=PointCloud(cloud, np.zeros(cloud.shape, np.uint8), None),
+        cameras={},
+    )
+
+
+def test_it_learns_where_the_hand_acts_and_when_nothing_is_left(trained: Path) -> None:
+    policy, arrays = PolicyCheckpoint.load(trained), made_up().arrays
+    misses, right = [], 0
+    for row in range(16):
+        best = answers(policy, seen(row), policy.row_of("push the bar", trained))[0]
+        done = arrays["way"][row] < 0
+        right += (best.way == 2) == done
+        if not done:
+            misses.append(np.linalg.norm(best.program.positions[ACTUATION] - arrays["positions"][row, ACTUATION]))
+    assert right == 16
+    assert np.median(misses) < 0.015  # the places lie 0.2 m apart
+
+
+def test_a_yaw_of_robot_and_scene_turns_the_answer_exactly(trained: Path) -> None:
+    policy, yaw = PolicyCheckpoint.load(trained), 0.7
+    row = policy.row_of("push the bar", trained)
+    (one, *_), (turned, *_) = answers(policy, seen(0), row), answers(policy, seen(0, yaw), row)
+    R = turn_matrix(torch.tensor(yaw, dtype=torch.float64)).numpy()
+    assert one.way == turned.way
+    assert np.allclose(one.program.positions @ R.T, turned.program.positions, atol=1e-4)
+    assert np.allclose(R @ one.program.rotations, turned.program.rotations, atol=1e-3)
+
+
+def test_a_hand_turned_by_half_a_turn_is_the_same_hand() -> None:
+    rotations = torch.linalg.qr(torch.randn(1, 3, 3, generator=torch.Generator().manual_seed(0)))[0][:, None]
+    half = rotations @ torch.diag(torch.tensor([-1.0, -1.0, 1.0]))
+    quarter = rotations @ torch.tensor([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert _turned(half, rotations).item() < 1e-9
+    assert _turned(quarter, rotations).item() > 1.0
+
+
+def test_a_checkpoint_says_what_its_classes_mean(trained: Path) -> None:
+    assert [(way.language, way.step, way.name) for way in read_ways(trained)] == [
+        ("push the bar", 0, "one"),
+        ("push the bar", 0, "other"),
+    ]
+    policy = PolicyCheckpoint.load(trained)
+    assert policy.action.kind == "keypose"
+    assert policy.config.ways == 3
+    assert policy.data.episodes == 16
