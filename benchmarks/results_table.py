@@ -56,6 +56,7 @@ def what_differs(condition: Condition) -> str:
         (condition.randomization != "paper", f"randomization {condition.randomization}"),
         (condition.attempts > 1, f"up to {condition.attempts} attempts"),
         (condition.open_loop, "open loop"),
+        (condition.one_plan, "one plan a step"),
         (condition.disturbance is not None, f"disturbance {condition.disturbance}"),
     )
     return ", ".join(words for holds, words in named if holds) or "The paper's protocol"

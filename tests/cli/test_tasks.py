@@ -79,6 +79,12 @@ def test_json_holds_the_same(measured: None, capsys: pytest.CaptureFixture[str])
     assert [step["name"] for step in told["steps"]] == ["open", "grasp", "place", "close"]
     assert [step["tool"] for step in told["steps"]] == [None, None, "ball", None]
     assert told["steps"][1]["strategies"][0]["kind"] == "grasp"
+    opened = {"type": "articulated_open", "object": "drawer", "threshold": 0.8}
+    assert (told["steps"][0]["done"], told["steps"][0]["done_criteria"]) == (
+        "openness of the drawer above 0.8",
+        [opened],
+    )
+    assert {each["type"] for each in told["goal_criteria"]} >= {"articulated_closed"}
     assert told["figures"]["paper"] == {"mean": 0.56, "deviation": 0.09}
     assert told["figures"]["original"] is None
     (ours, original) = told["figures"]["measured"]

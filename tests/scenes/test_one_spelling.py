@@ -76,7 +76,8 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     assert {each.name for each in fields(SceneConfig)} == {*SCENE_FIELDS, "task"}
     assert set(get_type_hints(RolloutArguments)) == {*SCENE_FIELDS, "open_loop"}
     command = options.scenes(click.Command("x"))
-    assert {each.name for each in command.params} == {*get_type_hints(RolloutArguments), "seed"}
+    # `--redraw` is a switch of the physics.
+    assert {each.name for each in command.params} == {*get_type_hints(RolloutArguments), "seed", "redraw"}
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
     assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets"} | run

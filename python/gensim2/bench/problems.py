@@ -96,9 +96,14 @@ class ObjectsRecord(_Record):
 
 
 class PlanProblem(_Record):
-    """One line of a problem file; see the module's docstring for units and frames."""
+    """One line of a problem file; see the module's docstring for units and frames.
+
+    ``task`` and ``sub_task`` say which episode it is of, and which of its steps; empty where nobody says.
+    """
 
     id: Annotated[str, Field(min_length=1)]
+    task: str = ""
+    sub_task: str = ""
     objects: ObjectsRecord
     config: dict[str, Any]
     start_time: FiniteFloat

@@ -41,12 +41,20 @@ class Command(click.Command):
         return any(not isinstance(given.get(param.name), str | tuple) for param in needed)
 
 
-class _Physics(click.Choice[str]):
-    """A preset; the word of earlier releases is understood and not offered."""
+class _Physics(click.ParamType[str]):
+    """A preset, a mixture, or a file of switches; the word of earlier releases is understood and not offered."""
+
+    name = "physics"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the name of the preset."""
-        return super().convert("default" if value == "ours" else value, param, ctx)
+        """Return the word for the switches."""
+        from gensim2.errors import InputError  # here and below: `--help` needs none of it
+        from gensim2.scenes.physics import physics_name
+
+        try:
+            return physics_name(value)
+        except InputError as error:
+            self.fail(str(error), param, ctx)
 
 
 def _use_library(ctx: click.Context, _: click.Parameter, folder: str | None) -> None:
@@ -62,6 +70,14 @@ def _use_library(ctx: click.Context, _: click.Parameter, folder: str | None) -> 
             os.environ["GENSIM2_LIBRARY"] = before
 
     ctx.call_on_close(restore)
+
+
+def _set_redraw(ctx: click.Context, _: click.Parameter, redraw: str | None) -> None:
+    """Put the switch into the word of ``--physics``, which stands before it."""
+    if redraw is not None:
+        from gensim2.scenes.physics import physics_name
+
+        ctx.params["physics"] = physics_name(f"{ctx.params['physics']}+redraw={redraw}")
 
 
 def count(most: int = 1_000_000) -> click.IntRange:
@@ -108,10 +124,22 @@ video = click.option(
 )
 physics = click.option(
     "--physics",
-    type=_Physics(("default", "original")),
+    type=_Physics(),
+    is_eager=True,  # `--redraw` changes it
     default="default",
     show_default=True,
-    help="Joint friction, densities, materials and default poses: the project's own, or those of the original GenSim2.",
+    metavar="default|original|MIXTURE|FILE",
+    help="Joint friction, densities, materials, solver, default poses, fingers' drives and redraws: the project's own, "
+    "or those of the original GenSim2; or a mixture, as original+gripper=default, or a YAML or JSON file of switches.",
+)
+redraw = click.option(
+    "--redraw",
+    type=click.Choice(("none", "placement")),
+    default=None,
+    expose_value=False,
+    callback=_set_redraw,
+    help="Whether placements of several objects are drawn again until there is room for all.  [default: as --physics "
+    "has it: placement, none of the original]",
 )
 randomization = click.option(
     "--randomization",
@@ -191,6 +219,6 @@ def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
 
 
 #: What scenes and episodes follow from: ``gensim2.rollout.config.RolloutArguments``, and the seed.
-scenes = _all(seed, assets, instances, physics, randomization, robot, open_loop)
+scenes = _all(seed, assets, instances, physics, redraw, randomization, robot, open_loop)
 #: How simulator processes work.
 processes = _all(workers, time_limit, jobs_per_worker)

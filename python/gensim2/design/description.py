@@ -6,6 +6,7 @@ from typing import Any
 
 from gensim2.objects import Library
 from gensim2.rollout.tally import interval
+from gensim2.tasks.criteria import Criterion
 from gensim2.tasks.figures import Figure, figures_of
 from gensim2.tasks.library import load_strategies, load_task, packaged_names
 from gensim2.tasks.published import MEASURED, PAPER
@@ -41,6 +42,7 @@ def description_of(task: TaskSpec, strategies: Strategies, library: Library) -> 
         ],
         "steps": [_step(task, step, strategies) for step in task.steps],
         "goal": criteria_in_words(task.success),
+        "goal_criteria": _as_data(task.success),
         "figures": _figures(task.name, measured=_is_stored(task, strategies)),
     }
 
@@ -68,6 +70,7 @@ def _step(task: TaskSpec, step: Step, strategies: Strategies) -> dict[str, Any]:
         "object": step.object,
         "tool": None if step.tool == HAND else step.tool,
         "done": criteria_in_words(step.done),
+        "done_criteria": _as_data(step.done),
         "strategies": [
             {
                 "name": name,
@@ -78,6 +81,11 @@ def _step(task: TaskSpec, step: Step, strategies: Strategies) -> dict[str, Any]:
             for name in step.strategies
         ],
     }
+
+
+def _as_data(criteria: tuple[Criterion, ...]) -> list[dict[str, Any]]:
+    """Criteria as task.yaml has them: ``type``, the objects by their fields, ``threshold``."""
+    return [criterion.model_dump(mode="json") for criterion in criteria]
 
 
 def _figures(name: str, *, measured: bool) -> dict[str, Any]:

@@ -71,9 +71,25 @@ class TaskRow:
             "strict_misses": tally.strict_misses,
             "objects": tally.objects,
             "different_objects": sum(tally.objects.values()),
+            "instances": by_instance(self.episodes),
             "seen": self.seen,
             "records": [episode.to_dict() for episode in self.episodes],
         }
+
+
+def by_instance(episodes: Sequence[Episode]) -> dict[str, dict[str, int]]:
+    """Episodes and those that fulfil each verdict, by the objects that they were run with."""
+    found: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        name = " + ".join(f"{record.asset_class}/{record.id}" for record in episode.objects.values())
+        found.setdefault(name, []).append(episode)
+    return {
+        name: {
+            "episodes": len(own),
+            **{verdict: sum(bool(getattr(one, verdict)) for one in own) for verdict in VERDICTS.values()},
+        }
+        for name, own in sorted(found.items())
+    }
 
 
 def groups(rows: Sequence[TaskRow]) -> list[dict[str, Any]]:

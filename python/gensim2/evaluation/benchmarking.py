@@ -31,6 +31,7 @@ class BenchmarkResult:
         skipped: tasks that could not be run on these objects, with the reason.
         speeds: episodes a second of wall time in this call, by task; None where all were there.
         cpu_s: CPU of all processes in this call, their start apart.
+        provenance: commit, date and command.
     """
 
     run_dir: str
@@ -40,6 +41,7 @@ class BenchmarkResult:
     skipped: dict[str, str]
     speeds: dict[str, float | None]
     cpu_s: float
+    provenance: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -48,6 +50,7 @@ class BenchmarkResult:
             "run_dir": self.run_dir,
             "arguments": self.arguments,
             "versions": self.versions,
+            "provenance": self.provenance,
             "tasks": [row.to_dict() for row in self.rows],
             "groups": groups(self.rows),
             "skipped": self.skipped,
@@ -64,6 +67,7 @@ def benchmark(
     episodes: int = 50,
     seed: int = 0,
     attempts: int = 1,
+    one_plan: bool = False,
     disturbance: Disturbance | None = None,
     out: Path | None = None,
     workers: int = 2,
@@ -83,6 +87,7 @@ def benchmark(
         episodes: of each task in each run.
         seed: of the scenes; no search draws from the same ones.
         attempts: that an episode has at most from its start, until one holds.
+        one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes; the table does not depend on their number.
@@ -101,16 +106,21 @@ def benchmark(
         raise InputError(
             f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
         )
+    if one_plan and scene.get("open_loop", False):
+        raise InputError("plans all steps at the start", field="open_loop", remedy="leave it or one_plan out")
     given, skipped = read_task_inputs(tasks, seed=seed, origin=origin, **scene)
     names = [one.spec.name for one in given]
     # Only now what takes long to import.
     from gensim2.data.runfolder import RunFolder, default_run_dir
     from gensim2.rollout import worker
     from gensim2.rollout.evaluator import PoolEvaluator
-    from gensim2.rollout.identity import identity, versions
+    from gensim2.rollout.identity import identity, provenance, versions
 
     library = given[0].library
-    options, rollout = given[0].scene.options, replace(given[0].rollout, disturbance=disturbance, attempts=attempts)
+    options, rollout = (
+        given[0].scene.options,
+        replace(given[0].rollout, one_plan=one_plan, disturbance=disturbance, attempts=attempts),
+    )
     arguments = {
         "seed": seed,
         "runs": runs,
@@ -159,7 +169,9 @@ def benchmark(
             folder.add_episodes(library, found, folder.path / "run.json")
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
-        result = BenchmarkResult(str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s)
+        result = BenchmarkResult(
+            str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s, provenance()
+        )
         told = result.to_dict()
         for task in told["tasks"]:
             del task["records"]  # they stand in the task's folder

@@ -20,7 +20,11 @@ from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
 Maker = Callable[[], RobotProfile]
 _Made = TypeVar("_Made", bound=Maker)
 
-PACKAGED = {"panda": "gensim2.robots.panda:panda", "fetch": "gensim2.robots.fetch:fetch"}
+PACKAGED = {
+    "panda": "gensim2.robots.panda:panda",
+    "panda_long": "gensim2.robots.panda_long:panda_long",
+    "fetch": "gensim2.robots.fetch:fetch",
+}
 """Where each robot of the package is made."""
 
 _registered: dict[str, str] = {}

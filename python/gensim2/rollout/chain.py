@@ -57,6 +57,8 @@ class ChainController:
         profile: the robot.
         open_loop: plan every step at the start, on the scenes that are foreseen, by the first strategy that is planned
             whole, and look at nothing afterwards.
+        one_plan: plan every step once, at its turn, by its first strategy; the next one begins where its motion ends,
+            whatever came of it.
         options: the solver's, for every plan.
 
     Raises:
@@ -73,10 +75,12 @@ class ChainController:
         profile: RobotProfile,
         *,
         open_loop: bool = False,
+        one_plan: bool = False,
         options: kpam.Options = PLAN_OPTIONS,
     ) -> None:
         self._task, self._profile, self._options = task, profile, options
-        self._open_loop = open_loop
+        self._open_loop, self._one_plan = open_loop, one_plan
+        self._most_rounds = 1 if one_plan else MOST_ROUNDS
         self._strategies: dict[str, Strategy] = {
             name: parse_strategy(given, f"strategies/{name}.yaml") if isinstance(given, Mapping) else given
             for name, given in strategies.items()
@@ -151,6 +155,8 @@ class ChainController:
             if run is not None:
                 turn = self._turns[-1]
                 deviation = self._deviation(observation, run)
+                if self._one_plan:
+                    deviation = None  # noted, and nothing follows from it
                 if deviation is None and not run.is_over:
                     return self._follow(run, observation)
                 done = deviation is None and turn.is_done(observation.measurement)
@@ -158,15 +164,17 @@ class ChainController:
                     self._waited += 1
                     return self._last
                 self._running, self._waited = None, 0
-                if done and self._at + 1 == len(self._task.steps):
+                over = done or self._one_plan
+                if over and self._at + 1 == len(self._task.steps):
                     return None
-                if done:
+                if over:
                     self._at, self._trigger = self._at + 1, START
                     continue
                 if deviation is None:
                     turn.tries[run.strategy] = turn.tries.get(run.strategy, 0) + 1
                 self._trigger = NOT_DONE if deviation is None else deviation.value
-            self._go_back()
+            if not self._one_plan:
+                self._go_back()
             if self._must_wait(observation):
                 self._waited += 1
                 return self._stay(observation)
@@ -269,7 +277,7 @@ class ChainController:
 
     def _begin(self, observation: PrivilegedObservation) -> bool:
         """Plan the step whose turn it is; whether there is a motion."""
-        if self._rounds.get(self._step.name, 0) >= MOST_ROUNDS or self._step.tool not in (HAND, self._holds):
+        if self._rounds.get(self._step.name, 0) >= self._most_rounds or self._step.tool not in (HAND, self._holds):
             return False
         self._rounds[self._step.name] = self._rounds.get(self._step.name, 0) + 1
         turn = self._turn()
@@ -304,7 +312,8 @@ class ChainController:
 
     def _untried(self, turn: ChainTurn) -> list[str]:
         """Strategies that were not executed to the end often enough in this turn, in order of preference."""
-        return [name for name in turn.step.strategies if turn.tries.get(name, 0) < MOST_TRIES]
+        strategies = turn.step.strategies[:1] if self._one_plan else turn.step.strategies
+        return [name for name in strategies if turn.tries.get(name, 0) < MOST_TRIES]
 
     def _foreseen(self, name: str) -> kpam.Plan | None:
         """The plan of the present step by a strategy that the grasp foresaw by which the hand holds something."""

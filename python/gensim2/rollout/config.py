@@ -32,11 +32,13 @@ class RolloutOptions:
 
     Attributes:
         open_loop: everything is planned at the start, with the first strategy of each step.
+        one_plan: each step is planned once, at its turn, by its first strategy; what then goes otherwise, goes so.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
         attempts: resets to the same start that an episode has at most, until one holds.
     """
 
     open_loop: bool = False
+    one_plan: bool = False
     disturbance: Disturbance | None = None
     attempts: int = 1
 
@@ -48,6 +50,10 @@ class RolloutOptions:
     def to_record(self) -> dict[str, Any]:
         """Fields of a file."""
         return asdict(self)
+
+
+DEFAULT_ROLLOUT = RolloutOptions()
+"""A chain of steps, planned again where something goes otherwise, undisturbed, once."""
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,13 @@ from gensim2.processes import (
 )
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.rollout import worker
-from gensim2.rollout.config import EpisodeConfig, RolloutOptions
+from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import Drawn, SceneOptions
 from gensim2.tasks.spec import TaskSpec
 from gensim2.tasks.strategies import StepStrategies
 
 Result = TypeVar("Result")
-
-DEFAULT_ROLLOUT = RolloutOptions()
 
 
 class PoolEvaluator:

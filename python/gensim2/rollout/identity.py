@@ -6,7 +6,12 @@ import hashlib
 import importlib.metadata
 import json
 import platform
+import shlex
+import subprocess
+import sys
+import time
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -26,6 +31,29 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = "absent"
     return found
+
+
+def provenance() -> dict[str, str]:
+    """Return where figures come from: commit of the sources (``unknown`` outside of a checkout), date, and command."""
+    return {
+        "commit": _commit(Path(__file__).parents[3]),
+        "date": time.strftime("%Y-%m-%d"),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+    }
+
+
+def _commit(root: Path) -> str:
+    """Commit of a checkout, with ``-modified`` where the sources in it are no longer those."""
+    if not (root / ".git").exists():
+        return "unknown"
+    try:
+        found = [
+            subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True).stdout.strip()
+            for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--", "python", "crates"))
+        ]
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return f"{found[0]}-modified" if found[1] else found[0]
 
 
 def digest(value: Any) -> str:

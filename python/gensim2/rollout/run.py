@@ -70,6 +70,7 @@ def run(
     record: bool = False,
     stop: Stop = "controller",
     still: Callable[[], StillResult] | None = None,
+    every: int = 1,
 ) -> EpisodeResult:
     """Run one episode and judge it.
 
@@ -88,6 +89,7 @@ def run(
             ``"goal"``: the episode also ends where the goal has held for ``GOAL_SECONDS``, or as long before the step
             limit as settling may take; then it is judged as any other.
         still: gives what the scene of this seed does by itself, for callers that keep it; default: ``still_arm``.
+        every: control steps from one look at the criteria of steps to the next, for the verdict ``paper``.
 
     Raises:
         InputError: the seed, an option or an action cannot be used.
@@ -119,7 +121,7 @@ def run(
     if ended and not cut:
         motion.settle()
     steps, trace = motion.steps, motion.trace
-    turns = told_turns(world.task, trace, begun) if begun else turns_by_criteria(world.task, trace)
+    turns = told_turns(world.task, trace, begun, every) if begun else turns_by_criteria(world.task, trace, every)
     truncated = cut or steps > most
     stable, settled = world.is_finite and is_stable(trace[-1]), motion.is_at_rest
     goal = all_hold(world.task.success, trace[-1])

@@ -29,26 +29,36 @@ class Turn:
     done: bool
 
 
-def told_turns(task: TaskSpec, trace: Sequence[Measurement], begun: Sequence[tuple[str, int]]) -> tuple[Turn, ...]:
+def told_turns(
+    task: TaskSpec, trace: Sequence[Measurement], begun: Sequence[tuple[str, int]], every: int = 1
+) -> tuple[Turn, ...]:
     """The turns of a controller that says what it is at.
 
     Args:
         task: what was to be done.
         trace: measurements, before the first control step and after each.
         begun: name of each step that was begun, and the number of the measurement at which it was.
+        every: control steps from one look at the criteria to the next.
     """
     steps = {step.name: step for step in task.steps}
     ends = [first for _, first in begun[1:]] + [len(trace) - 1]
-    return tuple(_turn(steps[name], trace, first, last) for (name, first), last in zip(begun, ends, strict=True))
+    return tuple(_turn(steps[name], trace, first, last, every) for (name, first), last in zip(begun, ends, strict=True))
 
 
-def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement]) -> tuple[Turn, ...]:
-    """The turns of a controller that knows nothing of steps: each ends as soon as its criterion is true."""
+def turns_by_criteria(task: TaskSpec, trace: Sequence[Measurement], every: int = 1) -> tuple[Turn, ...]:
+    """The turns of a controller that knows nothing of steps: each ends as soon as its criterion is true.
+
+    Args:
+        task: what was to be done.
+        trace: measurements, before the first control step and after each.
+        every: control steps from one look at the criteria to the next.
+    """
     turns: list[Turn] = []
     first = 0
     for step in task.steps:
-        last = next((i for i in range(first, len(trace)) if all_hold(step.done, trace[i])), len(trace) - 1)
-        turns.append(_turn(step, trace, first, last))
+        looks = _looks(first, len(trace) - 1, every)
+        last = next((i for i in looks if all_hold(step.done, trace[i])), len(trace) - 1)
+        turns.append(_turn(step, trace, first, last, every))
         if not turns[-1].done:
             break
         first = last
@@ -76,6 +86,12 @@ def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[S
     ]
 
 
-def _turn(step: Step, trace: Sequence[Measurement], first: int, last: int) -> Turn:
-    paper = any(all_hold(step.done, measured) for measured in trace[first : last + 1])
+def _turn(step: Step, trace: Sequence[Measurement], first: int, last: int, every: int) -> Turn:
+    paper = any(all_hold(step.done, trace[look]) for look in _looks(first, last, every))
     return Turn(step, first, last, paper, all_hold(step.done, trace[last]))
+
+
+def _looks(first: int, last: int, every: int) -> list[int]:
+    """Numbers of the measurements of a turn at which its criterion is read: every so many, and its last."""
+    looks = [index for index in range(first, last + 1) if index % every == 0]
+    return looks if looks and looks[-1] == last else [*looks, last]

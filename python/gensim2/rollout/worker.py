@@ -14,7 +14,7 @@ import gensim2_kpam as kpam
 from gensim2.objects import open_library
 from gensim2.planning.strategies import Strategy, parse_strategy
 from gensim2.robots import robot
-from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.config import DEFAULT_ROLLOUT, EpisodeConfig, RolloutOptions
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.record import Episode
 from gensim2.scenes.config import SceneConfig, SceneOptions
@@ -189,15 +189,16 @@ def evaluate(
     return found if keep is None else keep(found, recording)
 
 
-def chain(strategies: Strategies, open_loop: bool = False) -> ControllerSpec:
+def chain(strategies: Strategies, rollout: RolloutOptions = DEFAULT_ROLLOUT) -> ControllerSpec:
     """The chain of steps, done in these ways."""
-    return ControllerSpec(CHAIN, {"strategies": strategies, "open_loop": open_loop})
+    how = {"open_loop": rollout.open_loop, "one_plan": rollout.one_plan}
+    return ControllerSpec(CHAIN, {"strategies": strategies, **how})
 
 
 def _run(
     config: EpisodeConfig, task: TaskSpec, strategies: Strategies, seed: int, record: bool
 ) -> tuple[Episode, Recording | None]:
-    return _rollout(config, task, chain(strategies, config.rollout.open_loop), seed, record)
+    return _rollout(config, task, chain(strategies, config.rollout), seed, record)
 
 
 def _rollout(
@@ -222,7 +223,8 @@ def _rollout(
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
         still = partial(still_episode, config.scene, seed)
-        return run(env, controller, seed=seed, record=record, stop=stop, still=still)
+        every = env.physics.criteria_steps(env.profile)
+        return run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)
 
     result = attempted(task, once, given.attempts)
     return result.episode, result.recording

@@ -14,7 +14,7 @@ from typing import Any, TypedDict, Unpack, cast
 from gensim2.objects import open_library
 from gensim2.robots import DEFAULT_ROBOT, robot_key
 from gensim2.scenes.arguments import ObjectSource, Words, check_words
-from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName, physics_name
+from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
@@ -31,7 +31,7 @@ class SceneArguments(TypedDict, total=False):
         instances: what is drawn from, where the task does not say itself: ``all``, ``train``, ``test``, ``new``
             (generated ones beyond the listed ones), an id, or ``random``: one, drawn by the seed of a run. An
             environment takes several of them, too, also by object.
-        physics: ``"default"`` or ``"original"`` (docs/simulation.md).
+        physics: ``"default"``, ``"original"``, a mixture of both, or a file of switches (docs/simulation.md).
         robot: name of its profile.
         randomization: ``"paper"`` for the task's own ranges, ``"paper-half"`` or ``"wide"`` (docs/simulation.md).
     """
@@ -52,7 +52,7 @@ class SceneOptions:
 
     Attributes:
         assets: a folder of objects or ``"builtin"``.
-        physics: name of the preset.
+        physics: the word for its switches (:mod:`gensim2.scenes.physics`).
         robot: name of its profile.
         randomization: name of the preset, which says what becomes of the tasks' ranges.
 
@@ -61,7 +61,7 @@ class SceneOptions:
     """
 
     assets: str
-    physics: PhysicsName = DEFAULT_PHYSICS
+    physics: str = DEFAULT_PHYSICS
     robot: str = DEFAULT_ROBOT
     randomization: PresetName = DEFAULT_PRESET
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance
 from gensim2.scenes.footprint import lowest_of_moving_link
-from gensim2.scenes.physics import PhysicsName
+from gensim2.scenes.physics import Ours
 
 Array = npt.NDArray[np.float64]
 
@@ -30,24 +30,24 @@ class DefaultPose:
         position: (3,) of the root in the world, m.
         quaternion: (4,) (w, x, y, z), root to world.
         openness: mean of the randomized openness, 0..1; 0 of a rigid object.
-        origin: physics preset that the pose belongs to.
+        origin: whose it is.
     """
 
     position: Array
     quaternion: Array
     openness: float
-    origin: PhysicsName
+    origin: Ours
 
 
-def default_pose(model: Instance | RigidObject, physics: PhysicsName) -> DefaultPose:
+def default_pose(model: Instance | RigidObject, poses: Ours) -> DefaultPose:
     """Return the pose of an object before its randomization.
 
     Args:
         model: the object.
-        physics: ``"original"`` takes the original's pose of a released articulated model that has one. Rigid objects
+        poses: ``"original"`` takes the original's pose of a released articulated model that has one. Rigid objects
             rest on the table in either: the original's height puts some of them into it.
     """
-    if physics == "original" and isinstance(model, Instance):
+    if poses == "original" and isinstance(model, Instance):
         pose = released_pose(model)
         if pose is not None:
             # Some poses have the moving link in the table. SAPIEN 2 lets it slide there at 5 N; in SAPIEN 3 that

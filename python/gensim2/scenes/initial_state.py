@@ -18,7 +18,7 @@ from gensim2.robots import RobotProfile
 from gensim2.scenes.arguments import ObjectSource
 from gensim2.scenes.default_pose import default_pose
 from gensim2.scenes.footprint import keep_apart, keypoint_in_root, outline, square, swept_points
-from gensim2.scenes.physics import DEFAULT_PHYSICS, PhysicsName
+from gensim2.scenes.physics import DEFAULT_PHYSICS, PRESETS, Ours, PhysicsSwitches
 from gensim2.scenes.randomize import (
     AS_IT_IS,
     Draw,
@@ -60,7 +60,7 @@ class PlacedObject:
         quaternion: (4,) of its root in the world, (w, x, y, z).
         yaw: what the randomization turned it by about the vertical, rad.
         openness: of its joint, 0..1; None of a rigid object.
-        default_pose: physics preset of the default pose that was randomized; None: its pose was given.
+        default_pose: whose default pose was randomized; None: its pose was given.
         factors: by what its physics is multiplied.
     """
 
@@ -69,7 +69,7 @@ class PlacedObject:
     quaternion: Array
     yaw: float
     openness: float | None
-    default_pose: PhysicsName | None = None
+    default_pose: Ours | None = None
     factors: Factors = AS_IT_IS
 
     @property
@@ -112,7 +112,13 @@ class InitialState:
     @property
     def has_rigid_objects(self) -> bool:
         """Whether any of them is rigid."""
-        return any(isinstance(thing.model, RigidObject) for thing in self.objects.values())
+        return bool(self.rigid_classes)
+
+    @property
+    def rigid_classes(self) -> tuple[str, ...]:
+        """Classes of those that are rigid."""
+        models = (thing.model for thing in self.objects.values())
+        return tuple(model.asset_class for model in models if isinstance(model, RigidObject))
 
 
 def sample_initial_state(
@@ -122,14 +128,14 @@ def sample_initial_state(
     seed: int,
     options: Mapping[str, ObjectOptions],
     robot: RobotProfile,
-    physics: PhysicsName = DEFAULT_PHYSICS,
+    physics: PhysicsSwitches = PRESETS[DEFAULT_PHYSICS],
     randomization: Preset = PAPER,
 ) -> InitialState:
     """Draw the scene of ``seed``; what ``options`` name takes the place of what was drawn.
 
-    A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times,
-    until they keep ``GAP`` apart (an articulated one with all that its joint sweeps), within the robot's reach, and
-    rigid ones clear of the robot at its start. What options place is taken as it is.
+    A single object on the table stands where it was drawn. Several are drawn again, at most ``MAX_DRAWS`` times and
+    only where ``physics`` has it so, until they keep ``GAP`` apart (an articulated one with all that its joint sweeps),
+    within the robot's reach, and rigid ones clear of the robot at its start. What options place is taken as it is.
 
     The task's ranges are drawn from one generator; what a preset draws besides comes from one of its own, so that no
     preset shifts what another draws.
@@ -141,7 +147,7 @@ def sample_initial_state(
         seed: of the reset.
         options: by object, checked.
         robot: that is to reach them.
-        physics: preset whose default poses are randomized.
+        physics: whose default poses are randomized, and whether placements are drawn again.
         randomization: what becomes of the task's ranges, and what is drawn besides.
 
     Raises:
@@ -158,16 +164,18 @@ def sample_initial_state(
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
         models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
     factors, start = _vary(task, models, seed, robot, randomization)
-    room = _Room(task, models, options, robot, start) if len(models) > 1 else None
-    for count in range(1, MAX_DRAWS + 1):
-        objects = _stand_all(task, models, draws, options, physics, factors)
+    again = physics.redraw == "placement"
+    room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None
+    most = MAX_DRAWS if again else 1
+    for count in range(1, most + 1):
+        objects = _stand_all(task, models, draws, options, physics.poses, factors)
         if objects is not None and (room is None or room.holds(objects)):
             return InitialState(objects, count, start, randomization.name)
         for name, spec in task.objects.items():
             draws[name] = redraw_placement(generator, spec.randomization, randomization, draws[name])
     names = ", ".join(f"{name} ({model_id(model)})" for name, model in models.items())
     raise PlacementError(
-        f"{MAX_DRAWS} draws of seed {seed} found no room for {names}",
+        f"{most} draws of seed {seed} found no room for {names}",
         field="objects",
         remedy="give place.at farther apart, or other instances",
     )
@@ -198,13 +206,13 @@ def _stand_all(
     models: Mapping[str, Instance | RigidObject],
     draws: Mapping[str, Draw],
     options: Mapping[str, ObjectOptions],
-    physics: PhysicsName,
+    poses: Ours,
     factors: Mapping[str, Factors],
 ) -> dict[str, PlacedObject] | None:
     """Every object where it was drawn; None where one has no room on what it stands on."""
     objects: dict[str, PlacedObject] = {}
     for name, spec in task.objects.items():
-        thing = _stand(spec, models[name], draws[name], options[name], objects, physics)
+        thing = _stand(spec, models[name], draws[name], options[name], objects, poses)
         if thing is None:
             return None
         objects[name] = replace(thing, factors=factors[name])
@@ -217,11 +225,11 @@ def _stand(
     draw: Draw,
     options: ObjectOptions,
     before: Mapping[str, PlacedObject],
-    physics: PhysicsName,
+    poses: Ours,
 ) -> PlacedObject | None:
     """The object where it was drawn; None where what it stands on has no room for it there."""
     openness = None
-    default = default_pose(model, physics)
+    default = default_pose(model, poses)
     if isinstance(model, Instance):
         given = options.get("openness")
         mean = openness_at_reset(spec.randomization, draw, default.openness)

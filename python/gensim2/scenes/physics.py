@@ -1,31 +1,141 @@
-"""Names of the physics presets, known without a simulator."""
+"""Physics as named switches, each the project's own or the original GenSim2's, known without a simulator.
+
+A mixture is a word: ``original`` and ``default`` are presets, ``original+gripper=default`` is the first but for one
+switch. It says all that it is, so it travels to other processes and stands in records. Users may give a file of
+switches.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, get_args, get_type_hints
 
 from gensim2.errors import InputError
+from gensim2.yaml_files import read_yaml
 
-PhysicsName = Literal["default", "original"]
-"""Joint friction, densities, materials and default poses: the project's own, or those of the original GenSim2."""
+Ours = Literal["default", "original"]
+Gripper = Literal["default", "soft", "original"]
+Redraw = Literal["placement", "none"]
 
-PHYSICS_NAMES: tuple[PhysicsName, ...] = get_args(PhysicsName)
-DEFAULT_PHYSICS: PhysicsName = "default"
+
+@dataclass(frozen=True)
+class PhysicsSwitches:
+    """What the physics of a scene is made of; ``"default"`` is the project's own, ``"original"`` the original's.
+
+    Attributes:
+        joint_friction: Coulomb friction and damping of the object, or PhysX's coefficient by class.
+        densities: masses of the objects, or hulls times a density by class.
+        materials: contact materials of objects, fingers and all else but the table.
+        solver: PhysX's settings and contact offsets.
+        poses: default poses computed from the geometry, or the original's of the released models.
+        gripper: drives of the fingers: the profile's, ``"soft"`` ones, with which the original's solver holds things,
+            or the original's.
+        redraw: ``"placement"``: placements of several objects are drawn again until there is room for all;
+            ``"none"``: the first draw counts.
+        criteria_rate: criteria of the verdict ``paper`` are read every control step, or every 0.85 s.
+    """
+
+    joint_friction: Ours = "default"
+    densities: Ours = "default"
+    materials: Ours = "default"
+    solver: Ours = "default"
+    poses: Ours = "default"
+    gripper: Gripper = "default"
+    redraw: Redraw = "placement"
+    criteria_rate: Ours = "default"
+
+    @property
+    def criteria_seconds(self) -> float | None:
+        """From one look at the criteria of ``paper`` to the next; None: every control step."""
+        return None if self.criteria_rate == "default" else ORIGINAL_CRITERIA_SECONDS
+
+
+ORIGINAL_CRITERIA_SECONDS = 0.85
+"""Of physics between two looks at the criteria in the original, whose control steps take 0.81 to 0.9."""
+
+DEFAULT_PHYSICS = "default"
+PRESETS: Mapping[str, PhysicsSwitches] = {
+    DEFAULT_PHYSICS: PhysicsSwitches(),
+    "original": PhysicsSwitches("original", "original", "original", "original", "original", "soft", "none"),
+}
+"""Mixtures with a name. ``original`` is what is compared with the paper: all of the original's but what
+docs/simulation.md says of its fingers."""
+
+PHYSICS_NAMES: tuple[str, ...] = tuple(PRESETS)
+SWITCHES: Mapping[str, tuple[str, ...]] = {
+    name: get_args(choices) for name, choices in get_type_hints(PhysicsSwitches).items()
+}
+"""Values of each switch."""
 
 _FORMER = {"ours": DEFAULT_PHYSICS}
 """Words of files that were written before."""
+_FILES = (".yaml", ".yml", ".json")
 
 
-def physics_name(word: object) -> PhysicsName:
-    """Return the name of a physics preset; ``"ours"``, as earlier files and commands have it, is ``"default"``.
+@cache
+def physics_switches(word: str) -> PhysicsSwitches:
+    """Return what a word stands for.
+
+    Args:
+        word: name of a preset, and after each ``+`` a switch and its value.
 
     Raises:
-        InputError: there is no such preset.
+        InputError: there is no such preset, switch or value.
     """
-    name = _FORMER.get(word, word) if isinstance(word, str) else word
-    if name not in PHYSICS_NAMES:
+    name, *changes = word.split("+")
+    name = _FORMER.get(name, name)
+    if name not in PRESETS:
+        known = f"one of {', '.join(PHYSICS_NAMES)}"
+        raise InputError(f"no physics {word!r}", field="physics", remedy=known)
+    given = dict(change.partition("=")[::2] for change in changes)
+    return _changed(PRESETS[name], given, None)
+
+
+def physics_name(word: object) -> str:
+    """Return the one word for a mixture; ``"ours"``, as earlier files and commands have it, is ``"default"``.
+
+    Args:
+        word: as :func:`physics_switches` takes it, or the path of a YAML or JSON file of switches, in which ``base``
+            names the preset that holds for the others.
+
+    Raises:
+        InputError: there is no such preset, switch or value, or the file cannot be read.
+    """
+    if not isinstance(word, str | Path):
         raise InputError(f"no physics {word!r}", field="physics", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
-    return name
+    text = str(word)
+    return _word(_read(Path(text)) if text.endswith(_FILES) else physics_switches(text))
+
+
+def _read(path: Path) -> PhysicsSwitches:
+    given = dict(read_yaml(path))
+    base = given.pop("base", DEFAULT_PHYSICS)
+    if base not in PRESETS:
+        raise InputError(f"no physics {base!r}", file=path, field="base", remedy=f"one of {', '.join(PHYSICS_NAMES)}")
+    return _changed(PRESETS[base], given, path)
+
+
+def _changed(base: PhysicsSwitches, given: Mapping[str, Any], file: Path | None) -> PhysicsSwitches:
+    for name, value in given.items():
+        if name not in SWITCHES:
+            known = ", ".join(SWITCHES)
+            raise InputError(f"no switch {name!r}", file=file, field=name if file else "physics", remedy=known)
+        if value not in SWITCHES[name]:
+            remedy = f"one of {', '.join(SWITCHES[name])}"
+            raise InputError(f"no {name} {value!r}", file=file, field=name if file else "physics", remedy=remedy)
+    return replace(base, **given)
+
+
+def _word(switches: PhysicsSwitches) -> str:
+    """The shortest, the default's where two are as short."""
+    words = []
+    for name, preset in PRESETS.items():
+        own = [each.name for each in fields(preset) if getattr(switches, each.name) != getattr(preset, each.name)]
+        words.append((len(own), "+".join([name, *(f"{each}={getattr(switches, each)}" for each in own)])))
+    return min(words, key=lambda found: found[0])[1]
 
 
 def with_current_physics(record: Any) -> Any:

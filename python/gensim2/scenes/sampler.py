@@ -10,7 +10,7 @@ from gensim2.robots import robot as robot_profile
 from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
 from gensim2.scenes.config import SceneArguments
 from gensim2.scenes.initial_state import InitialState, sample_initial_state
-from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name
+from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
 from gensim2.scenes.reset_options import read_options
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
@@ -27,7 +27,7 @@ class SceneSampler:
         task: what is to be done.
         library: of the objects.
         profile: of the robot.
-        physics: name of the preset.
+        physics: the word for its switches.
         randomization: the preset.
         instances: ids that are drawn from, by object.
 
@@ -59,5 +59,12 @@ class SceneSampler:
         """
         given = read_options(options, tuple(self.task.objects))
         return sample_initial_state(
-            self.task, self.library, self.instances, seed, given, self.profile, self.physics, self.randomization
+            self.task,
+            self.library,
+            self.instances,
+            seed,
+            given,
+            self.profile,
+            physics_switches(self.physics),
+            self.randomization,
         )

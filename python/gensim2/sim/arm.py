@@ -17,7 +17,6 @@ from sapien.wrapper.urdf_loader import URDFLoader
 from gensim2.errors import InputError
 from gensim2.observations.proprioception import tool_pose
 from gensim2.robots import RobotProfile
-from gensim2.scenes.physics import PhysicsName
 from gensim2.sim.agents import urdf_config
 from gensim2.sim.gripper import Transmission, robot_joints
 from gensim2.sim.parts import Row, articulation_state
@@ -138,11 +137,11 @@ def base_pose(profile: RobotProfile) -> sapien.Pose:
     return sapien.Pose(p=list(profile.base_position), q=list(profile.base_quaternion))
 
 
-def _builder(profile: RobotProfile, name: PhysicsName) -> ArticulationBuilder:
+def _builder(profile: RobotProfile, name: str) -> ArticulationBuilder:
     return _parsed(str(profile.urdf), profile.gripper.friction, profile.gripper.pads, name)
 
 
 @cache
-def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: PhysicsName) -> ArticulationBuilder:
+def _parsed(urdf: str, friction: float, pads: tuple[str, ...], name: str) -> ArticulationBuilder:
     """One for each physics: builders keep the default material that there was when they were parsed."""
     return parsed(urdf, urdf_config(friction, pads))

@@ -192,7 +192,7 @@ class GenSim2Env(RaycastObservations):
         self._parts = {name: build_part(self.scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             robot = self.agent.robot._objs[0]
-            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile)
+            self.physics.prepare_for_rigid_objects(self.scene.px, robot, self.profile, setup.rigid_classes)
         self._setup = setup
         self._prepare_observations(seed)
 

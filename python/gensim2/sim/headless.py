@@ -109,7 +109,7 @@ class HeadlessEnv(SceneAccessMixin):
         self._parts = {name: _build(scene, name, thing, self.physics) for name, thing in setup.objects.items()}
         if setup.has_rigid_objects:
             arm = None if self._arm is None else self._arm.articulation
-            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile)
+            self.physics.prepare_for_rigid_objects(self._system, arm, self.profile, setup.rigid_classes)
         self._setup, self.elapsed_steps, self._command = setup, 0, OPEN
         self._observers = {}
         if self._arm is not None:

@@ -1,13 +1,12 @@
-"""Physics by a switch: the default, or as the original GenSim2 has it.
+"""Physics by switches: each the default, or as the original GenSim2 has it.
 
-All that differs is here, default poses apart (:mod:`gensim2.scenes.default_pose`): PhysX's settings, joint resistance,
-masses and contact materials. Both environments ask the same :class:`Physics` for it, so they stay the same.
+All that differs in a simulator is here: PhysX's settings, joint resistance, masses, contact materials and the fingers'
+drives. Both environments ask the same :class:`Physics` for it, so they stay the same.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import cache
 from typing import Any, Protocol
@@ -21,7 +20,7 @@ from sapien.wrapper.urdf_loader import URDFLoader
 from gensim2.objects import RigidObject
 from gensim2.objects.types import Instance, MovingJoint
 from gensim2.robots import RobotProfile
-from gensim2.scenes.physics import PhysicsName, physics_name
+from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
 from gensim2.scenes.randomize import AS_IT_IS, Factors
 from gensim2.sim import original
 from gensim2.sim.gripper import robot_joints
@@ -29,8 +28,8 @@ from gensim2.sim.gripper import robot_joints
 Array = npt.NDArray[np.float64]
 
 RIGID_CONTACT_OFFSET = 0.005
-"""Metres, of every shape in a scene of ours with rigid objects. With ManiSkill's 20 mm each finger is in speculative
-contact with some 60 hulls of a bowl at once, and PhysX throws the bowl although nothing touches it."""
+"""Metres, of every shape in a scene with rigid objects and our solver. With ManiSkill's 20 mm each finger is in
+speculative contact with some 60 hulls of a bowl at once, and PhysX throws the bowl although nothing touches it."""
 
 CREEP_SPEED = 5e-5
 """Speed, rad/s or m/s, at which our friction gives its full torque: an object left alone creeps slower."""
@@ -43,18 +42,37 @@ class JointResistance(Protocol):
         """To be called before each physics step."""
 
 
-class Physics(ABC):
-    """One way to have physics; :func:`named_physics` gives it by name.
+class Physics:
+    """Physics by its switches; :func:`named_physics` gives it by name.
+
+    Args:
+        name: the word for its switches (:mod:`gensim2.scenes.physics`).
 
     Attributes:
-        name: ``"default"`` or ``"original"``.
+        name: the same.
+        switches: what it is made of.
         scene_config: PhysX's settings, as ManiSkill takes them.
         material: of what says nothing of its own.
+
+    Raises:
+        InputError: there is no such physics.
     """
 
-    name: PhysicsName
-    scene_config: SceneConfig
-    material: DefaultMaterialsConfig
+    def __init__(self, name: str) -> None:
+        self.name, self.switches = name, physics_switches(name)
+        self._constants = constants = original.constants()
+        self.scene_config = (
+            SceneConfig(**constants.scene)
+            if self.switches.solver == "original"
+            else SceneConfig(
+                enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
+            )
+        )
+        self.material = (
+            DefaultMaterialsConfig(**constants.material)
+            if self.switches.materials == "original"
+            else DefaultMaterialsConfig()
+        )
 
     def sim_config(self, robot: RobotProfile) -> SimConfig:
         """What ManiSkill is told: these settings, and the robot's rates."""
@@ -89,65 +107,73 @@ class Physics(ABC):
         system.timestep = 1.0 / robot.simulation.physics_hz
         return system
 
-    @abstractmethod
     def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
+        self,
+        system: physx.PhysxCpuSystem,
+        robot: physx.PhysxArticulation | None,
+        profile: RobotProfile,
+        classes: Collection[str] = (),
     ) -> None:
-        """What a scene with rigid objects needs besides, once it is built; ``robot`` is None in one without."""
+        """What a scene with rigid objects needs besides, once it is built.
 
-    @abstractmethod
+        Args:
+            system: of the scene.
+            robot: None in a scene without one.
+            profile: of the robot.
+            classes: of the rigid objects.
+        """
+        if self.switches.solver == "default":
+            for body in (
+                *system.articulation_link_components,
+                *system.rigid_dynamic_components,
+                *system.rigid_static_components,
+            ):
+                for shape in body.collision_shapes:
+                    shape.contact_offset = RIGID_CONTACT_OFFSET
+        if robot is None:
+            return
+        constants = self._constants
+        if self.switches.gripper == "soft":
+            _drive_fingers(robot, profile, **constants.picking_fingers)
+        elif self.switches.gripper == "original":
+            stiff = next((constants.fingers_for[name] for name in classes if name in constants.fingers_for), None)
+            if stiff is not None:
+                _drive_fingers(robot, profile, **stiff)
+
     def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
-        """Give a robot's links their contact materials and its fingers' drives their damping, once it is built."""
+        """Give a robot's links their contact materials and its fingers their drives, once it is built."""
+        if self.switches.materials == "original":
+            material = self._material()
+            for link in robot.links:
+                for shape in link.collision_shapes:
+                    shape.set_physical_material(material)
+        drive = profile.finger_drive
+        if self.switches.gripper == "soft":
+            # No more damping than the drive has: profiles with the original's own fingers have none.
+            _drive_fingers(robot, profile, drive.stiffness, min(drive.damping, self._constants.finger_damping))
+        elif self.switches.gripper == "original":
+            _drive_fingers(robot, profile, **self._constants.fingers)
 
-    @abstractmethod
     def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
         """Say what the links of an articulated object weigh, before its URDF is parsed."""
+        if self.switches.densities == "default":
+            return
+        loader.set_density(self._constants.density(asset_class))
+        build_link = loader._build_link
 
-    @abstractmethod
+        def without_inertial(link: Any, builder: Any) -> None:
+            link.inertial = None  # PhysX then makes mass and inertia of the hulls
+            build_link(link, builder)
+
+        loader._build_link = without_inertial
+
     def resist(
         self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
     ) -> JointResistance:
         """Give the joint of an articulated object, as it was built, its resistance."""
-
-    @abstractmethod
-    def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
-        """Contact material of a rigid object."""
-
-    @abstractmethod
-    def rigid_density(self, rigid: RigidObject) -> float | None:
-        """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
-
-
-class DefaultPhysics(Physics):
-    """TGS solver, persistent contact manifold, 15 position iterations and 1 velocity iteration; joints with Coulomb
-    friction, which stay where they are let go; objects that weigh what they say."""
-
-    name = "default"
-    scene_config = SceneConfig(
-        enable_tgs=True, enable_pcm=True, solver_position_iterations=15, solver_velocity_iterations=1
-    )
-    material = DefaultMaterialsConfig()
-
-    def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
-    ) -> None:
-        for body in (
-            *system.articulation_link_components,
-            *system.rigid_dynamic_components,
-            *system.rigid_static_components,
-        ):
-            for shape in body.collision_shapes:
-                shape.contact_offset = RIGID_CONTACT_OFFSET
-
-    def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
-        """Leave ManiSkill's."""
-
-    def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        """Leave what the URDF says."""
-
-    def resist(
-        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
-    ) -> JointResistance:
+        if self.switches.joint_friction == "original":
+            coefficient = self._constants.joint_friction(instance.asset_class)
+            return CoefficientFriction(articulation, factors.joint_friction * coefficient)
         # It is made to hold the joint against gravity, so it goes with the mass.
         factor = factors.mass * factors.joint_friction
         joint = instance.joint
@@ -156,10 +182,22 @@ class DefaultPhysics(Physics):
         )
 
     def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
+        """Contact material of a rigid object."""
+        if self.switches.materials == "original":
+            return self._material()
         return physx.PhysxMaterial(rigid.friction, rigid.friction, 0.0)
 
     def rigid_density(self, rigid: RigidObject) -> float | None:
-        return None
+        """Of a rigid object's hulls, kg/m3; None: mass and inertia are its own."""
+        return self._constants.rigid_density if self.switches.densities == "original" else None
+
+    def criteria_steps(self, profile: RobotProfile) -> int:
+        """Control steps from one look at the criteria of ``paper`` to the next."""
+        seconds = self.switches.criteria_seconds
+        return 1 if seconds is None else profile.steps(seconds)
+
+    def _material(self) -> physx.PhysxMaterial:
+        return physx.PhysxMaterial(**self._constants.material)
 
 
 class CoulombFriction:
@@ -200,57 +238,6 @@ class CoulombFriction:
             active.set_drive_properties(0.0, limit / CREEP_SPEED, limit, "force")
 
 
-class OriginalPhysics(Physics):
-    """The original's scene defaults, masses from hulls by its densities, its contact materials, its coefficients of
-    joint friction and its default poses; not its fingers, hulls or controller."""
-
-    name = "original"
-
-    def __init__(self) -> None:
-        self._constants = original.constants()
-        self.scene_config = SceneConfig(**self._constants.scene)
-        self.material = DefaultMaterialsConfig(**self._constants.material)
-
-    def prepare_for_rigid_objects(
-        self, system: physx.PhysxCpuSystem, robot: physx.PhysxArticulation | None, profile: RobotProfile
-    ) -> None:
-        """Soften the fingers' drives (``constants.yaml`` says why); contact offsets are the original's."""
-        if robot is not None:
-            _drive_fingers(robot, profile, **self._constants.picking_fingers)
-
-    def prepare_robot(self, robot: physx.PhysxArticulation, profile: RobotProfile) -> None:
-        material = self._material()
-        for link in robot.links:
-            for shape in link.collision_shapes:
-                shape.set_physical_material(material)
-        _drive_fingers(robot, profile, profile.finger_drive.stiffness, self._constants.finger_damping)
-
-    def prepare_loader(self, loader: URDFLoader, asset_class: str) -> None:
-        loader.set_density(self._constants.density(asset_class))
-        build_link = loader._build_link
-
-        def without_inertial(link: Any, builder: Any) -> None:
-            link.inertial = None  # PhysX then makes mass and inertia of the hulls
-            build_link(link, builder)
-
-        loader._build_link = without_inertial
-
-    def resist(
-        self, articulation: physx.PhysxArticulation, instance: Instance, factors: Factors = AS_IT_IS
-    ) -> JointResistance:
-        coefficient = self._constants.joint_friction(instance.asset_class)
-        return CoefficientFriction(articulation, factors.joint_friction * coefficient)
-
-    def rigid_material(self, rigid: RigidObject) -> physx.PhysxMaterial:
-        return self._material()
-
-    def rigid_density(self, rigid: RigidObject) -> float | None:
-        return self._constants.rigid_density
-
-    def _material(self) -> physx.PhysxMaterial:
-        return physx.PhysxMaterial(**self._constants.material)
-
-
 class CoefficientFriction:
     """PhysX's articulation friction, a coefficient on the load that the joint carries; no drive, no damping."""
 
@@ -283,9 +270,6 @@ def vary(bodies: Iterable[physx.PhysxRigidBodyComponent], factors: Factors) -> N
             )
 
 
-DEFAULT: Physics = DefaultPhysics()
-
-
 @cache
 def named_physics(name: str) -> Physics:
     """Return the physics of that name, one value a process.
@@ -293,4 +277,8 @@ def named_physics(name: str) -> Physics:
     Raises:
         InputError: there is none.
     """
-    return DEFAULT if physics_name(name) == "default" else OriginalPhysics()
+    word = physics_name(name)
+    return Physics(word) if word == name else named_physics(word)
+
+
+DEFAULT = named_physics(DEFAULT_PHYSICS)

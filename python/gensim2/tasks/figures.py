@@ -29,28 +29,34 @@ def _current_word(word: object) -> object:
     return "default" if word == "ours" else word
 
 
+OWNERS = {"default": "our physics", "original": "the original's physics"}
+"""Presets in words; other mixtures are called as they are spelled."""
+
+
 class Condition(_Value):
     """What a row was measured under.
 
     Attributes:
         objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
-        physics: ``"default"`` (``"ours"`` in earlier files) or ``"original"``.
+        physics: ``"default"`` (``"ours"`` in earlier files), ``"original"``, or the word for a mixture.
         robot: its name.
         instances: which were drawn from, as in ``--instances``.
         randomization: ranges of the scene: ``"paper"``, ``"paper-half"`` or ``"wide"``.
         attempts: tries of an episode from the same start.
         open_loop: everything was planned at the start.
         disturbance: ``"push"``, ``"drop"`` or None.
+        one_plan: each step was planned once, by its first strategy.
     """
 
     objects: Literal["generated", "real"]
-    physics: Annotated[Literal["default", "original"], BeforeValidator(_current_word)]
+    physics: Annotated[str, Field(min_length=1, max_length=500), BeforeValidator(_current_word)]
     robot: str
     instances: str
     randomization: str
     attempts: Annotated[int, Field(ge=1)]
     open_loop: bool
     disturbance: str | None
+    one_plan: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -60,17 +66,19 @@ class Condition(_Value):
     @property
     def in_words(self) -> str:
         """Whose physics, which objects, and what else is not the paper's protocol."""
-        physics = "our physics" if self.physics == "default" else "the original's physics"
-        return ", ".join([physics, f"{self.objects} objects", *self._deviations()])
+        whose = [OWNERS[self.physics]] if self.physics in OWNERS else []
+        return ", ".join([*whose, f"{self.objects} objects", *self._deviations()])
 
     def _deviations(self) -> list[str]:
         """What is not the paper's protocol, in words."""
         found = {
+            f"physics {self.physics}": self.physics not in OWNERS,
             f"robot {self.robot}": self.robot != "panda",
             f"instances {self.instances}": self.instances != "all",
             f"ranges {self.randomization}": self.randomization != "paper",
             f"{self.attempts} attempts": self.attempts > 1,
             "open loop": self.open_loop,
+            "one plan a step": self.one_plan,
             f"disturbed: {self.disturbance}": self.disturbance is not None,
         }
         return [words for words, deviates in found.items() if deviates]

@@ -23,13 +23,17 @@ class Constants:
         scene: PhysX's settings, by their names in ManiSkill's ``SceneConfig``.
         material: static and dynamic friction and restitution of every surface but the table's.
         rigid_density: kg/m3 of hulls.
-        finger_damping: of the fingers' drives where there are no rigid objects, N s/m.
-        picking_fingers: stiffness (N/m) and damping (N s/m) of the fingers' drives where there are.
+        fingers: stiffness (N/m) and damping (N s/m) of the original's drives of the fingers.
+        fingers_for: of those where there is a rigid object of a class.
+        finger_damping: of the soft drives where there are no rigid objects, N s/m.
+        picking_fingers: stiffness and damping of the soft drives where there are.
     """
 
     scene: Mapping[str, Any]
     material: Mapping[str, float]
     rigid_density: float
+    fingers: Mapping[str, float]
+    fingers_for: Mapping[str, Mapping[str, float]]
     finger_damping: float
     picking_fingers: Mapping[str, float]
     _densities: Mapping[str, float]
@@ -54,6 +58,8 @@ def constants() -> Constants:
         scene=data["scene"],
         material=data["material"],
         rigid_density=density["rigid"],
+        fingers=data["fingers"],
+        fingers_for=data["fingers_for"],
         finger_damping=data["finger_damping"],
         picking_fingers=data["picking_fingers"],
         _densities=density["articulated"],

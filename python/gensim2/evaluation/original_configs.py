@@ -1,0 +1,374 @@
+"""The original's own solver configs in our copy of its physics: a calibration of that copy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from gensim2.bench.problems import PlanProblem, read_problems
+from gensim2.errors import InputError
+from gensim2.evaluation.benchmark_table import by_instance
+from gensim2.evaluation.comparison import Rate, differ
+from gensim2.evaluation.running import run_episodes
+from gensim2.objects import Instance, Library, open_library
+from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.record_files import SCHEMA_VERSION
+from gensim2.robots import robot
+from gensim2.rollout.config import EpisodeConfig
+from gensim2.rollout.inputs import check_counts, check_workers
+from gensim2.rollout.record import Episode
+from gensim2.rollout.tally import Tally
+from gensim2.scenes.config import SceneOptions
+from gensim2.scenes.footprint import lowest_of_moving_link
+from gensim2.seeding import check_seed
+from gensim2.tasks.library import PAPER as PAPER_SUITE
+from gensim2.tasks.library import load_task, task_names
+from gensim2.tasks.published import MEASURED, MEASURED_IN_ALL
+from gensim2.tasks.published import PAPER as PUBLISHED
+from gensim2.tasks.spec import TaskSpec
+
+Scenes = Literal["recorded", "drawn"]
+"""Scenes of the file, or scenes that our seeds draw of all instances."""
+SCENES: tuple[Scenes, ...] = get_args(Scenes)
+
+ROBOT = "panda_long"
+"""Profile with the fingers, the drives and the tool keypoints that the file's problems were made for."""
+
+TOLERANCE = 1e-4
+"""m by which a tool keypoint of the file may differ from the profile's."""
+START_TOLERANCE = 1e-3
+"""rad or m by which joints may differ from the profile's start."""
+
+
+@dataclass(frozen=True)
+class ConfigEpisode:
+    """What one episode follows from beside its scenes' configuration and its seed: plain values that pickle.
+
+    Attributes:
+        config: of the keypoint solver, with the times of its keyframes.
+        object_yaw: rad, of the record; None: what the seed draws.
+        options: of the reset; none: what the seed draws.
+        source: id of the record.
+    """
+
+    config: Mapping[str, Any]
+    object_yaw: float | None = None
+    options: Mapping[str, Any] | None = None
+    source: str | None = None
+
+
+@dataclass(frozen=True)
+class ConfigRow:
+    """One task with the original's config.
+
+    Attributes:
+        name: of the task, or ``<long task>-<its first step>``.
+        episodes: in order.
+        sources: id of each episode's record; None of a drawn scene.
+        release: what the original's release reached; None where that is not known.
+    """
+
+    name: str
+    episodes: tuple[Episode, ...]
+    sources: tuple[str | None, ...]
+    release: Rate | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        tally = Tally.of(self.episodes)
+        ours = Rate(tally.paper, tally.episodes)
+        records = [
+            {"id": source, **episode.to_dict()} for source, episode in zip(self.sources, self.episodes, strict=True)
+        ]
+        return {
+            "name": self.name,
+            **{name: Rate(count, tally.episodes).to_dict() for name, count in tally.verdicts().items()},
+            "release": None if self.release is None else self.release.to_dict(),
+            "p_value": None if self.release is None else differ(ours, self.release),
+            "published": None if self.release is None else PUBLISHED[self.name][0],
+            "causes": tally.causes,
+            "objects": tally.objects,
+            "instances": by_instance(self.episodes),
+            "records": records,
+        }
+
+
+@dataclass(frozen=True)
+class ConfigBenchmark:
+    """The table.
+
+    Attributes:
+        run_dir: the run folder.
+        arguments: what was asked for.
+        versions: of the packages that decide the outcome.
+        rows: one a task.
+        left_out: records and tasks of the file that were not run, each with the reason.
+        warnings: what could not be loaded of objects that were run, by object.
+        cpu_s: CPU of all processes in this call, their start apart.
+        provenance: commit, date and command.
+    """
+
+    run_dir: str
+    arguments: dict[str, Any]
+    versions: dict[str, str]
+    rows: tuple[ConfigRow, ...]
+    left_out: dict[str, str]
+    warnings: dict[str, str]
+    cpu_s: float
+    provenance: dict[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        tallies = [Tally.of(row.episodes) for row in self.rows if row.release is not None]
+        episodes = sum(tally.episodes for tally in tallies)
+        ours, release = Rate(sum(tally.paper for tally in tallies), episodes), Rate(*MEASURED_IN_ALL)
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "run_dir": self.run_dir,
+            "arguments": self.arguments,
+            "versions": self.versions,
+            "provenance": self.provenance,
+            "tasks": [row.to_dict() for row in self.rows],
+            "in_all": {"paper": ours.to_dict(), "release": release.to_dict(), "p_value": differ(ours, release)},
+            "left_out": self.left_out,
+            "warnings": self.warnings,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+def benchmark_configs(
+    tasks: Sequence[str] = (),
+    *,
+    configs: Path,
+    scenes: Scenes = "recorded",
+    episodes: int = 30,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    physics: str = "original",
+    out: Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    time_limit: float = TIME_LIMIT,
+    jobs_per_worker: int = JOBS_PER_WORKER,
+    progress: Progress = NULL_PROGRESS,
+) -> ConfigBenchmark:
+    """Run the original's solver configs, one plan an episode, with its fingers, drives and stepping.
+
+    Args:
+        tasks: names of tasks of one step; none: all of the file.
+        configs: planning problems with the original's configs, one JSON object a line (docs/benchmarks.md).
+        scenes: ``"recorded"``: every scene of the file once. ``"drawn"``: ``episodes`` of each task, drawn by ``seed``.
+        episodes: of each task, where scenes are drawn.
+        seed: of the scenes that are drawn.
+        assets: folder of the original's objects.
+        physics: of the scenes.
+        out: run folder; default ``runs/<date>-<time>``.
+        workers, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
+
+    Raises:
+        InputError: an argument cannot be used, or the file holds nothing that can be run.
+        NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
+    """
+    check_counts(episodes=episodes, workers=workers)
+    check_workers(time_limit, jobs_per_worker)
+    if scenes not in SCENES:
+        raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"one of {', '.join(SCENES)}")
+    problems = read_problems(configs)
+    library = open_library(assets)
+    groups, left_out = _groups(problems, library, tasks, Path(configs))
+    if scenes == "drawn":
+        groups = {name: group for name, group in groups.items() if group.release is not None}
+    options = SceneOptions.of(assets=assets, physics=physics, robot=ROBOT)
+    # Only now what takes long to import.
+    from gensim2.data.runfolder import RunFolder, default_run_dir
+    from gensim2.rollout.evaluator import PoolEvaluator
+    from gensim2.rollout.identity import digest, listing, provenance, versions
+
+    arguments = {
+        "method": "original-configs",
+        "configs": str(configs),
+        "scenes": scenes,
+        "seed": check_seed(seed),
+        "episodes": episodes,
+        **options.to_record(),
+    }
+    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers}
+    identity = {
+        "tasks": digest([group.spec.model_dump(mode="json") for group in groups.values()]),
+        "configs": digest([[one.model_dump(mode="json") for one in group.problems] for group in groups.values()]),
+        "objects": listing(
+            library, sorted({p.objects.articulated.cls for group in groups.values() for p in group.problems})
+        ),
+    }
+    rows, warnings = [], dict[str, str]()
+    with (
+        RunFolder(Path(out) if out is not None else default_run_dir(), told, identity, resume) as folder,
+        PoolEvaluator(
+            options,
+            workers,
+            progress,
+            time_limit=time_limit,
+            jobs_per_worker=jobs_per_worker,
+            log=folder.errors_log,
+        ) as evaluator,
+    ):
+        for name, group in groups.items():
+            jobs = [_recorded(group.spec, problem, library) for problem in group.problems]
+            if scenes == "drawn":
+                jobs = [ConfigEpisode(jobs[0].config)] * episodes
+            config = evaluator.config(group.spec, "all")
+            found, _ = run_episodes(
+                group.spec,
+                folder.task(name).path,
+                evaluator,
+                episode,
+                partial(_arguments, config, jobs),
+                runs=1,
+                episodes=len(jobs),
+                seed=seed,
+                progress=progress,
+            )
+            folder.add_episodes(library, found, folder.path / "run.json")
+            folder.save()
+            rows.append(ConfigRow(name, tuple(found), tuple(job.source for job in jobs), group.release))
+            warnings |= _losses(found, group, library)
+        result = ConfigBenchmark(
+            str(folder.path), arguments, versions(), tuple(rows), left_out, warnings, evaluator.cpu_s, provenance()
+        )
+        outcome = result.to_dict()
+        for task in outcome["tasks"]:
+            del task["records"]  # they stand in the task's folder
+        folder.finish(outcome)
+    return result
+
+
+def _arguments(
+    config: EpisodeConfig, jobs: Sequence[ConfigEpisode], index: int, seed: int
+) -> tuple[EpisodeConfig, ConfigEpisode, int]:
+    return config, jobs[index], seed
+
+
+def episode(config: EpisodeConfig, plan: ConfigEpisode, seed: int) -> Episode:
+    """Run one episode in a worker process; the criteria are read at the end of each step of the hand, as there."""
+    from gensim2.rollout.hand_steps import HandStepsController, control_steps
+    from gensim2.rollout.run import run
+    from gensim2.rollout.worker import simulator
+
+    profile = robot(config.scene.robot)
+    controller = HandStepsController(config.task, profile, config=plan.config, object_yaw=plan.object_yaw)
+    world = simulator(config.scene)
+    return run(world, controller, seed=seed, options=plan.options, every=control_steps(profile)).episode
+
+
+@dataclass
+class _Group:
+    """Records of one config: a task of one step, or the first step of a long one."""
+
+    spec: TaskSpec
+    problems: list[PlanProblem] = field(default_factory=list)
+    release: Rate | None = None
+
+
+def _groups(
+    problems: Sequence[PlanProblem], library: Library, tasks: Sequence[str], file: Path
+) -> tuple[dict[str, _Group], dict[str, str]]:
+    """Records that begin where an episode begins, by row, and why the others are left out, by id."""
+    known = {name for name in task_names(PAPER_SUITE) if load_task(name).is_single_step}
+    for name in tasks:
+        if name not in known:
+            raise InputError(f"{name!r} is no task of one step of the paper", field="tasks")
+    found: dict[str, _Group] = {}
+    left_out: dict[str, str] = {}
+    for problem in problems:
+        name, own = problem.sub_task, problem.task == problem.sub_task
+        if tasks and name not in tasks:
+            continue
+        if name not in known:
+            left_out[problem.id] = f"{name} is a step of {problem.task} and no task of its own"
+        elif not _begins(problem):
+            left_out[problem.id] = f"begins amidst an episode of {problem.task}"
+        elif (reason := _lacking(problem, library)) is not None:
+            left_out[problem.id] = reason
+        else:
+            _check_tool(problem, file)
+            release = Rate(*MEASURED[name]) if own and name in MEASURED else None
+            row = name if own else f"{problem.task}-{name}"
+            found.setdefault(row, _Group(_with_time(load_task(name)), [], release)).problems.append(problem)
+    if not found:
+        raise InputError("holds no config of these tasks", file=file, field="tasks")
+    return found, left_out
+
+
+def _begins(problem: PlanProblem) -> bool:
+    """Whether the arm stands where episodes begin."""
+    start = robot(ROBOT).reset_qpos
+    return max(abs(q - at) for q, at in zip(problem.q_current, start, strict=True)) < START_TOLERANCE
+
+
+def _lacking(problem: PlanProblem, library: Library) -> str | None:
+    """What of the record's object there is not."""
+    record = problem.objects.articulated
+    if record.cls not in library.classes() or record.id not in library.instances(record.cls):
+        return f"there is no {record.cls}/{record.id}"
+    return None
+
+
+def _check_tool(problem: PlanProblem, file: Path) -> None:
+    """Refuse a record that was made for another gripper."""
+    keypoints = robot(ROBOT).tool_keypoints
+    for name, point in problem.tool_keypoints_hand.items():
+        if name not in keypoints or max(abs(a - b) for a, b in zip(keypoints[name], point, strict=True)) > TOLERANCE:
+            raise InputError(
+                f"{problem.id}: {name} is not where {ROBOT} has it",
+                file=file,
+                field="tool_keypoints_hand",
+                remedy="give problems of the long-fingered gripper",
+            )
+
+
+def _with_time(spec: TaskSpec) -> TaskSpec:
+    """The task with as many control steps as an episode of the original has."""
+    from gensim2.rollout.hand_steps import MOST_STEPS, control_steps
+    from gensim2.rollout.settling import MAX_SETTLE_SECONDS
+
+    profile = robot(ROBOT)
+    most = MOST_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
+    return spec.model_copy(update={"max_episode_steps": most})
+
+
+def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigEpisode:
+    """The record's scene: its object as it stood, raised until nothing that moves is in the table."""
+    record = problem.objects.articulated
+    model = library.load(record.cls, record.id)
+    assert isinstance(model, Instance)
+    position, quaternion = np.array(record.root_p), np.array(record.root_q)
+    quaternion = quaternion / np.linalg.norm(quaternion)
+    sunk = max(0.0, -lowest_of_moving_link(model, position, quaternion))
+    openness = (record.qpos[0] - record.close_qpos) / (record.open_qpos - record.close_qpos)
+    name = spec.steps[0].object
+    options = {
+        "instance": {name: record.id},
+        "pose": {name: [*position[:2], position[2] + sunk, *quaternion]},
+        "openness": {name: float(np.clip(openness, 0.0, 1.0))},
+    }
+    return ConfigEpisode(problem.timed_config(), problem.object_yaw, options, problem.id)
+
+
+def _losses(episodes: Sequence[Episode], group: _Group, library: Library) -> dict[str, str]:
+    """What is not in the scenes of these episodes, by object."""
+    found = {}
+    for episode in episodes:
+        for record in episode.objects.values():
+            model = library.load(record.asset_class, record.id)
+            if model.warnings:
+                found[f"{record.asset_class}/{record.id}"] = "; ".join(model.warnings)
+    for problem in group.problems:
+        if problem.objects.rigid is not None:
+            found[problem.objects.rigid.cls] = f"not in the scenes of {problem.task}, whose first step leaves it alone"
+    return found

@@ -1,0 +1,84 @@
+"""The Panda with the long fingers and the soft finger drives of the original's release."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+
+from gensim2.robots.description import read_description, stored
+from gensim2.robots.gripper import SlidingGripper
+from gensim2.robots.panda import panda, panda_files
+from gensim2.robots.profile import JointDrive, RobotFiles, RobotProfile, Simulation
+
+FINGER_X, FINGER_Y, FINGER_Z = (-0.014, 0.014), (-0.009, 0.031), (0.0, 0.1176)
+"""Bounds (m) of a finger in its link's frame, y away from the other one: in the hand's frame, 4 cm open, they are x
+-0.014 to 0.014, y 0.031 to 0.071 and up to z 0.176. The original's hull has ten corners; this is its box."""
+
+FINGER_MASS = 0.1
+"""kg, as the original's hull weighs at its density of 1000 kg/m3."""
+
+UNLIMITED = 1e10
+"""N m or N: a drive without a limit."""
+
+
+def panda_long_files() -> RobotFiles:
+    """ManiSkill's description with other fingers, in the user's cache folder.
+
+    Raises:
+        MissingExtraError: ManiSkill is not installed.
+        InputError: the cache folder cannot be written to.
+    """
+    source = panda_files()
+    root = read_description(source.urdf)
+    for link in root.findall("link"):
+        side = {"panda_leftfinger": 1.0, "panda_rightfinger": -1.0}.get(str(link.get("name")))
+        if side is not None:
+            _lengthen(link, side)
+    return stored("panda_long", root, source.srdf.read_text(encoding="utf-8"))
+
+
+def _lengthen(link: ET.Element, side: float) -> None:
+    """Replace what a finger is made of by one box; ``side``: 1 where it opens along y, -1 where against it."""
+    for kind in ("visual", "collision", "inertial"):
+        for element in link.findall(kind):
+            link.remove(element)
+    bounds = np.array([FINGER_X, FINGER_Y, FINGER_Z])
+    size, middle = bounds[:, 1] - bounds[:, 0], bounds.mean(axis=1) * [1.0, side, 1.0]
+    for kind in ("visual", "collision"):
+        element = ET.SubElement(link, kind)
+        ET.SubElement(element, "origin", xyz=_text(middle), rpy="0 0 0")
+        ET.SubElement(ET.SubElement(element, "geometry"), "box", size=_text(size))
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(middle), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(FINGER_MASS))
+    x, y, z = FINGER_MASS / 12.0 * (np.sum(size**2) - size**2)
+    moments = {"ixx": repr(float(x)), "iyy": repr(float(y)), "izz": repr(float(z)), "ixy": "0", "ixz": "0", "iyz": "0"}
+    ET.SubElement(inertial, "inertia", moments)
+
+
+def _text(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def panda_long() -> RobotProfile:
+    """The profile: arm, base and start are the Panda's; tool keypoints and drives are the original's."""
+    short = panda()
+    assert isinstance(short.gripper, SlidingGripper)
+    return replace(
+        short,
+        name="panda_long",
+        files=panda_long_files,
+        gripper=replace(short.gripper, closed=0.0),
+        tool_keypoints={
+            "tool_head": np.array([0.0, 0.0, 0.165]),
+            "tool_tail": np.array([0.0, 0.0, 0.075]),
+            "tool_side": np.array([0.0, 0.045, 0.165]),
+        },
+        simulation=Simulation(
+            agent="panda_long",
+            arm=JointDrive(1e3, 2e2, UNLIMITED),
+            gripper=JointDrive(20.0, 0.0, UNLIMITED),
+        ),
+    )

@@ -1,0 +1,21 @@
+"""A solver config with a clock of its own, as the original's have: to a drawer's handle and twice forward."""
+
+from __future__ import annotations
+
+from typing import Any
+
+CONFIG: dict[str, Any] = {
+    "constraint_list": [
+        {
+            "type": "point2point_constraint",
+            "keypoint_name": "tool_head",
+            "target_keypoint_name": "articulated_object_head",
+            "tolerance": 0.001,
+        },
+    ],
+    "pre_actuation_motions": [["translate_z", -0.1]],
+    "post_actuation_motions": ["move-forward", "move-forward"],
+    "actuation_time": 8.0,
+    "pre_actuation_times": [4.0],
+    "post_actuation_times": [12.0, 16.0],
+}

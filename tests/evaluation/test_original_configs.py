@@ -1,0 +1,150 @@
+"""The original's configs as a benchmark: which records are run, in which scenes, beside which figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mani_skill")
+
+from tests.common.pushing_config import CONFIG
+
+from gensim2.bench.problems import read_problems
+from gensim2.cli.main import run
+from gensim2.errors import InputError
+from gensim2.evaluation.comparison import Rate, differ
+from gensim2.evaluation.original_configs import ROBOT, _groups, _recorded
+from gensim2.objects import open_library
+from gensim2.robots import robot
+from gensim2.sim.headless import HeadlessEnv
+
+
+def a_record(**changes: Any) -> dict[str, Any]:
+    """A made-up record of a generated drawer, half open before the robot."""
+    env = HeadlessEnv("PushDrawerClose", assets="builtin", robot=ROBOT)
+    env.reset(5)
+    thing = env.setup.objects["drawer"]
+    scene = env.scene_state().objects["drawer"]
+    joint = thing.model.joint  # type: ignore[union-attr]
+    times = ("actuation_time", "pre_actuation_times", "post_actuation_times")
+    return {
+        "id": "PushDrawerClose/PushDrawerClose/0",
+        "task": "PushDrawerClose",
+        "sub_task": "PushDrawerClose",
+        "objects": {
+            "articulated": {
+                "cls": "drawer",
+                "id": thing.model.id,
+                "root_p": thing.position.tolist(),
+                "root_q": thing.quaternion.tolist(),
+                "qpos": [thing.joint_value],
+                "close_qpos": joint.lower,
+                "open_qpos": joint.upper,
+                "scale": 1.0,
+            }
+        },
+        "config": {name: value for name, value in CONFIG.items() if name not in times},
+        **{name: CONFIG[name] for name in times},
+        "start_time": 0,
+        "q_current": list(robot(ROBOT).reset_qpos),
+        "T_world_base": robot(ROBOT).T_world_base.tolist(),
+        "T_base_object": scene.T_base_object.tolist(),
+        "tool_keypoints_hand": {name: point.tolist() for name, point in robot(ROBOT).tool_keypoints.items()},
+        "object_keypoints_base": {name: point.tolist() for name, point in scene.keypoints.items()},
+        "object_yaw": 0.3,
+        "object_axis": "z",
+        **changes,
+    }
+
+
+def written(folder: Path, *records: dict[str, Any]) -> Path:
+    file = folder / "plans.jsonl"
+    file.write_text("".join(f"{json.dumps(record)}\n" for record in records))
+    return file
+
+
+def test_a_recorded_scene_is_the_record_s(tmp_path: Path) -> None:
+    record = a_record()
+    (problem,) = read_problems(written(tmp_path, record))
+    library = open_library("builtin")
+    groups, left_out = _groups([problem], library, (), tmp_path)
+    assert not left_out
+    group = groups["PushDrawerClose"]
+    plan = _recorded(group.spec, problem, library)
+    env = HeadlessEnv(group.spec, assets="builtin", physics="original", robot=ROBOT)
+    env.reset(0, plan.options)
+    thing = env.scene_state().objects["drawer"]
+    for name, point in record["object_keypoints_base"].items():
+        assert np.abs(thing.keypoints[name] - point).max() < 1e-5
+    assert np.abs(thing.T_base_object - record["T_base_object"]).max() < 1e-5
+    assert plan.object_yaw == 0.3
+
+
+def test_what_is_not_run_is_named(tmp_path: Path) -> None:
+    record = a_record()
+    articulated = record["objects"]["articulated"]
+    moved = [0.5, *record["q_current"][1:]]
+    file = written(
+        tmp_path,
+        record,
+        {**record, "id": "a", "objects": {"articulated": {**articulated, "id": "none"}}},
+        {**record, "id": "b", "task": "PlaceLemonIntoDrawer", "q_current": moved},
+        {**record, "id": "c", "task": "PlaceLemonIntoDrawer", "sub_task": "ReachBall"},
+        {**record, "id": "d", "task": "PlaceLemonIntoDrawer"},
+    )
+    groups, left_out = _groups(read_problems(file), open_library("builtin"), (), file)
+    assert left_out == {
+        "a": "there is no drawer/none",
+        "b": "begins amidst an episode of PlaceLemonIntoDrawer",
+        "c": "ReachBall is a step of PlaceLemonIntoDrawer and no task of its own",
+    }
+    assert {name: (len(group.problems), group.release) for name, group in groups.items()} == {
+        "PushDrawerClose": (1, Rate(9, 10)),
+        "PlaceLemonIntoDrawer-PushDrawerClose": (1, None),
+    }
+    head = {**record["tool_keypoints_hand"], "tool_head": [0.0, 0.0, 0.105]}
+    other = written(tmp_path, {**record, "tool_keypoints_hand": head})
+    with pytest.raises(InputError, match=r"tool_keypoints_hand: .* tool_head is not where panda_long has it"):
+        _groups(read_problems(other), open_library("builtin"), (), other)
+
+
+def test_the_command_runs_the_file_and_sets_rates_beside_the_release_s(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = written(tmp_path, a_record()), tmp_path / "run"
+    words = ["benchmark", "--method", "original-configs", "--configs", str(file), "--assets", "builtin"]
+    assert run([*words, "--workers", "1", "--out", str(out), "--json", str(tmp_path / "o.json")]) == 0
+    found = json.loads((tmp_path / "o.json").read_text())
+    (row,) = found["tasks"]
+    assert found["arguments"]["physics"] == "original"
+    assert (row["paper"]["of"], row["release"]["count"], row["release"]["of"]) == (1, 9, 10)
+    assert row["records"][0]["id"] == "PushDrawerClose/PushDrawerClose/0"
+    assert list(row["instances"]) == [f"drawer/{row['records'][0]['objects']['drawer']['id']}"]
+    assert set(found["provenance"]) == {"commit", "date", "command"}
+    assert "PushDrawerClose" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--method", "original-configs"], "needs --configs"),
+        (["--method", "original-configs", "--configs", "x", "--open-loop"], "--open-loop is of our own method"),
+        (["--configs", "x"], "--configs is of no use"),
+        (["--method", "one-plan", "--scenes", "drawn"], "--scenes is of no use"),
+    ],
+)
+def test_options_of_another_method_are_refused(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["benchmark", *words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_equal_rates_differ_by_chance_and_others_do_not() -> None:
+    assert differ(Rate(9, 10), Rate(27, 30)) == pytest.approx(1.0)
+    assert (differ(Rate(2, 30), Rate(9, 10)) or 1.0) < 1e-4
+    assert differ(Rate(0, 0), Rate(9, 10)) is None
