@@ -23,7 +23,7 @@ from gensim2.robots import robot
 
 from .made_up import made_up, written
 
-SMALL = PolicyConfig.of({**POLICY.to_dict(), "seen_points": 48, "width": 32, "hidden": 64, "layers": 0})
+SMALL = PolicyConfig.of({**POLICY.to_dict(), "seen_points": 48, "width": 32, "hidden": 64, "layers": 1})
 SHORT = TrainConfig.of({**TRAINING.to_dict(), "steps": 250, "batch": 16, "save_every": 1000, "dropout": 0.0})
 
 
