@@ -97,7 +97,7 @@ def test_ddim_turns_noise_into_the_data(spread: float) -> None:
 
     head.decoder.forward = clean
     noise = torch.linspace(-2, 2, 36).reshape(1, 4, 9)
-    context = Context(torch.zeros(1, 1, 16), torch.zeros(1, 1, 3), None)
+    context = Context(torch.zeros(1, 1, 16), torch.zeros(1, 1, 3), torch.zeros(1, 1, 3), None)
     assert torch.allclose(head.act(context, noise), spread * noise, atol=0.03)
 
 
@@ -112,5 +112,5 @@ def test_the_flow_turns_noise_into_the_data(spread: float) -> None:
 
     head.decoder.forward = velocity
     noise = torch.linspace(-2, 2, 36).reshape(1, 4, 9)
-    context = Context(torch.zeros(1, 1, 16), torch.zeros(1, 1, 3), None)
+    context = Context(torch.zeros(1, 1, 16), torch.zeros(1, 1, 3), torch.zeros(1, 1, 3), None)
     assert torch.allclose(head.act(context, noise), spread * noise, atol=0.03)

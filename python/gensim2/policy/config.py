@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 from gensim2.errors import InputError
 from gensim2.policy.settings import Settings, setting
-from gensim2.yaml_files import read_yaml
 
 ENCODERS = ("mlp", "pointnet", "pointnext")
 TEXTS = ("none", "small", "clip")
@@ -96,6 +95,8 @@ def read_config(path: Path, **flags: Any) -> tuple[PolicyConfig, TrainConfig]:
     Raises:
         InputError: the file cannot be read, or a field is unknown or cannot be so; names file and field.
     """
+    from gensim2.yaml_files import read_yaml  # here: `gensim2 --help` needs the flags and no YAML
+
     return configs({**read_yaml(path), **flags}, file=str(path))
 
 
