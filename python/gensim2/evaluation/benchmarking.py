@@ -173,6 +173,7 @@ def benchmark(
             str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s, provenance()
         )
         told = result.to_dict()
+        del told["provenance"]  # a folder is the same on whatever day and by however many commands it was made
         for task in told["tasks"]:
             del task["records"]  # they stand in the task's folder
         folder.finish(told)

@@ -242,6 +242,7 @@ def benchmark_configs(
             str(folder.path), arguments, versions(), tuple(rows), left_out, warnings, evaluator.cpu_s, provenance()
         )
         outcome = result.to_dict()
+        del outcome["provenance"]  # a folder is the same on whatever day and by however many commands it was made
         for task in outcome["tasks"]:
             del task["records"]  # they stand in the task's folder
         folder.finish(outcome)
