@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from gensim2.errors import InputError
 from gensim2.evaluation.benchmark_table import TaskRow, groups
-from gensim2.evaluation.running import run_episodes
+from gensim2.evaluation.running import finish_table, run_episodes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -172,11 +172,7 @@ def benchmark(
         result = BenchmarkResult(
             str(folder.path), arguments, versions(), tuple(rows), skipped, speeds, evaluator.cpu_s, provenance()
         )
-        told = result.to_dict()
-        del told["provenance"]  # a folder is the same on whatever day and by however many commands it was made
-        for task in told["tasks"]:
-            del task["records"]  # they stand in the task's folder
-        folder.finish(told)
+        finish_table(folder, result.to_dict())
     return result
 
 

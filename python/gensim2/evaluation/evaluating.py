@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.evaluation.benchmark_table import TaskRow, groups
-from gensim2.evaluation.running import run_episodes
+from gensim2.evaluation.running import finish_table, run_episodes
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -176,10 +176,7 @@ def evaluate(
         result = EvaluationResult(
             str(folder.path), about, asked, versions(), tuple(rows), skipped, speeds, films, evaluator.cpu_s
         )
-        told = result.to_dict()
-        for task in told["tasks"]:
-            del task["records"]  # they stand in the task's folder
-        folder.finish(told)
+        finish_table(folder, result.to_dict())
     return result
 
 

@@ -14,7 +14,7 @@ from gensim2.bench.problems import PlanProblem, read_problems
 from gensim2.errors import InputError
 from gensim2.evaluation.benchmark_table import by_instance
 from gensim2.evaluation.comparison import Rate, differ
-from gensim2.evaluation.running import run_episodes
+from gensim2.evaluation.running import finish_table, run_episodes
 from gensim2.objects import Instance, Library, open_library
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -241,11 +241,7 @@ def benchmark_configs(
         result = ConfigBenchmark(
             str(folder.path), arguments, versions(), tuple(rows), left_out, warnings, evaluator.cpu_s, provenance()
         )
-        outcome = result.to_dict()
-        del outcome["provenance"]  # a folder is the same on whatever day and by however many commands it was made
-        for task in outcome["tasks"]:
-            del task["records"]  # they stand in the task's folder
-        folder.finish(outcome)
+        finish_table(folder, result.to_dict())
     return result
 
 

@@ -12,6 +12,7 @@ from gensim2.rollout.record import Episode
 from gensim2.tasks.spec import TaskSpec
 
 if TYPE_CHECKING:
+    from gensim2.data.runfolder import RunFolder
     from gensim2.rollout.evaluator import PoolEvaluator
 
 
@@ -51,3 +52,17 @@ def run_episodes(
         progress.advance()
     speed = round(len(jobs) / (time.perf_counter() - begin), 4) if jobs else None
     return [entry.episode for entry in log.finish(len(seeds))], speed
+
+
+def finish_table(folder: RunFolder, told: dict[str, Any]) -> None:
+    """Write the outcome of a table into its run folder, and finish the run.
+
+    A folder is the same on whatever day and by however many commands it was made, so it says nothing of ``provenance``;
+    the ``records`` of episodes stand in the tasks' folders.
+
+    Args:
+        folder: of the run.
+        told: the result as plain data; left as it is.
+    """
+    tasks = [{name: value for name, value in task.items() if name != "records"} for task in told["tasks"]]
+    folder.finish({name: value for name, value in {**told, "tasks": tasks}.items() if name != "provenance"})
