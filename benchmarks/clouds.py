@@ -1,4 +1,4 @@
-"""What do a collision check and a plan cost among points, beside the boxes that the points cover?
+"""Cost of collision checks and plans among points, beside the boxes that the points cover.
 
     python benchmarks/clouds.py [--points 500 2000 10000 20000 50000] [--queries 20]
 

@@ -30,7 +30,7 @@ import gensim2_kpam as kpam
 
 
 def wheel_robots() -> Path:
-    """Where ManiSkill's wheel keeps its robots."""
+    """Return the folder of robots in ManiSkill's wheel."""
     spec = importlib.util.find_spec("mani_skill")
     if spec is None or not spec.submodule_search_locations:
         raise SystemExit("needs mani_skill, whose wheel holds the Panda and the xArm")
@@ -38,7 +38,7 @@ def wheel_robots() -> Path:
 
 
 def errors_of(number: int, robots: Path, folder: Path) -> tuple[str, list[str]]:
-    """How planning of a problem ended, and what is false about it."""
+    """Return the status of a random problem's plan, and the errors that other code finds in it."""
     problem = arm_problem(number, robots)
     plan = kpam.plan(problem.ours(folder))
     claims = plan.status in ("solved", "partial")

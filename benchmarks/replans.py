@@ -37,7 +37,7 @@ def again(question: kpam.KeypointProblem, plan: kpam.Plan, share: float, *, movi
 
 
 def fault(found: kpam.Plan, plan: kpam.Plan, share: float, *, moving: bool) -> str | None:
-    """What is wrong with the rest of a motion: no whole motion, or one that does not begin where it should."""
+    """Return the errors in the rest of a motion: no whole motion, or one that does not begin where it should."""
     if found.status != "solved":
         return found.reason
     if found.trajectory is None:

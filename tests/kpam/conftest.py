@@ -11,7 +11,7 @@ import gensim2_kpam as kpam
 
 
 def panda_folder() -> Path:
-    """Where ManiSkill's wheel keeps its robots."""
+    """Return the folder of robots in ManiSkill's wheel."""
     spec = importlib.util.find_spec("mani_skill")
     if spec is None or not spec.submodule_search_locations:
         pytest.skip("needs mani_skill, whose wheel holds the Panda")

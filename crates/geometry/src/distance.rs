@@ -22,7 +22,7 @@ pub struct Contact {
 
 /// Signed distance between two rounded hulls whose points are in one frame; `None` where it exceeds `reach`.
 ///
-/// What cannot be measured (no points, or a number beyond 1e100) counts as touching, to an infinite depth: it is never
+/// Shapes that cannot be measured (no points, or a number beyond 1e100) touch, to an infinite depth: they are never
 /// taken for free.
 ///
 /// `toward` is a guess of the direction from the first to the second; it is replaced by what was found. Handed in again
@@ -70,7 +70,7 @@ pub fn signed_distance(
     })
 }
 
-/// What is said of shapes that cannot be measured.
+/// Contact of shapes that cannot be measured.
 const UNMEASURABLE: Contact = Contact {
     distance: f64::NEG_INFINITY,
     on_first: Point3::new(0.0, 0.0, 0.0),

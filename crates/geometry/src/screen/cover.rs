@@ -43,7 +43,7 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
     best
 }
 
-/// What of a hull lies in a box: its surface there, and all corners of that part.
+/// Part of a hull in a box: its surface there, and all corners of that part.
 struct Cell {
     bounds: Aabb,
     surface: Vec<Vec<Point3<f64>>>,

@@ -24,7 +24,7 @@ use solid::{Points, Solid, length};
 pub const LANES: usize = 8;
 /// From so many obstacles on a tree finds those that are near.
 const TREE: usize = 20;
-/// What single precision may be off by (m), a metre of the robot's size.
+/// Error of single precision (m), a metre of the robot's size.
 const SLACK: f64 = 1e-5;
 
 /// A ball in single precision.
