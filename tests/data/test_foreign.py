@@ -20,6 +20,7 @@ import zarr
 
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
+from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
 from gensim2.data.formats import export as exporting
 from gensim2.data.formats.columns import camera_array
@@ -30,7 +31,6 @@ from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.formats.zarr_reading import zarr_frames
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.data.rendering import render
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
 from gensim2.files import new_folder
 from gensim2.observations.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION

@@ -17,6 +17,7 @@ from kill_runs import contents
 
 from gensim2.data import episode_file
 from gensim2.data.collection import CollectionResult
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
@@ -24,7 +25,6 @@ from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import to_steps
