@@ -22,7 +22,7 @@ from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.recording import Recording
 
@@ -152,7 +152,7 @@ class FrameAccess:
         joints = len(self._profile.reset_qpos)
         command = float(recording.actions[frame - 1][-1]) if frame else OPEN
         found: dict[str, Any] = dict(
-            proprioception(
+            Proprioception(
                 self._profile, state[_ROOT : _ROOT + joints], state[_ROOT + joints : _ROOT + 2 * joints], command
             )
         )
