@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -450,7 +451,8 @@ def test_an_import_outlives_the_server_that_forks_its_reader(dataset: DataSet, t
     out = exported(dataset, "zarr", manifest=True)
     import_(out, tmp_path / "one", "zarr")
     server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
-    os.kill(server, signal.SIGKILL)
+    os.kill(server, signal.SIGSTOP)
+    threading.Timer(0.5, os.kill, (server, signal.SIGKILL)).start()  # once it has been asked to fork
     assert import_(out, tmp_path / "two", "zarr") == import_(out, tmp_path / "three", "zarr")
 
 
