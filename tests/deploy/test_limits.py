@@ -126,3 +126,11 @@ def test_no_start_where_the_arm_may_not_be(slow: ArmLimits) -> None:
 def test_limits_that_limit_nothing_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         ArmLimits.of(robot("panda"), **wrong)
+
+
+def test_a_blocked_arm_is_not_pressed_on_ever_harder(slow: ArmLimits) -> None:
+    sent = begin(HOME, slow)
+    for _ in range(500):
+        sent = limit(sent, HOME + 1.0, slow, measured=HOME)
+    assert "leash" in sent.clips
+    np.testing.assert_allclose(sent.q, HOME + slow.leash, atol=1e-6)

@@ -86,7 +86,8 @@ class Arm:
         """
         assert self._sent is not None, "the arm is not begun"
         state = self.state()
-        return self._send(limit(self._sent, q, self.limits, 0.0 if state is None else state.force), gripper, t)
+        force, measured = (0.0, None) if state is None else (state.force, self.joints(state.q))
+        return self._send(limit(self._sent, q, self.limits, force, measured), gripper, t)
 
     def hold(self, t: float) -> Sent:
         """The next command of the checked stop; at rest, the same place."""

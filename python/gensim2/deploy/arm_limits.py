@@ -27,6 +27,9 @@ TOOL_SPEED = 1.7
 FORCE = 140.0
 """Newtons that may press on the arm where nothing else is said: ISO/TS 15066 has them for a hand that is clamped."""
 
+LEASH, LEASH_AT_SPEED = 0.08, 0.2
+"""Rad (m) by which a target may lead the measured arm: standing, and what a drive trails by at full speed beside it."""
+
 _PANDA = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]), np.array([7500.0, 3750, 5000, 6250, 7500, 10000, 10000])
 """Acceleration (rad/s^2) and jerk (rad/s^3) as Franka publishes them."""
 _UNKNOWN = 10.0, 5000.0
@@ -51,6 +54,7 @@ class ArmLimits:
         low, high: (3,) corners of the workspace of the tool in the robot's base frame, m.
         clearance: that the robot keeps from itself and from the table, m.
         force: that presses on the arm from outside, N.
+        leash: rad (m) by which a target may lead the measured arm: what is blocked is pressed on no harder.
         jump: rad (m) by which the first target of an episode may lie off where the arm stands, and by which any may lie
             outside the range of a joint.
     """
@@ -68,6 +72,7 @@ class ArmLimits:
     high: Array
     clearance: float
     force: float
+    leash: float
     jump: float
 
     @staticmethod
@@ -128,6 +133,7 @@ class ArmLimits:
             np.array(high),
             clearance,
             force,
+            LEASH + speed * LEASH_AT_SPEED,
             jump,
         )
 

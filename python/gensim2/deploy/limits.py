@@ -104,7 +104,9 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
     return np.append(arm, np.clip(given[-1], -1.0, 1.0))
 
 
-def limit(sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0) -> Sent:
+def limit(
+    sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0.0, measured: Array | None = None
+) -> Sent:
     """The command of the next cycle: the target, or what comes nearest to it and keeps every limit.
 
     A pure function: it keeps nothing, and the same arguments have the same result.
@@ -113,6 +115,7 @@ def limit(sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0
         sent: the last command.
         target: (m,) that is asked for, rad or m.
         force: that presses on the arm from outside, N.
+        measured: (m,) where the arm was last seen; None: it is not known.
 
     Raises:
         RefusedError: the target is not finite, or the force too great.
@@ -121,6 +124,10 @@ def limit(sent: Sent, target: npt.ArrayLike, limits: ArmLimits, force: float = 0
         raise RefusedError(f"a force of {force:.0f} N presses on the arm, {limits.force:g} N at most")
     wanted = _finite(target, limits)
     clips: list[str] = []
+    if measured is not None:
+        near = np.clip(wanted, measured - limits.leash, measured + limits.leash)
+        if (near != wanted).any():
+            wanted, clips = near, ["leash"]
     rate = _rate_towards(sent, wanted, limits, clips)
     standing = np.zeros(limits.size)
     back = sent.stop.a[0] if len(sent.stop) else standing

@@ -216,7 +216,7 @@ class Log:
     def _write(self, topic: str, time: float, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
-        stamp = int(1e9 * time)
+        stamp = max(0, int(1e9 * time))  # a clock that jumps may say anything
         self._writer.add_message(self._channels[topic], stamp, data, stamp)
         if self._file.trouble is not None:
             self.trouble = self._file.trouble
