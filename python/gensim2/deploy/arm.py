@@ -78,6 +78,10 @@ class Arm:
         self._sent, self._gripper = begin(q, self.limits), gripper
         return self._sent
 
+    def release(self) -> None:
+        """Send nothing more until the arm is begun anew; it stands by its own means."""
+        self._sent = None
+
     def command(self, q: npt.ArrayLike, gripper: float, t: float) -> Sent:
         """Ask for (m,) joints at the time t; returns what was sent.
 

@@ -170,4 +170,5 @@ class ArmLimits:
 
     def is_clear(self, arm: Array) -> bool:
         """Whether the robot keeps its clearance at all of (N, m) of the arm."""
-        return bool((self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3) >= self.clearance).all())
+        distance = np.asarray(self.scene.distance(self.whole(arm), 2.0 * self.clearance + 1e-3))
+        return bool((distance >= self.clearance).all())

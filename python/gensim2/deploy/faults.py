@@ -57,7 +57,7 @@ class Fault:
             seconds = math.nan
         if not 0.0 <= seconds < 1e6:
             raise InputError(f"{text!r} says no time", field="--fault", remedy="as camera-frozen@3.5")
-        return Fault(name, seconds)  # type: ignore[arg-type]  # it is one of them
+        return Fault(name, seconds)
 
 
 class FullDisk:

@@ -171,7 +171,8 @@ class Line:
         self.forget()
 
     def forget(self) -> None:
-        """Forget an episode."""
+        """Forget an episode; the arm is let go until the next begins."""
+        self.arm.release()
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, Frame] = {}

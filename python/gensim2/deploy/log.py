@@ -12,6 +12,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -121,7 +122,8 @@ class Log:
             from mcap.writer import CompressionType, Writer
         except ImportError as error:
             raise MissingExtraError("mcap", "robot") from error
-        self._new_writer = lambda file: Writer(file, chunk_size=CHUNK, compression=CompressionType.LZ4)
+        how = {"chunk_size": CHUNK, "compression": CompressionType.LZ4}
+        self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.glob("*.mcap")):
             raise InputError("holds a log already", file=folder, remedy="choose another folder with --log")
@@ -229,7 +231,7 @@ class Log:
         self._path = self.folder / f"log_{self._begun:06d}.mcap"
         self._begun += 1
         self._file = _Whole(self._path, self._opener, lambda: self._reserve.unlink(missing_ok=True))
-        self._writer = self._new_writer(self._file)
+        self._writer: Any = self._new_writer(self._file)
         self._writer.start(profile="gensim2", library="gensim2")
         self._channels: dict[str, int] = {}
         channel = self._writer.register_channel("/about", ENCODING, 0)

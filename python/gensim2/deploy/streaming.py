@@ -13,6 +13,10 @@ from gensim2.deploy.limits import Sent
 _SAME = 1e-6
 """Rad (m) within which two targets are one, and a command is what the motion says."""
 
+_PASSED = 2 * CYCLE
+"""Seconds before its time from which on a target is left to what follows: a motion that is a little late need not turn
+back for it."""
+
 _FITTED = 0.999
 """Share of the limits that motions use: what they ask for is to be sent as it is."""
 
@@ -34,7 +38,7 @@ class Streamer:
         self._limits = limits
         self._motion: kpam.Trajectory | None = None
         self._ahead: list[tuple[float, Array]] = []
-        self._rows = np.zeros((3, limits.size))
+        self._rows: Array = np.zeros((3, limits.size))
         self.late = 0
 
     def clear(self) -> None:
@@ -50,7 +54,7 @@ class Streamer:
         """
         fresh = [(stamp, np.clip(q, self._limits.lower, self._limits.upper)) for stamp, q in targets if stamp > now]
         self.late += len(targets) - len(fresh)
-        self._ahead = [each for each in self._ahead if each[0] > now] + fresh
+        self._ahead = [each for each in self._ahead if each[0] > now + _PASSED] + fresh
         q, v, a = self._state(sent, now)
         times, rows = [now], [q]
         for stamp, target in self._ahead:
@@ -84,7 +88,8 @@ class Streamer:
     def _rest(self, speed: Array) -> Array:
         """(m,) way in which the arm comes to rest from a speed."""
         speed = np.clip(speed, -self._limits.velocity, self._limits.velocity)
-        return 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
+        way: Array = 0.75 * speed * (np.abs(speed) / self._limits.acceleration).max()
+        return way
 
     def _state(self, sent: Sent, now: float) -> tuple[Array, Array, Array]:
         """(m,) position, velocity and acceleration to go on from: the motion's where it is what is sent."""
@@ -107,4 +112,5 @@ class Streamer:
         if self._motion is None:
             return sent.q
         self._motion.sample_into(now, *self._rows)
-        return self._rows[0].copy()
+        found: Array = self._rows[0].copy()
+        return found
