@@ -76,14 +76,15 @@ def test_files_are_begun_anew_and_the_oldest_go(tmp_path: Path) -> None:
 
 
 def test_old_runs_are_pruned(tmp_path: Path) -> None:
-    for name, days in (("old", 40.0), ("new", 1.0)):
+    for name, days in (("robot-old", 40.0), ("robot-new", 1.0), ("mine", 40.0)):
         log = Log(tmp_path / name, {})
         log.close()
         path = tmp_path / name / "log_000000.mcap"
         then = path.stat().st_mtime - 86400 * days
         os.utime(path, (then, then))
-    assert [path.parent.name for path in prune_runs(tmp_path)] == ["old"]
-    assert (tmp_path / "new/log_000000.mcap").exists()
+    assert [path.parent.name for path in prune_runs(tmp_path)] == ["robot-old"]
+    assert (tmp_path / "robot-new/log_000000.mcap").exists()
+    assert (tmp_path / "mine/log_000000.mcap").exists()
 
 
 @given(st.binary(max_size=300))

@@ -148,8 +148,11 @@ def _run(ctx: click.Context, json_file: str | None, given: dict[str, Any], **bes
         folder = out or Path("runs") / time.strftime("robot-%Y%m%d-%H%M%S")
     with report(json_file, _show) as (progress, give):
         from gensim2.deploy.keys import Keys
+        from gensim2.deploy.log import prune_runs
         from gensim2.deploy.run import run as function
 
+        if folder is not None and out is None:
+            prune_runs(folder.parent)
         with Keys() as keys:
             result = function(**given, **beside, pixels=pixels, log=folder, keys=keys, progress=progress)
         give(result)

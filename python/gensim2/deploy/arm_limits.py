@@ -27,6 +27,8 @@ TOOL_SPEED = 1.7
 FORCE = 140.0
 """Newtons that may press on the arm where nothing else is said: ISO/TS 15066 has them for a hand that is clamped."""
 
+JUMP = 0.2
+"""Rad (m) by which the first action of an episode may lie off where the arm stands."""
 LEASH, LEASH_AT_SPEED = 0.08, 0.2
 """Rad (m) by which a target may lead the measured arm: standing, and what a drive trails by at full speed beside it."""
 
@@ -85,7 +87,7 @@ class ArmLimits:
         high: tuple[float, float, float] = (0.95, 0.9, 1.25),
         clearance: float = 0.005,
         force: float = FORCE,
-        jump: float = 0.2,
+        jump: float = JUMP,
     ) -> ArmLimits:
         """Limits of a robot.
 

@@ -122,7 +122,7 @@ class Log:
             from mcap.writer import CompressionType, Writer
         except ImportError as error:
             raise MissingExtraError("mcap", "robot") from error
-        how = {"chunk_size": CHUNK, "compression": CompressionType.LZ4}
+        how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4}
         self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.glob("*.mcap")):
@@ -255,10 +255,10 @@ class Log:
 
 
 def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
-    """Remove the logs of former runs in a folder that are older than so many days; returns what was removed."""
+    """Remove the logs of former runs, ``robot-*`` in a folder, that are older than so many days; returns them."""
     removed = []
     oldest = _time_of_day() - 86400.0 * days
-    for path in sorted(folder.glob("*/log_*.mcap")):
+    for path in sorted(folder.glob("robot-*/log_*.mcap")):
         if path.stat().st_mtime < oldest:
             path.unlink()
             removed.append(path)

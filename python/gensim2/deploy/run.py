@@ -15,7 +15,7 @@ from typing import Any, Protocol, Unpack
 import numpy as np
 
 from gensim2.deploy.arm import Arm
-from gensim2.deploy.arm_limits import FORCE, MARGIN, SPEED, ArmLimits, Array
+from gensim2.deploy.arm_limits import FORCE, JUMP, MARGIN, SPEED, ArmLimits, Array
 from gensim2.deploy.audit import limits_passed
 from gensim2.deploy.clocks import Clock, MachineClock, SimulatedClock
 from gensim2.deploy.devices import ArmDriver, ArmState, CameraDriver
@@ -140,6 +140,7 @@ def run(
     speed: float = SPEED,
     margin: float = MARGIN,
     force: float = FORCE,
+    jump: float = JUMP,
     minutes: float = 1.0,
     episodes: int | None = None,
     faults: Sequence[Fault] = (),
@@ -162,6 +163,7 @@ def run(
         speed: share of the arm's speed; control steps are stretched by as much.
         margin: rad that joints keep from the ends of their range.
         force: that may press on the arm, N.
+        jump: rad by which the first action of an episode may lie off where the arm stands.
         minutes: after which no episode goes on.
         episodes: at most; None: as many as there is time for.
         faults: of the simulated devices.
@@ -191,7 +193,7 @@ def run(
     given = read_task_input(task, seed=seed, **scene)
     controller = _controller(given, policy)
     profile = robot(given.scene.robot)
-    limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force)
+    limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
     made = controller.make(given.spec, profile)
     from gensim2.deploy.simulated_cameras import simulated_cameras
 

@@ -12,7 +12,6 @@ import numpy as np
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState
 from gensim2.objects import ObjectModel
-from gensim2.observations.proprioception import tool_pose
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
 from gensim2.rollout.motion import is_stable
@@ -131,10 +130,6 @@ class SimulatedWorld:
         """Whether the task's goal holds now, and physics still gives numbers."""
         measured = self._env.measure()
         return self._env.is_finite and is_stable(measured) and all_hold(self.task.success, measured)
-
-    def tool(self) -> np.ndarray:
-        """(7,) of the tool in the base frame."""
-        return tool_pose(self.profile, self._env.q.astype(np.float32))
 
     def close(self) -> None:
         """Give up what it holds."""
