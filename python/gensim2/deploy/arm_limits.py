@@ -144,6 +144,12 @@ class ArmLimits:
         """m, joints of the arm."""
         return len(self.lower)
 
+    def prepare(self) -> None:
+        """Read and build what the first command would have to wait for."""
+        here = self._open[None, list(self.profile.arm_columns)]
+        self.tool(here)
+        self.is_clear(here)
+
     @cached_property
     def scene(self) -> kpam.Scene:
         """The robot above its table."""

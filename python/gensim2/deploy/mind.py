@@ -150,6 +150,10 @@ class LineBody:
         self._encoding_ms: float | None = None
         self._begun = 0.0
 
+    def prepare(self, spec: ObservationSpec) -> None:
+        """Build before the first question what it would have to wait for."""
+        self._eyes_of(looked_at(spec, self._spec.cameras) if self._truth is not None else spec)
+
     def reset(self, seed: int, options: Any = None) -> None:
         """The line resets; here nothing is known yet."""
         self._forget()
@@ -249,7 +253,7 @@ def think(
     if spec.controller.target != CHAIN:
         controller = Guarded(made, spec.controller, profile, spec.task.name)
     body = LineBody(spec, receive, send, now, truth if is_privileged(made) else None)
-    spec_of(controller)
+    body.prepare(spec_of(controller))
     send("ready")
     message = receive()
     while message is not None:

@@ -112,6 +112,7 @@ def run(
     controller = _controller(given, policy)
     profile = robot(given.scene.robot)
     limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
+    limits.prepare()
     made = controller.make(given.spec, profile)
     from gensim2.deploy.simulated_cameras import simulated_cameras
 
