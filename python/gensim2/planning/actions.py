@@ -96,13 +96,8 @@ def grip_force(mass: float, margin: float = 0.25 * pi, lever: float = 0.0) -> fl
             the cone on parallel faces, next to nothing on faces that slope as much as friction holds.
         lever: distance (m) of the centre of mass from the line between the pads, about which it may turn.
     """
-    weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * carrying_weights(margin, lever))
+    weights = max(LEAST_GRIP_WEIGHTS, CARRIED_WEIGHTS * hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin)))
     return max(LEAST_GRIP_FORCE, min(weights, MOST_GRIP_WEIGHTS) * mass * GRAVITY)
-
-
-def carrying_weights(margin: float, lever: float) -> float:
-    """Times an object's weight by which each finger presses that just carries it; as :func:`grip_force` has them."""
-    return hypot(1.0, lever / PAD_ARM) / (2.0 * tan(margin))
 
 
 def grip_on(pad_distance: float, force: float, profile: RobotProfile, stiffness: float | None = None) -> float:

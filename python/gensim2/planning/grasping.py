@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 import gensim2_kpam as kpam
-from gensim2.planning.actions import carrying_weights
 from gensim2.planning.scene import Scene, SceneObject
 from gensim2.planning.strategies import GraspStrategy
 from gensim2.robots import RobotProfile
@@ -29,6 +28,10 @@ SAME_PLACE, SAME_TURN = 0.015, 0.3
 #: Margin (rad) within the friction cone from which on a grasp counts as one that holds.
 HELD = 0.03
 
+#: Metres of lever within which grasps of a thing that may slip keep their order; and the margin (rad) below which it
+#: may: flat faces at a friction of 0.3 leave 0.29.
+LEVER_STEP, SLIPS = 0.005, 0.25
+
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
 
@@ -46,8 +49,9 @@ def grasps_of(
 
     They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
     would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind;
-    and where that is less than the strategy's, the less a thing has to be pressed, the earlier it comes: what is
-    carried turns any way round, and creeps about the line between the pads and out of them.
+    and of those that leave little of a friction less than the strategy's, those come first whose pads are nearest to
+    the centre of mass, also along the fingers: what is carried turns any way round, and creeps about the line between
+    the pads.
 
     Args:
         world: ``scene`` as the solver's own.
@@ -71,7 +75,9 @@ def grasps_of(
         (
             any(is_near(grasp.T_object_hand, each) for each in lost),
             margin_of(grasp, scene, name, strategy) < HELD,
-            int(_weights(grasp, scene, name, profile, strategy)) if slips else 0,
+            int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP)
+            if slips and margin_of(grasp, scene, name, strategy) < SLIPS
+            else 0,
         )
         for grasp in leaning
     ]
@@ -83,12 +89,6 @@ def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrateg
     """Angle (rad) that is left to the edge of the friction cone of the scene; at most the strategy's."""
     friction = min(strategy.friction, scene.grip_friction(name) or strategy.friction)
     return grasp.quality["friction_margin"] - float(np.arctan(strategy.friction) - np.arctan(friction))
-
-
-def _weights(grasp: kpam.Grasp, scene: Scene, name: str, profile: RobotProfile, strategy: GraspStrategy) -> float:
-    """Times an object's weight by which each finger presses that just carries it in the scene."""
-    margin = max(margin_of(grasp, scene, name, strategy), HELD)
-    return carrying_weights(margin, lever_of(grasp, scene.objects[name], profile))
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
