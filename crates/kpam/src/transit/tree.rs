@@ -7,6 +7,8 @@ use crate::model::{MOST_JOINTS, Row};
 
 /// Longest edge that a tree grows by (weighted, m).
 const EDGE: f64 = 0.6;
+/// Share of the way that may be left after it where EDGE is all of it.
+const NEARER: f64 = 0.98;
 
 /// Configurations, each with its parent; roots are their own.
 struct Tree {
@@ -98,6 +100,9 @@ pub(super) fn search(
             let (low, high) = field.model.range(v);
             *value = low + (high - low) * draws.unit();
         }
+        if !field.pull(&mut target) {
+            continue;
+        }
         if let Some(new) = grow(field, &mut trees[active], &target) {
             let meet = trees[active].nodes[new];
             let other = 1 - active;
@@ -132,6 +137,11 @@ fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row) -> Option<usize> {
         for v in 0..field.model.n() {
             end[v] = start[v] + (target[v] - start[v]) * (EDGE / length);
         }
+    }
+    // What is pulled back has to have come nearer all the same.
+    let nearer = |field: &Field<'_>, end: &Row| field.length(end, target) <= NEARER * length;
+    if field.along.is_some() && !(field.pull(&mut end) && (end == *target || nearer(field, &end))) {
+        return None;
     }
     if !field.is_edge_free(&start, &end) {
         return None;
