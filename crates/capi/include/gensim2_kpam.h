@@ -23,6 +23,16 @@ typedef enum kpam_status {
     KPAM_PANIC = 4,
 } kpam_status;
 
+// Limits of an arm, of which its URDF says nothing.
+typedef enum kpam_limit_set {
+    // 10 rad/s^2 and 5,000 rad/s^3 every joint.
+    KPAM_LIMITS_PLAIN = 0,
+    // As Franka publishes them for the Panda.
+    KPAM_LIMITS_PANDA = 1,
+    // As Franka publishes them for the Research 3, with velocity limits that depend on the position.
+    KPAM_LIMITS_FR3 = 2,
+} kpam_limit_set;
+
 // A robot and what stands about it.
 typedef struct kpam_scene kpam_scene;
 
