@@ -119,6 +119,10 @@ impl<'s> Field<'s> {
         };
         let mut hit = None;
         world.screen.survey(batch, needs, 0.0, |s| {
+            hit = (0..count).find(|lane| s.most[*lane] < 0.0);
+            if hit.is_some() {
+                return false;
+            }
             suspects.push(*s);
             // What seems to lie deep inside is measured at once.
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);

@@ -26,6 +26,7 @@ pub use goal::{Goal, MAX_SOLUTIONS, solutions};
 use path::Along;
 use rounding::Rounding;
 use sweep::Sweep;
+use tree::Manner;
 
 /// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
@@ -34,6 +35,8 @@ const TRIES: usize = 200;
 /// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
 /// longer one, find what one long search would miss (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
+/// Samples of the first search, which is plain: most of those that it will do for are found by then.
+const PLAIN: usize = 250;
 /// Edges are looked at this many times finer at the most.
 const FINEST: f64 = 8.0;
 /// How many times finer the edges that are left are looked at once more.
@@ -277,9 +280,12 @@ impl Transit<'_> {
         field.along.clone_from(&self.along);
         let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
-            let samples = left.min(SHORTEST * luby(attempt + 1));
+            let (samples, manner) = match attempt {
+                0 => (left.min(PLAIN), Manner::Plain),
+                _ => (left.min(SHORTEST * luby(attempt)), Manner::Thorough),
+            };
             let seed = self.options.seed + attempt;
-            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
+            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed, manner) else {
                 left -= samples;
                 if left == 0 || field.is_over() {
                     break;
