@@ -113,5 +113,6 @@ def _show(result: dict[str, Any]) -> None:
     policy = result["policy"]
     line(f"{policy['encoder']}, {policy['text']}, {policy['head']}: {result['parameters']} weights")
     tasks = ", ".join(result["tasks"])
-    line(f"{result['steps']} steps on {result['frames']} frames of {result['episodes']} episodes ({tasks})")
+    kinds = f"{result['demonstrations']} demonstrations, {result['noisy_episodes']} episodes with noise"
+    line(f"{result['steps']} steps on {result['frames']} frames ({tasks}): {kinds}, {result['relabels']} relabels")
     line(f"loss {result['loss']:.4f}; {result['cpu_s']:.1f} s of CPU; checkpoint: {result['folder']}")

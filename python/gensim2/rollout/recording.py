@@ -33,7 +33,8 @@ class Recording:
         terminated, truncated, success: (T,) bool.
         reference: what the actions are made of, (T, ...) float32, where the controller said: ``joint_positions`` and
             ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
-            and force of each finger, N; NaN: none is meant). NaN at steps of which nothing was said; {} where of none.
+            and force of each finger, N; NaN: none is meant), and, where noise was on what was sent, ``action`` (m + 1),
+            which was meant. NaN at steps of which nothing was said; {} where of none.
     """
 
     seed: int
@@ -53,6 +54,16 @@ class Recording:
     def steps(self) -> int:
         """Number of control steps."""
         return len(self.actions)
+
+    @property
+    def meant(self) -> npt.NDArray[np.float32]:
+        """(T, m + 1) actions without the noise on what was sent; what was meant last where nothing was said."""
+        if "action" not in self.reference:
+            return self.actions
+        given = self.reference["action"]
+        said = np.isfinite(given).all(axis=1)
+        newest = np.maximum.accumulate(np.where(said, np.arange(len(given)), -1))
+        return np.where((newest >= 0)[:, None], given[newest], self.actions)
 
 
 class Recorder:
@@ -111,12 +122,21 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         "tool_pose": np.full((len(given), 7), np.nan, np.float32),
         "gripper": np.full((len(given), 2), np.nan, np.float32),
     }
+    if any(meant is not None and meant.action is not None for meant in given):
+        found["action"] = np.full((len(given), size + 1), np.nan, np.float32)
     joints = np.array(profile.reset_qpos, dtype=np.float32)
     for step, meant in enumerate(given):
         if meant is not None:
-            joints[:size] = meant.joint_positions
-            found["joint_positions"][step], found["joint_velocities"][step] = joints[:size], meant.joint_velocities
-            found["tool_pose"][step], found["gripper"][step] = tool_pose(profile, joints), meant.gripper
+            found["joint_positions"][step], found["joint_velocities"][step] = (
+                meant.joint_positions,
+                meant.joint_velocities,
+            )
+            found["gripper"][step] = meant.gripper
+            if np.isfinite(meant.joint_positions).all():
+                joints[:size] = meant.joint_positions
+                found["tool_pose"][step] = tool_pose(profile, joints)
+            if meant.action is not None:
+                found["action"][step] = meant.action
     return found
 
 
