@@ -54,6 +54,12 @@ from gensim2.cli.output import line, report, table
     help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances]",
 )
 @click.option(
+    "--verify",
+    is_flag=True,
+    help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
+    "scene then takes ten times as long.",
+)
+@click.option(
     "--test-instances",
     default=None,
     metavar="all|train|test|new|ID",

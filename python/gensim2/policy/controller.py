@@ -28,6 +28,7 @@ from gensim2.seeding import rng
 
 if TYPE_CHECKING:
     from gensim2.observations import Observation
+    from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]
 
@@ -81,6 +82,11 @@ class PolicyController:
         self._embed, self._sees = unknown_sentences == "embed", sees
         self._others = Shuffled.of(self._folder) if sees == "other" else None
         self.observation_spec = self._policy.observation
+
+    @property
+    def config(self) -> PolicyConfig:
+        """Of the policy."""
+        return self._policy.config
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode.

@@ -56,6 +56,7 @@ class LearnRecord(BaseModel):
     Attributes:
         minutes: of CPU for data and training.
         objects: of each class to learn from; None: those that ``scene`` says.
+        verify: scenes whose plans physics refutes are left out.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
     """
@@ -70,6 +71,7 @@ class LearnRecord(BaseModel):
     seed: int
     scenes: int
     objects: int | None = None
+    verify: bool = False
     scene: dict[str, Any]
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
@@ -136,6 +138,7 @@ def learn(
     controls: Sequence[Control] | None = None,
     videos: int = VIDEOS,
     objects: int | None = None,
+    verify: bool = False,
     test_instances: str | None = None,
     seed: int = 0,
     out: Path,
@@ -157,6 +160,7 @@ def learn(
         videos: episodes of each task that are filmed.
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
             None: ``instances``, by default ``train``.
+        verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
         test_instances: objects that the policy is measured on; None: ``test`` where all classes have such a split,
             else ``new``.
         seed: of everything.
@@ -196,6 +200,7 @@ def learn(
         seed=seed,
         scenes=scenes,
         objects=objects,
+        verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
     )
     record = _begin(out, record, resume)
@@ -269,6 +274,7 @@ def _teach_by_plans(
                     seed=record.seed,
                     scenes=record.scenes,
                     cpu_limit=limit,
+                    verify=record.verify,
                     progress=progress,
                 )
             )
@@ -276,7 +282,7 @@ def _teach_by_plans(
     record.data_cpu_s[key] = sum(each.cpu_s for each in planned)
     for each in planned:
         count = f"{each.demonstrations} plans in {each.scenes} scenes"
-        left_out = f"{sum(each.failed.values())} without a plan"
+        left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
         progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
     _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out, progress)
     training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
