@@ -153,18 +153,18 @@ def test_along_a_demonstration_labels_are_what_the_demonstration_did(
     strategies = gensim2.tasks.library.load_strategies("CloseBox")
     found = relabels.relabel_episode(scene, strategies, str(checkpoint), recording.seed)
     count, horizon, width = found[ACTION].shape
-    assert count >= 3
+    assert count >= 2
     assert (horizon, width) == (SETTINGS["horizon"], 9)
+    stood = recording.env_states["articulations"]["panda"][:, 13:20]
     for number in range(count):
-        step = relabels.EVERY * (number + 1)
         joints = found[STATE][number, -1, :7]
-        assert np.allclose(joints, recording.env_states["articulations"]["panda"][step, 13:20], atol=1e-5)
-        did = recording.actions[step : step + horizon, :7]
-        label = found[ACTION][number, : len(did), :7] + joints
-        assert np.abs(label - did).max() < 0.25  # another motion to the same pose, from where the arm moves
-    far = found[ACTION][-1, -1, :7] + found[STATE][-1, -1, :7]
-    ahead = recording.actions[min(relabels.EVERY * count + horizon, recording.steps) - 1, :7]
-    assert np.abs(far - ahead).max() < 0.1
+        step = int(np.abs(stood - joints).max(axis=1).argmin())
+        assert np.abs(stood[step] - joints).max() < 1e-5
+        assert step % relabels.EVERY == 0
+        # Another motion to the same pose, from where the arm moves: it goes the same way.
+        did, would = recording.actions[step + horizon - 1, :7] - joints, found[ACTION][number, -1, :7]
+        assert np.abs(would - did).max() < 0.25
+        assert float(did @ would) > 0.5 * np.linalg.norm(did) * np.linalg.norm(would)
 
 
 def test_rounds_of_relabels_are_counted_and_resumed(

@@ -68,8 +68,7 @@ def train_rounds(
     for number in range(rounds):
         folder = out / ROUNDS / str(number)
         told = NamedProgress(f"round {number}", progress)
-        there = resume or (folder / "config.json").exists()
-        train_policy(mixed, policy, training, folder, start=start, resume=there, device=device, progress=told)
+        train_policy(mixed, policy, training, folder, start=start, resume=resume, device=device, progress=told)
         start = PolicyCheckpoint.load(folder)
         for one in given:
             found.append(_relabel(one, folder, training.seed, number, episodes, workers, told))

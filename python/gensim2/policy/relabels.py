@@ -2,8 +2,8 @@
 
 At an episode's start the planner says by which strategy and with which pose of the hand the step is done. As long as
 the object stands as it did, every so many control steps that plan is made again from where the policy has brought the
-arm; what keeps to strategy and pose is a label. Behind the first touch a new plan would back off and come again,
-against what demonstrations do: there are no labels there.
+arm; what keeps to strategy and pose is a label. On the last way to the contact, and behind it, a new plan would back
+off and come again, against what demonstrations do: there are no labels there.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ MOVED = 0.02
 """Openness by which the object stands elsewhere than at the start: it was touched."""
 NEAR, TURNED = 0.03, 0.3
 """m and rad by which the hand's pose at the contact may differ from the one that the episode began with."""
+MARGIN = 0.01
+"""Metres before the approach from which on there are no labels."""
 SHARE = 0.3
 """Of a batch's samples that are relabels, where there are some."""
 
@@ -113,7 +115,7 @@ def _label(
         planned = planner.plan(scene, env.task.steps[0], ways[way], former=began.plan)
     except kpam.ProblemError:
         return None
-    if planned.rank > 0 or not same_pose(began, planned):
+    if planned.rank > 0 or not same_pose(began, planned) or _is_past_approach(planned, profile, scene.q):
         return None
     actions = ChainPlan(way, planned, scene, 0, "", profile).actions
     arm = profile.arm_size
@@ -135,9 +137,23 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
     return near and float(np.arccos(np.clip(cosine, -1.0, 1.0))) <= TURNED
 
 
+def _is_past_approach(planned: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
+    """Whether the hand is nearer to the contact than the pose from which a plan approaches it: it would back off."""
+    actuation, approach = _actuation(planned), _keyframe(planned, "pre_0")
+    if actuation is None or approach is None:
+        return False
+    hand = profile.model.forward_kinematics(q)[:3, 3]
+    left = float(np.linalg.norm(hand - actuation[:3, 3]))
+    return left < float(np.linalg.norm(approach[:3, 3] - actuation[:3, 3])) + MARGIN
+
+
 def _actuation(planned: StepPlan) -> npt.NDArray[np.float64] | None:
+    return _keyframe(planned, "actuation")
+
+
+def _keyframe(planned: StepPlan, label: str) -> npt.NDArray[np.float64] | None:
     frames = () if planned.plan is None else planned.plan.keyframes
-    return next((np.asarray(each["T_base_hand"]) for each in frames if each["label"] == "actuation"), None)
+    return next((np.asarray(each["T_base_hand"]) for each in frames if each["label"] == label), None)
 
 
 @dataclass(frozen=True)
