@@ -140,7 +140,7 @@ def run_experiment(
     _begin(out, record, resume)
     found = []
     for number, arm in enumerate(runnable, 1):
-        progress.message(f"arm {number} of {len(runnable)}: {arm.name}, {len(arm.tasks)} tasks")
+        progress.message(f"arm {number} of {len(runnable)}: {arm.name}")
         found.append(_run_arm(arm, record, out, workers, progress))
     result = ExperimentResult(str(out), record, tuple(found), skipped)
     told = result.to_dict()
