@@ -153,7 +153,7 @@ def test_along_a_demonstration_labels_are_what_the_demonstration_did(
     strategies = gensim2.tasks.library.load_strategies("CloseBox")
     found = relabels.relabel_episode(scene, strategies, str(checkpoint), recording.seed)
     count, horizon, width = found[ACTION].shape
-    assert count >= 2
+    assert count >= 1
     assert (horizon, width) == (SETTINGS["horizon"], 9)
     stood = recording.env_states["articulations"]["panda"][:, 13:20]
     for number in range(count):

@@ -34,7 +34,6 @@ from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.chain_state import ChainPlan
 from gensim2.rollout.worker import parsed, simulator
 from gensim2.scenes.config import SceneConfig
-from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.strategies import Strategies
 
 if TYPE_CHECKING:
@@ -48,8 +47,8 @@ MOVED = 0.02
 """Openness by which the object stands elsewhere than at the start: it was touched."""
 NEAR, TURNED = 0.03, 0.3
 """m and rad by which the hand's pose at the contact may differ from the one that the episode began with."""
-MARGIN = 0.01
-"""Metres before the approach from which on there are no labels."""
+LAST = 0.5
+"""Share of the way from the approach to the contact within which the hand is on that way, wherever it came from."""
 SHARE = 0.3
 """Of a batch's samples that are relabels, where there are some."""
 
@@ -76,7 +75,7 @@ def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str,
     samples: list[Arrays] = []
     for number in range(profile.steps(scene.task.max_seconds)):
         measured = env.measure()
-        if abs(measured.openness[step.object] - stood) > MOVED or all_hold(scene.task.success, measured):
+        if abs(measured.openness[step.object] - stood) > MOVED or _is_on_last_way(began, profile, env.q):
             break
         try:
             observation = env.observe(controller.observation_spec)
@@ -115,7 +114,7 @@ def _label(
         planned = planner.plan(scene, env.task.steps[0], ways[way], former=began.plan)
     except kpam.ProblemError:
         return None
-    if planned.rank > 0 or not same_pose(began, planned) or _is_past_approach(planned, profile, scene.q):
+    if planned.rank > 0 or not same_pose(began, planned):
         return None
     actions = ChainPlan(way, planned, scene, 0, "", profile).actions
     arm = profile.arm_size
@@ -137,14 +136,15 @@ def same_pose(one: StepPlan, other: StepPlan) -> bool:
     return near and float(np.arccos(np.clip(cosine, -1.0, 1.0))) <= TURNED
 
 
-def _is_past_approach(planned: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
-    """Whether the hand is nearer to the contact than the pose from which a plan approaches it: it would back off."""
-    actuation, approach = _actuation(planned), _keyframe(planned, "pre_0")
+def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
+    """Whether the hand is where a plan approaches the contact from, or nearer to it: another plan would back off."""
+    actuation, approach = _actuation(began), _keyframe(began, "pre_0")
     if actuation is None or approach is None:
         return False
     hand = profile.model.forward_kinematics(q)[:3, 3]
-    left = float(np.linalg.norm(hand - actuation[:3, 3]))
-    return left < float(np.linalg.norm(approach[:3, 3] - actuation[:3, 3])) + MARGIN
+    length = float(np.linalg.norm(approach[:3, 3] - actuation[:3, 3]))
+    near = float(np.linalg.norm(hand - actuation[:3, 3])) < LAST * length
+    return near or float(np.linalg.norm(hand - approach[:3, 3])) < NEAR
 
 
 def _actuation(planned: StepPlan) -> npt.NDArray[np.float64] | None:
