@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.data.store import DataSet
+from gensim2.data.dataset import DataSet
 from gensim2.objects import open_library
 from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec, View, point_cloud
 from gensim2.raycast.observer import Observer

@@ -81,6 +81,7 @@ def make_folder(number: int, where: Path, pool: Path) -> Folder:
     wanted, wanted_rigid = counts.get(kind, (int(generator.integers(1, 8)), int(generator.integers(0, 4))))
     if where.is_dir():
         return Folder(where, kind, wanted, wanted_rigid)
+    where.mkdir(parents=True)  # empty where the pool has no rigid objects
     for index in generator.choice(len(articulated), min(wanted, len(articulated)), replace=False):
         source = articulated[index]
         name = f"my_{source.name}" if kind == "unknown names" else source.name

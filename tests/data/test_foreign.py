@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -20,6 +24,7 @@ import zarr
 
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
+from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
 from gensim2.data.formats import export as exporting
 from gensim2.data.formats.columns import camera_array
@@ -27,10 +32,10 @@ from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.frames import EPISODE_COLUMNS
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
+from gensim2.data.formats.replay_zarr import ZarrWriter
 from gensim2.data.formats.zarr_reading import zarr_frames
 from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.data.rendering import render
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
 from gensim2.files import new_folder
 from gensim2.observations.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
@@ -410,6 +415,45 @@ def test_an_export_that_is_killed_leaves_what_the_next_removes(dataset: DataSet,
     assert [path.name for path in tmp_path.glob(".out.*.tmp")]
     export(dataset.path, tmp_path / "out", "zarr")
     assert not list(tmp_path.glob(".out.*.tmp"))
+
+
+def test_chunks_that_are_still_written_after_one_failed_do_not_bring_the_folder_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import zarr.storage
+
+    keep, late = zarr.storage.LocalStore.set, []
+
+    async def full_at_first(self: zarr.storage.LocalStore, key: str, value: Any) -> None:
+        if key == "data/state/0.0":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if key.startswith("data/state/") and key[-1].isdigit():
+            await asyncio.sleep(0.3)
+            late.append(key)
+        await keep(self, key, value)
+
+    monkeypatch.setattr(zarr.storage.LocalStore, "set", full_at_first)
+    monkeypatch.setattr("gensim2.data.formats.replay_zarr.CHUNK_BYTES", 64)
+    with (
+        pytest.raises(WriteError, match="No space left"),
+        new_folder(tmp_path / "out") as filled,
+        ZarrWriter(filled / "replay.zarr") as writer,
+    ):
+        writer.add("Open it.", {"state": np.ones((40, 9), np.float32)})
+    time.sleep(0.6)
+    assert late
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_import_outlives_the_server_that_forks_its_reader(dataset: DataSet, tmp_path: Path) -> None:
+    from multiprocessing import forkserver
+
+    out = exported(dataset, "zarr", manifest=True)
+    import_(out, tmp_path / "one", "zarr")
+    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+    os.kill(server, signal.SIGSTOP)
+    threading.Timer(0.5, os.kill, (server, signal.SIGKILL)).start()  # once it has been asked to fork
+    assert import_(out, tmp_path / "two", "zarr") == import_(out, tmp_path / "three", "zarr")
 
 
 def test_nothing_is_written_into_what_is_read(dataset: DataSet, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from kill_runs import contents
 
 from gensim2.data import episode_file
 from gensim2.data.collection import CollectionResult
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import import_
 from gensim2.data.formats.lerobot import Feature, LeRobotWriter
@@ -24,11 +25,10 @@ from gensim2.data.formats.lerobot_reading import read_lerobot
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format
 from gensim2.data.observation_file import write_observation
 from gensim2.data.selection import Selection
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import to_steps
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import robot
 from gensim2.sealed_file import HEADER_SIZE
 
@@ -139,7 +139,7 @@ def test_exports_hold_what_the_robot_knows_of_itself_and_what_cameras_and_ids_ar
     for step in (0, recording.steps - 1):
         joints = recording.env_states["articulations"]["panda"][step, 13:31]
         command = recording.actions[step - 1, -1] if step else 1.0
-        for name, array in proprioception(profile, joints[:9], joints[9:], float(command)).items():
+        for name, array in Proprioception(profile, joints[:9], joints[9:], float(command)).items():
             assert np.array_equal(group[f"data/{name}"][step], array)
             assert np.array_equal(columns[f"observation.{name}"][step], array)
     assert group["data/segmentation_left"][0, 0, 0] == row.index % 3

@@ -13,13 +13,13 @@ import pytest
 pytest.importorskip("mani_skill")
 
 from gensim2.data.attempt_log import read_log
+from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_episode
 from gensim2.data.formats.export import export
 from gensim2.data.formats.importing import import_
 from gensim2.data.observing import observe
 from gensim2.data.records import RunRecord
 from gensim2.data.runfolder import RUN_JSON
-from gensim2.data.store import DataSet
 from gensim2.design.report import write_report
 from gensim2.evaluation.figures import rows_of
 from gensim2.record_files import read_record

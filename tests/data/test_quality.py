@@ -13,13 +13,13 @@ import pytest
 from gensim2.data.attempt_log import log_line
 from gensim2.data.card import card
 from gensim2.data.collection import CollectionResult
+from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.observation_file import write_observation
 from gensim2.data.quality import jerk, qualities
 from gensim2.data.report import report
 from gensim2.data.selection import Selection
-from gensim2.data.store import DataSet
 from gensim2.observations.cameras import observation_cameras
 from gensim2.observations.cloud import to_steps
 from gensim2.robots import robot

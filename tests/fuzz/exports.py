@@ -31,13 +31,13 @@ import pyarrow.parquet
 from mutate import LONGEST_MESSAGE, damaged
 
 from gensim2.data import collect
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import camera_array
 from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import PRELOAD, read_export
 from gensim2.data.formats.manifest import FORMATS, MANIFEST, Format, write_manifest
 from gensim2.data.formats.native import read_back
 from gensim2.data.observation_file import write_observation
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError
 from gensim2.foreign.process import FRUGAL, Bounds, isolated
 from gensim2.progress import NULL_PROGRESS

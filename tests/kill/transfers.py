@@ -10,6 +10,7 @@ and needs to be allowed to (``unshare --mount``); ``faketime`` for the clock.
     kills         SIGKILL to the command or one of its processes, at any moment of it
     disks         a full one of so many bytes, for many shares of what is needed; a read-only one
     writers       two at once to the same name
+    mixed         two different commands at once to the same name
     surroundings  no ``/dev/shm``; a clock that was set back by 400 days
 """
 
@@ -36,6 +37,16 @@ COLLECT = ("collect", "OpenDrawer", "CloseBox", "--seed", "3", "--assets", "buil
 RENDER = ("--modalities", "pointcloud,depth", "--points", "64", "--cameras", "left", "--workers", "2")
 RUN_FILES = {".lock", "report.html", "errors.log", "run.json"}
 """Files that say when and how."""
+
+MIXED = (
+    ("export zarr", "export lerobot"),
+    ("export maniskill", "export zarr"),
+    ("import zarr", "import lerobot"),
+    ("import maniskill", "import zarr"),
+    ("collect", "import lerobot"),
+    ("collect", "export maniskill"),
+)
+"""Pairs of commands that write to one name at once; either begins."""
 
 SHARES = (0.0, 0.1, 0.5, 0.95)
 """Of the room that is needed, on a full disk."""
@@ -76,6 +87,7 @@ class Bench:
 
     folder: Path
     world: str
+    collection: Operation
     operations: list[Operation] = field(default_factory=list)
     expected: dict[str, dict[str, str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -126,8 +138,8 @@ class Bench:
 
 def prepared(folder: Path, world: str, episodes: int) -> Bench:
     """A data set, its rendering where there are states to be seen, its exports and their imports."""
-    bench = Bench(folder, world)
-    bench.add(Operation("collect", (*COLLECT, "--episodes", str(episodes), "--workers", "2")))
+    bench = Bench(folder, world, Operation("collect", (*COLLECT, "--episodes", str(episodes), "--workers", "2")))
+    bench.add(bench.collection)
     source = folder / "collect"
     if world == "simulator":
         source = bench.add(Operation("render", RENDER, on=source))
@@ -205,7 +217,7 @@ def inside(folder: Path, world: str, name: str, mounted: Path, room: str) -> Non
     def mount(*options: str) -> None:
         subprocess.run(["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(mounted)], check=True)
 
-    bench = Bench(folder, world)
+    bench = Bench(folder, world, Operation("collect", COLLECT))
     operation = next(each for each in operations(folder, world) if each.name == name)
     bench.expected[name] = tree(folder / name.replace(" ", "-"))
     out = mounted / "out"
@@ -245,7 +257,7 @@ def operations(folder: Path, world: str) -> Iterator[Operation]:
 def writers(bench: Bench, seed: int) -> None:
     """Two at once, the second a little later: one does it, the other is refused, and what is there is whole."""
     dice = random.Random(seed)
-    for operation in bench.operations:
+    for operation in (bench.collection, *bench.operations):
         for number in range(2):
             out = bench.folder / f"two-{operation.name.replace(' ', '-')}-{number}"
             bench.begin(operation, out)
@@ -264,6 +276,33 @@ def writers(bench: Bench, seed: int) -> None:
                     bench.refused(where, code, said)
                     bench.tally[said[-1].rpartition(": ")[2]] += 1
             bench.check(where, operation, out)
+            shutil.rmtree(out, ignore_errors=True)
+
+
+def mixed_writers(bench: Bench, seed: int) -> None:
+    """Two different commands at once to the same name: what is there is whole, and what one of them leaves alone."""
+    dice = random.Random(seed)
+    by_name = {operation.name: operation for operation in bench.operations} | {"collect": bench.collection}
+    for pair in MIXED:
+        for first, second in (pair, pair[::-1]):
+            out = bench.folder / f"mixed-{first}-{second}".replace(" ", "-")
+            both = []
+            for name in (first, second):
+                log = out.with_suffix(f".{len(both)}")
+                both.append((name, kill_runs.start(by_name[name].line(out, bench.world), log), log))
+                time.sleep(dice.uniform(0.0, 0.5 * bench.seconds[name]))
+            where = f"{first} beside {second}"
+            codes = {name: process.wait(LIMIT) for name, process, _ in both}
+            done = [name for name, code in codes.items() if code == 0]
+            if len(done) != 1:
+                bench.wrong.append(f"{where}: ended with {codes}")
+            for name, _, log in both:
+                if codes[name] != 0:
+                    said = log.read_text().splitlines()
+                    bench.refused(where, codes[name], said)
+                    bench.tally[said[-1].rpartition(": ")[2]] += 1
+            if done:
+                bench.check(where, by_name[done[0]], out)
             shutil.rmtree(out, ignore_errors=True)
 
 
@@ -292,7 +331,7 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=4, help="of each task")
     parser.add_argument("--world", choices=("simulator", "fake"), default="simulator")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="+", choices=("kills", "disks", "writers", "surroundings"))
+    parser.add_argument("--only", nargs="+", choices=("kills", "disks", "writers", "mixed", "surroundings"))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         bench = prepared(Path(name).resolve(), options.world, options.episodes)
@@ -301,6 +340,7 @@ def main() -> int:
             "kills": lambda: kills(bench, options.trials, options.seed),
             "disks": lambda: disks(bench),
             "writers": lambda: writers(bench, options.seed),
+            "mixed": lambda: mixed_writers(bench, options.seed),
             "surroundings": lambda: surroundings(bench),
         }
         for part in options.only or parts:

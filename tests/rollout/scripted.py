@@ -166,8 +166,8 @@ class ScriptedWorld:
     def state(self) -> dict[str, Any]:
         return {}
 
-    def observation(self) -> npt.NDArray[np.float32]:
-        return np.zeros(1, np.float32)
+    def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
+        return np.zeros(25, np.float32)
 
     measured_point = "inside"
     """Name of the drawer's last keypoint."""

@@ -8,10 +8,11 @@ from gensim2.lazy import lazy_names
 
 if TYPE_CHECKING:
     from gensim2.data.collection import collect
+    from gensim2.data.dataset import DataSet
     from gensim2.data.observation_file import ObservedEpisode, read_observation
     from gensim2.data.record import DatasetRecord
     from gensim2.data.rendering import render
-    from gensim2.data.store import DataSet, TaskStore
+    from gensim2.data.store import TaskStore
 
 __all__ = [
     "DataSet",
@@ -26,7 +27,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "DataSet": "gensim2.data.store",
+        "DataSet": "gensim2.data.dataset",
         "DatasetRecord": "gensim2.data.record",
         "TaskStore": "gensim2.data.store",
         "ObservedEpisode": "gensim2.data.observation_file",

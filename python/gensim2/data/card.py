@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.dataset import DataSet
+from gensim2.data.store import TaskStore
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
 from gensim2.rollout.tally import interval

@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.owned_folder import OwnedFolder
 from gensim2.data.record import DatasetRecord
-from gensim2.data.store import DATASET_JSON, DataSet
 from gensim2.errors import InputError
 from gensim2.files import write_json
 

@@ -17,12 +17,12 @@ import numpy.typing as npt
 
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.observation_file import CLOUDS, checked_description, columns_of_file, spec_of_file
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.store import TaskStore
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.cloud import from_steps
 from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, cloud_column
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.recording import Recording
 
@@ -69,36 +69,35 @@ class FrameAccess:
     it. Map-style, and it pickles: :meth:`torch` is the same for a ``DataLoader``.
 
     Args:
-        dataset: whose.
-        tasks: names; none: all.
+        stores: the episodes of each task, at least one.
+        robot_name: by which they were made.
         observations: with what was rendered; None: where anything was.
         horizon: actions from each frame on, (horizon, m + 1), the episode's last one repeated; ``action_is_pad`` says
             which are. 1: (m + 1,).
 
     Raises:
-        InputError: there is no such task, the collection is not finished, or some episodes have observations and
+        InputError: the collection is not finished, or some episodes have observations and
             others none, or ones of another spec.
     """
 
     def __init__(
         self,
-        dataset: DataSet,
-        tasks: Sequence[str] = (),
+        stores: Sequence[TaskStore],
+        robot_name: str,
         *,
         observations: bool | None = None,
         horizon: int = 1,
     ) -> None:
         if horizon < 1:
             raise InputError("must be at least 1", field="horizon")
-        self._profile = robot(dataset.record.scene.robot)
+        self._profile = robot(robot_name)
         self._horizon = horizon
         self._episodes: list[_Episode] = []
-        for number, name in enumerate(tasks or dataset.tasks):
-            store = dataset.task(name)
+        for number, store in enumerate(stores):
             language = store.spec().description
             self._episodes += [_Episode(store, row, language, number) for row in store.rows() if row.held]
         if not self._episodes:
-            raise InputError("holds no episode that held", file=dataset.path)
+            raise InputError("holds no episode that held", file=stores[0].folder.parent)
         self._ends = list(accumulate(each.row.control_steps for each in self._episodes))
         there = [each.observations.exists() for each in self._episodes]
         self._observed = any(there) if observations is None else observations
@@ -153,7 +152,7 @@ class FrameAccess:
         joints = len(self._profile.reset_qpos)
         command = float(recording.actions[frame - 1][-1]) if frame else OPEN
         found: dict[str, Any] = dict(
-            proprioception(
+            Proprioception(
                 self._profile, state[_ROOT : _ROOT + joints], state[_ROOT + joints : _ROOT + 2 * joints], command
             )
         )

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gensim2.data.dataset import DataSet
 from gensim2.data.folder import REPORT
 from gensim2.data.status import Status
-from gensim2.data.store import DataSet
 from gensim2.files import write_atomic
 from gensim2.pages import template
 

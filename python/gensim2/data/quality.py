@@ -12,8 +12,9 @@ import numpy as np
 
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.clearance import ClearanceMeter
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.store import TaskStore
 from gensim2.objects import Library, open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot

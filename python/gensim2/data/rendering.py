@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.dataset import DataSet
 from gensim2.data.lock import FolderLock
 from gensim2.data.observation_file import DamagedObservationError, read_description, write_observation
-from gensim2.data.store import OBSERVATIONS, DataSet, TaskStore
+from gensim2.data.store import OBSERVATIONS, TaskStore
 from gensim2.errors import InputError
 from gensim2.files import append, remove_temporaries
 from gensim2.observations import ObservationSpec

@@ -8,9 +8,10 @@ from typing import Any
 
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.charts import charts
+from gensim2.data.dataset import DataSet
 from gensim2.data.quality import TaskQuality, qualities
 from gensim2.data.sheet import Shot, contact_sheet, film_seen
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.store import TaskStore
 from gensim2.data.video import Replay, film
 from gensim2.files import write_atomic, write_json
 from gensim2.pages import template

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gensim2.data.attempt_log import LoggedEpisode
-from gensim2.data.store import DataSet, TaskStore
+from gensim2.data.dataset import DataSet
+from gensim2.data.store import TaskStore
 from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress

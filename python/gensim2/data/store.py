@@ -1,18 +1,11 @@
-"""The native data set: one file an episode, one folder a task, one description of all (docs/data.md).
-
-dataset = DataSet.open(Path("runs/night"))
-for row in dataset.task("OpenBox").rows():          # every episode that was tried, by index
-    if row.held:
-        stored = dataset.task("OpenBox").read(row)  # its states and actions
-"""
+"""The episodes of one task on disk: one file an episode, one folder a task (docs/data.md)."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line, parse_line
 from gensim2.data.episode_file import (
@@ -24,22 +17,16 @@ from gensim2.data.episode_file import (
     read_row,
     write_episode,
 )
-from gensim2.data.record import DatasetRecord
 from gensim2.data.recorded import check_recording
 from gensim2.errors import InputError, brief
-from gensim2.files import replacing, write_json
+from gensim2.files import replacing
 from gensim2.foreign.tree import ForeignTree, open_regular, why
-from gensim2.observations import ObservationSpec
-from gensim2.record_files import read_record
 from gensim2.rollout.record import Episode
 from gensim2.rollout.recording import Recording
 from gensim2.tasks.library import load_task_file
 from gensim2.tasks.spec import TaskSpec
 
-if TYPE_CHECKING:
-    from gensim2.data.frame_access import FrameAccess
-
-DATASET_JSON, ROWS, OBSERVATIONS = "dataset.json", "episodes.jsonl", "observations"
+ROWS, OBSERVATIONS = "episodes.jsonl", "observations"
 
 LAST_INDEX = 999_999_999
 MOST_LINE = 64 * 2**20  # bytes of the record of one episode; ours have a few kB
@@ -220,72 +207,3 @@ class TaskStore:
                 logged = LoggedEpisode.of(row.episode, index, row.digest)
                 stream.write(log_line(logged))
                 yield logged
-
-
-class DataSet:
-    """A data set on disk.
-
-    Args:
-        path: its folder.
-        record: its ``dataset.json``.
-    """
-
-    def __init__(self, path: Path, record: DatasetRecord) -> None:
-        self.path, self.record = path, record
-
-    @staticmethod
-    def open(path: Path | str) -> DataSet:
-        """Read what a collection left, finished or not.
-
-        Raises:
-            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
-        """
-        path = Path(path)
-        file = path / DATASET_JSON
-        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
-
-    def save(self) -> None:
-        """Write ``dataset.json``."""
-        write_json(self.path / DATASET_JSON, self.record.model_dump())
-
-    def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
-        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
-
-        Args:
-            tasks, observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
-
-        Raises:
-            InputError: as there.
-        """
-        from gensim2.data.frame_access import FrameAccess
-
-        return FrameAccess(self, tasks, observations=observations, horizon=horizon)
-
-    def observation_spec(self) -> ObservationSpec:
-        """What its observations are of.
-
-        Raises:
-            InputError: it was not rendered, or a file of observations is damaged.
-        """
-        from gensim2.data.observation_file import read_description, spec_of_file
-
-        for name in self.tasks:
-            first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
-            if first is not None:
-                return spec_of_file(read_description(first), first)
-        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
-
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """Names of the tasks, in order."""
-        return tuple(self.record.tasks)
-
-    def task(self, name: str) -> TaskStore:
-        """The episodes of a task.
-
-        Raises:
-            InputError: the data set has no such task.
-        """
-        if name not in self.record.tasks:
-            raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
-        return TaskStore(ForeignTree(self.path).inside(name))

@@ -195,7 +195,7 @@ def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[st
     seen = spec_of(made)
     require_cameras(seen.cameras, profile)
     if data is not None:
-        from gensim2.data.store import DataSet
+        from gensim2.data.dataset import DataSet
 
         seen.require(DataSet.open(Path(data)).observation_spec(), str(data), of=spec.target)
     return {**spec.to_dict(), "privileged": is_privileged(made), "observation": seen.to_dict()}

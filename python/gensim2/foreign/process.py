@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.processes.executor import WorkerStartError
-from gensim2.processes.worker import preload_modules
+from gensim2.processes.worker import preload_modules, start_process
 from gensim2.progress import Progress
 
 Result = TypeVar("Result")
@@ -36,8 +36,6 @@ EXIT_LIMIT = 5.0
 """Seconds in which a reader that has said its last word must be gone."""
 
 _LAST = ("result", "error", "memory", "bug")
-
-_CONTEXT = multiprocessing.get_context("forkserver")
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,8 @@ def isolated(
         WorkerStartError: it could not be started.
     """
     preload_modules(preload)
-    ours, theirs = _CONTEXT.Pipe(duplex=False)
-    process = _CONTEXT.Process(target=_run, args=(theirs, bounds, pickle.dumps((function, arguments))), daemon=True)
+    process, ours = start_process(_run, (bounds, pickle.dumps((function, arguments))), duplex=False)
     try:
-        process.start()
-        theirs.close()  # so that its death ends the connection
         while True:
             try:
                 kind, *told = pickle.loads(ours.recv_bytes())
@@ -117,9 +112,8 @@ def isolated(
             getattr(progress, kind)(*told)
     finally:
         ours.close()
-        if process.pid is not None:
-            process.kill()
-            process.join()
+        process.kill()
+        process.join()
 
 
 class _Told:

@@ -12,7 +12,7 @@ from gensim2.errors import GenSim2Error
 from gensim2.observations.cloud import Robot, point_cloud
 from gensim2.observations.columns import DEPTH, IMAGE, SEGMENTATION, depth_column
 from gensim2.observations.observation import Observation
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.observations.spec import ObservationSpec
 from gensim2.observations.view import View
 from gensim2.robots import RobotProfile
@@ -55,25 +55,26 @@ class Encoder:
             EmptyCloudError: the cameras see nothing that a point cloud keeps.
         """
         modalities = self.spec.modalities
-        arrays: dict[str, Any] = dict(proprioception(self._profile, positions, velocities, command))
+        own = Proprioception(self._profile, positions, velocities, command)
+        seen: dict[str, Any] = {}
         for view in views:
             name = view.camera.name
             if "depth" in modalities:
-                arrays[DEPTH + name] = depth_column(view.depth)
+                seen[DEPTH + name] = depth_column(view.depth)
             if "segmentation" in modalities:
                 if view.segmentation is None:
                     raise GenSim2Error(f"the camera {name!r} gives no segmentation")
-                arrays[SEGMENTATION + name] = view.segmentation
+                seen[SEGMENTATION + name] = view.segmentation
         if "rgb" in modalities:
             if pictures is None:
                 raise GenSim2Error("there are no colour pictures: no renderer was given")
             for name in self.spec.cameras:
-                arrays[IMAGE + name] = pictures[name]
+                seen[IMAGE + name] = pictures[name]
         return Observation(
             step=step,
             time=step / self._profile.control_hz,
             language=self._language,
-            arrays=arrays,
+            arrays={**own, **seen} if seen else own,
             cloud=point_cloud(views, self.spec.cloud, self._robot) if "pointcloud" in modalities else None,
             cameras={view.camera.name: view.camera for view in views},
         )

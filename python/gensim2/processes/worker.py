@@ -138,25 +138,40 @@ class Worker:
         return self.give_up(number, f"the worker process died ({fate})")
 
     def _start(self) -> None:
-        for number in range(TRIES):
-            ours, theirs = _CONTEXT.Pipe()
-            environment = {**os.environ, **SINGLE_THREADED}
-            process = _CONTEXT.Process(target=_serve, args=(theirs, environment, self._prepare), daemon=True)
-            try:
-                with _single_threaded():
-                    process.start()
-                break
-            except (OSError, EOFError) as error:  # the server that forks was killed; the next start makes a new one
-                ours.close()
-                if number == TRIES - 1:
-                    raise WorkerStartError(f"worker processes cannot be started: {error}") from error
-                time.sleep(0.2)
-            except BaseException:
-                ours.close()
-                raise
-            finally:
-                theirs.close()  # so that the worker's death ends the connection
-        self._process, self._connection = process, ours
+        environment = {**os.environ, **SINGLE_THREADED}
+        with _single_threaded():
+            self._process, self._connection = start_process(_serve, (environment, self._prepare))
+
+
+def start_process(
+    target: Callable[..., None], arguments: tuple[Any, ...], *, duplex: bool = True
+) -> tuple[BaseProcess, Connection]:
+    """Start a worker process; return it and our end of its connection, which its death ends.
+
+    Args:
+        target: body of the process, called with its end of the connection and ``arguments``.
+        duplex: whether we send, too.
+
+    Raises:
+        WorkerStartError: it cannot be started.
+    """
+    for number in range(TRIES):
+        ours, theirs = _CONTEXT.Pipe(duplex)
+        process = _CONTEXT.Process(target=target, args=(theirs, *arguments), daemon=True)
+        try:
+            process.start()
+            return process, ours
+        except (OSError, EOFError) as error:  # the server that forks was killed; the next start makes a new one
+            ours.close()
+            if number == TRIES - 1:
+                raise WorkerStartError(f"worker processes cannot be started: {error}") from error
+            time.sleep(0.2)
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            theirs.close()  # so that the worker's death ends the connection
+    raise AssertionError("a last try returns or raises")
 
 
 def preload_modules(modules: Sequence[str]) -> None:

@@ -136,9 +136,14 @@ class SlidingGripper:
 
     def target(self, command: Row) -> Row:
         """In ManiSkill's arithmetic, bit for bit."""
+        middle, half_span = self._targets
+        return middle + half_span * np.minimum(np.maximum(command, np.float32(CLOSED)), np.float32(OPEN))
+
+    @cached_property
+    def _targets(self) -> tuple[np.float32, np.float32]:
+        """Target of a driven joint for the command 0, and by how much it changes to that for 1."""
         low, high, half = *map(np.float32, self.range), np.float32(0.5)
-        clipped = np.clip(command, np.float32(CLOSED), np.float32(OPEN))
-        return half * (high + low) + half * (high - low) * clipped
+        return half * (high + low), half * (high - low)
 
     @property
     def range(self) -> tuple[float, float]:

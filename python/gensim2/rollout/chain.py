@@ -102,6 +102,7 @@ class ChainController:
         self._from_rest = False
         self._last: Action | None = None
         self._reference: Reference | None = None
+        self._width: tuple[float, float] | None = None
         self._ahead = self._plan_ahead(observation.scene()) if self._open_loop else []
 
     @property
@@ -194,14 +195,16 @@ class ChainController:
         action = run.next_action()
         force = np.nan if self._held is None or self._held.force is None else self._held.force
         # Where the fingers press, the pads stay as far apart as what is between them.
-        width = observation.gripper_width if np.isfinite(force) else self._profile_width(float(action[-1]))
+        width = observation.measurement.finger_opening if np.isfinite(force) else self._profile_width(float(action[-1]))
         self._reference = Reference(positions, velocities, np.array([width, force], dtype=np.float32))
         return self._pressing(action, observation, run.scene.finger_stiffness)
 
     def _profile_width(self, command: float) -> float:
-        """Distance of the pads (m) that a gripper command asks for."""
-        gripper = self._profile.gripper
-        return gripper.opening(gripper.at_command(command))
+        """Distance of the pads (m) that a gripper command asks for; commands change once in many steps."""
+        if self._width is None or self._width[0] != command:
+            gripper = self._profile.gripper
+            self._width = command, gripper.opening(gripper.at_command(command))
+        return self._width[1]
 
     def _pressing(self, action: Action, observation: PrivilegedObservation, stiffness: float | None) -> Action:
         """The action with fingers that press on what they hold as hard as they are to, however far they are apart.

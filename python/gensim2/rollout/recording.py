@@ -75,7 +75,7 @@ class Recorder:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._obs = [world.observation()]
+        self._obs = [world.observation(tool=False)]
         self._states: list[Tree] = [world.state()]
         self._actions: list[npt.NDArray[np.float32]] = []
         self._references: list[Reference | None] = []
@@ -87,7 +87,7 @@ class Recorder:
         world = self._world
         self._actions.append(action)
         self._references.append(reference)
-        self._obs.append(world.observation())
+        self._obs.append(world.observation(tool=False))
         self._states.append(world.state())
         self._success.append(all_hold(world.task.success, measured))
         self._truncated.append(world.elapsed_steps >= world.profile.steps(world.task.max_seconds))
@@ -102,7 +102,7 @@ class Recorder:
             instances=instances,
             control_mode=self._world.control_mode,
             actions=np.stack(self._actions),
-            obs=np.stack(self._obs),
+            obs=self._observed(),
             env_states=_stack(self._states),
             rewards=success.astype(np.float32),
             terminated=success,
@@ -110,6 +110,13 @@ class Recorder:
             success=success,
             reference=_reference(self._references, self._world.profile),
         )
+
+    def _observed(self) -> npt.NDArray[np.float32]:
+        """(T + 1, D) what the environment observes, with the tool's poses worked out all at once."""
+        obs = np.stack(self._obs)
+        joints = len(self._world.profile.reset_qpos)
+        obs[:, 2 * joints : 2 * joints + 7] = tool_pose(self._world.profile, obs[:, :joints])
+        return obs
 
 
 def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
@@ -122,21 +129,19 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         "tool_pose": np.full((len(given), 7), np.nan, np.float32),
         "gripper": np.full((len(given), 2), np.nan, np.float32),
     }
-    if any(meant is not None and meant.action is not None for meant in given):
-        found["action"] = np.full((len(given), size + 1), np.nan, np.float32)
-    joints = np.array(profile.reset_qpos, dtype=np.float32)
-    for step, meant in enumerate(given):
-        if meant is not None:
-            found["joint_positions"][step], found["joint_velocities"][step] = (
-                meant.joint_positions,
-                meant.joint_velocities,
-            )
-            found["gripper"][step] = meant.gripper
-            if np.isfinite(meant.joint_positions).all():
-                joints[:size] = meant.joint_positions
-                found["tool_pose"][step] = tool_pose(profile, joints)
-            if meant.action is not None:
-                found["action"][step] = meant.action
+    steps = [step for step, meant in enumerate(given) if meant is not None]
+    joints = np.tile(np.array(profile.reset_qpos, dtype=np.float32), (len(steps), 1))
+    for row, step in enumerate(steps):
+        meant = given[step]
+        assert meant is not None
+        joints[row, :size] = meant.joint_positions
+        found["joint_velocities"][step], found["gripper"][step] = meant.joint_velocities, meant.gripper
+        if meant.action is not None:
+            found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
+    found["joint_positions"][steps] = joints[:, :size]
+    known = np.isfinite(joints).all(axis=1)  # a controller that says no more than its action has no joints to tell
+    if known.any():
+        found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])
     return found
 
 

@@ -158,6 +158,10 @@ class World(Body, Protocol):
         """ManiSkill's ``env_states`` of this instant."""
         ...
 
-    def observation(self) -> npt.NDArray[np.float32]:
-        """(D,) the environment's state observation of this instant."""
+    def observation(self, tool: bool = True) -> npt.NDArray[np.float32]:
+        """(D,) the environment's state observation of this instant: qpos, qvel, pose of the tool (7,), objects.
+
+        Args:
+            tool: False leaves NaN for the tool's pose, for recordings, which work out those of an episode at once.
+        """
         ...

@@ -23,6 +23,9 @@ from gensim2.sim.parts import Row, articulation_state
 from gensim2.sim.physics import Physics
 from gensim2.sim.scene_state import RobotReader
 
+NO_POSE = np.full(7, np.nan, dtype=np.float32)
+"""Pose of a tool that is not worked out."""
+
 
 class Arm:
     """A robot in a scene of SAPIEN.
@@ -80,9 +83,10 @@ class Arm:
         """(13 + 2 n,) ManiSkill's: root pose, root velocities, qpos, qvel."""
         return articulation_state(self.articulation)
 
-    def observed(self) -> list[Row]:
-        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,)."""
-        return [self.articulation.qpos, self.articulation.qvel, tool_pose(self._profile, self.articulation.qpos)]
+    def observed(self, tool: bool = True) -> list[Row]:
+        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,), NaN without ``tool``."""
+        qpos = self.articulation.qpos
+        return [qpos, self.articulation.qvel, tool_pose(self._profile, qpos) if tool else NO_POSE]
 
 
 def parsed(

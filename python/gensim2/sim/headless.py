@@ -219,12 +219,13 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: an object's files cannot be used, or no renderer works for ``rgb``.
             MissingExtraError: Embree is not installed.
         """
-        if spec not in self._observers:
-            self._observers[spec] = self._observer(spec)
+        observer = self._observers.get(spec)
+        if observer is None:
+            observer = self._observers[spec] = self._observer(spec)
         if spec.is_proprioceptive:  # no more of the state is looked at
-            return self._observers[spec].joints(self.q, self.qvel, self.elapsed_steps, self._command)
+            return observer.joints(self.q, self.qvel, self.elapsed_steps, self._command)
         rows = {kind: {name: row[None] for name, row in group.items()} for kind, group in self.state().items()}
-        return self._observers[spec].observe(rows, self.elapsed_steps, self._command)
+        return observer.observe(rows, self.elapsed_steps, self._command)
 
     def _observer(self, spec: ObservationSpec) -> Observer:
         from gensim2.raycast.observer import Observer  # here: most episodes look through no camera
@@ -251,13 +252,17 @@ class HeadlessEnv(SceneAccessMixin):
             self._pictures.close()
             self._pictures = None
 
-    def observation(self) -> Row:
+    def observation(self, tool: bool = True) -> Row:
         """(D,) the environment's state observation of this instant: qpos, qvel and tool pose of the robot, then of each
         object in the task's order openness, qpos, pose of its root and of its moving link, or the pose alone of a
-        rigid one."""
+        rigid one.
+
+        Args:
+            tool: False leaves NaN for the tool's pose.
+        """
         arm = self._require_arm()
         objects = [row for part in self._parts.values() for row in part.observed().values()]
-        return np.concatenate([*arm.observed(), *objects]).astype(np.float32)
+        return np.concatenate([*arm.observed(tool), *objects]).astype(np.float32)
 
 
 def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics) -> Part:

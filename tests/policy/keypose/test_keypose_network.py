@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from gensim2.observations import Observation, PointCloud
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.policy.checkpoint import PolicyCheckpoint
 from gensim2.policy.config import PolicyConfig, TrainConfig
 from gensim2.policy.frames import turn_matrix
@@ -46,7 +46,7 @@ def seen(row: int, yaw: float = 0.0) -> Observation:
         step=0,
         time=0.0,
         language="push the bar",
-        arrays=proprioception(profile, q, np.zeros_like(q), 1.0),
+        arrays=Proprioception(profile, q, np.zeros_like(q), 1.0),
         cloud=PointCloud(cloud, np.zeros(cloud.shape, np.uint8), None),
         cameras={},
     )

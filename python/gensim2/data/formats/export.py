@@ -13,6 +13,7 @@ from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line
 from gensim2.data.card import Described, write_card
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import Frames, frames_of
 from gensim2.data.formats.manifest import Format, write_manifest
 from gensim2.data.formats.replay_zarr import ZarrWriter
@@ -21,7 +22,7 @@ from gensim2.data.formats.to_lerobot import export_lerobot
 from gensim2.data.observation_file import ObservedEpisode, read_observation
 from gensim2.data.record import DatasetRecord
 from gensim2.data.selection import Selection, some
-from gensim2.data.store import ROWS, DataSet, TaskStore
+from gensim2.data.store import ROWS, TaskStore
 from gensim2.data.trajectory import Provenance, write_trajectory
 from gensim2.errors import InputError
 from gensim2.files import new_folder, replacing

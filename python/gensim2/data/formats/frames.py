@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gensim2.data.formats.columns import column_of
 from gensim2.errors import InputError
 from gensim2.observations.columns import CLOUD, CLOUD_SEGMENTATION, PROPRIOCEPTION, cloud_column
-from gensim2.observations.proprioception import proprioception
+from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import OPEN, RobotProfile
 from gensim2.rollout.recording import Recording
 
@@ -62,7 +62,7 @@ def frames_of(
     for step in range(steps):
         positions, velocities = np.split(states[step, FIRST_JOINT : FIRST_JOINT + 2 * joints], 2)
         command = float(recording.actions[step - 1, -1]) if step else OPEN
-        for name, row in proprioception(profile, positions, velocities, command).items():
+        for name, row in Proprioception(profile, positions, velocities, command).items():
             own[name].append(row)
     seen = {} if observation is None else _seen(observation)
     for name, values in seen.items():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gensim2.data.dataset import DataSet
 from gensim2.data.formats.columns import formerly_nested
 from gensim2.data.formats.export import NATIVE, check_apart
 from gensim2.data.formats.frames import EPISODE_COLUMNS, Frames, frames_of
@@ -22,7 +23,6 @@ from gensim2.data.formats.native import copy_native, read_back
 from gensim2.data.formats.to_lerobot import lerobot_frames
 from gensim2.data.formats.trajectory_reading import take_apart
 from gensim2.data.formats.zarr_reading import zarr_frames
-from gensim2.data.store import DataSet
 from gensim2.errors import InputError, WriteError
 from gensim2.files import new_folder
 from gensim2.foreign.process import Bounds, isolated

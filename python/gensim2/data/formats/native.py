@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode
+from gensim2.data.dataset import DATASET_JSON, DataSet
 from gensim2.data.episode_file import StoredEpisode
 from gensim2.data.formats.seen_table import NAME as SEEN
-from gensim2.data.store import DATASET_JSON, ROWS, DataSet, TaskStore
+from gensim2.data.store import ROWS, TaskStore
 from gensim2.errors import InputError
 from gensim2.foreign.names import is_name
 from gensim2.foreign.tree import MOST_RECORD, ForeignTree

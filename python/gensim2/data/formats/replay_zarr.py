@@ -10,6 +10,7 @@ read back stands in ``zarr_reading``.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType, TracebackType
@@ -56,7 +57,9 @@ class ZarrWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _: object, __: TracebackType | None) -> None:
-        if kind is None and not self._frames:
+        if kind is not None:
+            _finish_writing()
+        elif not self._frames:
             raise InputError("there is no episode to export", file=self._root)
 
     def add(self, task: str, frames: Mapping[str, Array]) -> None:
@@ -91,6 +94,17 @@ class ZarrWriter:
         return self._data.create_array(
             key, shape=(0, *values.shape[1:]), chunks=(chunk, *values.shape[1:]), dtype=values.dtype
         )
+
+
+def _finish_writing() -> None:
+    """Wait for the chunks that zarr still writes after one of them failed: a folder removed now would come back."""
+    from zarr.core.sync import sync
+
+    async def others() -> None:
+        pending = asyncio.all_tasks() - {asyncio.current_task()}
+        await asyncio.gather(*pending, return_exceptions=True)
+
+    sync(others())
 
 
 def zarr_module() -> ModuleType:

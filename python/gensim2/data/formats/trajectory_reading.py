@@ -11,11 +11,12 @@ import h5py
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from gensim2.data.attempt_log import LoggedEpisode, log_line
+from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import read_recording
 from gensim2.data.record import DatasetRecord
 from gensim2.data.recorded import MOST_STEPS, check_recording
 from gensim2.data.runfolder import TaskFolder
-from gensim2.data.store import LAST_INDEX, ROWS, DataSet, TaskStore
+from gensim2.data.store import LAST_INDEX, ROWS, TaskStore
 from gensim2.data.trajectory import H5_NAME, JSON_NAME
 from gensim2.errors import InputError
 from gensim2.files import replacing

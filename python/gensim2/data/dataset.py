@@ -1,0 +1,91 @@
+"""The native data set: one file an episode, one folder a task, one description of all (docs/data.md).
+
+dataset = DataSet.open(Path("runs/night"))
+for row in dataset.task("OpenBox").rows():          # every episode that was tried, by index
+    if row.held:
+        stored = dataset.task("OpenBox").read(row)  # its states and actions
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gensim2.data.frame_access import FrameAccess
+from gensim2.data.observation_file import read_description, spec_of_file
+from gensim2.data.record import DatasetRecord
+from gensim2.data.store import OBSERVATIONS, TaskStore
+from gensim2.errors import InputError
+from gensim2.files import write_json
+from gensim2.foreign.tree import ForeignTree
+from gensim2.observations import ObservationSpec
+from gensim2.record_files import read_record
+
+DATASET_JSON = "dataset.json"
+
+
+class DataSet:
+    """A data set on disk.
+
+    Args:
+        path: its folder.
+        record: its ``dataset.json``.
+    """
+
+    def __init__(self, path: Path, record: DatasetRecord) -> None:
+        self.path, self.record = path, record
+
+    @staticmethod
+    def open(path: Path | str) -> DataSet:
+        """Read what a collection left, finished or not.
+
+        Raises:
+            InputError: ``dataset.json`` is not there, is damaged, or another version of gensim2 wrote it.
+        """
+        path = Path(path)
+        file = path / DATASET_JSON
+        return DataSet(path, read_record(file, DatasetRecord, "restore the file, or choose the folder of a data set"))
+
+    def save(self) -> None:
+        """Write ``dataset.json``."""
+        write_json(self.path / DATASET_JSON, self.record.model_dump())
+
+    def frames(self, tasks: Sequence[str] = (), *, observations: bool | None = None, horizon: int = 1) -> FrameAccess:
+        """Frames by number, in any order; ``.torch()`` of them is a ``torch.utils.data.Dataset``.
+
+        Args:
+            tasks: names; none: all.
+            observations, horizon: as for :class:`~gensim2.data.frame_access.FrameAccess`.
+
+        Raises:
+            InputError: as there.
+        """
+        stores = [self.task(name) for name in tasks or self.tasks]
+        return FrameAccess(stores, self.record.scene.robot, observations=observations, horizon=horizon)
+
+    def observation_spec(self) -> ObservationSpec:
+        """What its observations are of.
+
+        Raises:
+            InputError: it was not rendered, or a file of observations is damaged.
+        """
+        for name in self.tasks:
+            first = min((self.path / name / OBSERVATIONS).glob("*.h5"), default=None)
+            if first is not None:
+                return spec_of_file(read_description(first), first)
+        raise InputError("holds no observations", file=self.path, remedy="run `gensim2 render` on it")
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Names of the tasks, in order."""
+        return tuple(self.record.tasks)
+
+    def task(self, name: str) -> TaskStore:
+        """The episodes of a task.
+
+        Raises:
+            InputError: the data set has no such task.
+        """
+        if name not in self.record.tasks:
+            raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
+        return TaskStore(ForeignTree(self.path).inside(name))
