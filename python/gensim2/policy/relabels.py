@@ -49,6 +49,10 @@ NEAR, TURNED = 0.03, 0.3
 """m and rad by which the hand's pose at the contact may differ from the one that the episode began with."""
 LAST = 0.5
 """Share of the way from the approach to the contact within which the hand is on that way, wherever it came from."""
+SLOW = 0.02
+"""m/s of a finger below which it has come to where it was sent."""
+STILL = 1e-3
+"""rad, and of a gripper's command: what stands within it stands still."""
 SHARE = 0.3
 """Of a batch's samples that are relabels, where there are some."""
 
@@ -116,14 +120,26 @@ def _label(
         return None
     if planned.rank > 0 or not same_pose(began, planned):
         return None
-    actions = ChainPlan(way, planned, scene, 0, "", profile).actions
     arm = profile.arm_size
+    actions = _from_fingers_on(ChainPlan(way, planned, scene, 0, "", profile).actions, observation, profile)
     rows = np.minimum(np.arange(horizon), len(actions) - 1)
     chunk = np.empty((horizon, arm + EXTRA), np.float32)
     chunk[:, :arm] = actions[rows, :arm] - observation.joint_positions[:arm]
     chunk[:, arm] = actions[rows, arm]
     chunk[:, arm + 1] = np.where(np.arange(horizon) >= len(actions), 1.0, -1.0)
     return chunk
+
+
+def _from_fingers_on(
+    actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
+) -> npt.NDArray[np.float32]:
+    """The actions of a plan without the wait for the fingers, where these are commanded so already and stand still."""
+    arm = profile.arm_size
+    fingers = observation.joint_velocities[list(profile.gripper_columns)]
+    if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
+        return actions
+    moved = np.abs(actions[:, :arm] - actions[0, :arm]).max(axis=1) > STILL
+    return actions[int(moved.argmax()) :]
 
 
 def same_pose(one: StepPlan, other: StepPlan) -> bool:
