@@ -1,7 +1,8 @@
 # `make help` lists the targets.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format api lock clean
+.PHONY: help setup demo test lint format figures api lock clean
 
+FIGURES_OUT ?= runs/figures
 DEMO_OUT ?= runs/demo
 DEMO_TASKS ?= 1
 DEMO_LONG ?= PlaceGolfBallIntoDrawer
@@ -34,6 +35,10 @@ lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins tha
 	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \
 		--fork-strategy fewest --no-emit-index-url --custom-compile-command "make lock" --quiet \
 		--output-file requirements.lock
+
+figures: setup ## run anew what made the figures (FIGURES_OUT, days of one core), with real objects in ASSETS; then the tables
+	@.venv/bin/python scripts/figures.py --remake $(FIGURES_OUT) --assets $(ASSETS) --page $(FIGURES_OUT)/by_instance.html
+	@.venv/bin/python benchmarks/results_table.py --into docs/results.md README.md
 
 clean: ## remove what was built; keeps .venv/ and runs/
 	@rm -rf target dist .mypy_cache .ruff_cache .pytest_cache .hypothesis python/gensim2_kpam/_native*.so .venv/.gensim2-extension

@@ -3,6 +3,7 @@
     python scripts/figures.py results/*.json                             # what benchmarks found, into the figures
     python benchmarks/results_table.py --into docs/results.md README.md
     python benchmarks/results_table.py results/*.json > tables.md        # of these files of `gensim2 benchmark` alone
+    python benchmarks/results_table.py --switches results/*.json         # what each switch of the physics is worth
 
 With `--into`, what stands between `<!-- figures: all -->` (or `<!-- figures: short -->`) and `<!-- /figures -->` in a
 file is written anew. A cell holds the share of episodes that fulfil paper / held (with its 95 % interval) / strict; in
@@ -16,12 +17,13 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from statistics import mean
+from statistics import mean, stdev
 
 from gensim2.errors import InputError
 from gensim2.evaluation.figures import rows_of
 from gensim2.files import write_atomic
 from gensim2.rollout.tally import interval
+from gensim2.scenes.physics import DEFAULT_PHYSICS, PHYSICS_NAMES
 from gensim2.tasks.figures import Condition, Figure, figures
 from gensim2.tasks.library import load_task
 from gensim2.tasks.published import MEASURED, PAPER
@@ -37,6 +39,7 @@ Cell = Callable[[Figure], str]
 def everything(rows: Sequence[Figure]) -> str:
     """Means of all conditions, then a section each, the paper's protocol first, in it a table a type of tasks."""
     sections: dict[str, list[Figure]] = {}
+    rows = [row for row in rows if row.condition.physics in PHYSICS_NAMES]  # mixtures have a table of their own
     for row in sorted(rows, key=lambda row: not row.condition.is_plain):
         title = what_differs(row.condition)
         sections.setdefault(title[0].upper() + title[1:], []).append(row)
@@ -46,6 +49,50 @@ def everything(rows: Sequence[Figure]) -> str:
 def short(rows: Sequence[Figure]) -> str:
     """The paper's protocol alone, one verdict a cell: held in our physics, paper in the original's."""
     return _tables([row for row in rows if row.condition.is_plain], _one_verdict, averages=_average_of_one)
+
+
+def switches(rows: Sequence[Figure]) -> str:
+    """What each switch of the physics costs or gives, turned to the original's alone, on the same scenes.
+
+    A row of the table is of the tasks that were measured under the default and with that switch, of as many episodes of
+    the same seed on the same objects. Points are those of the mean over tasks; the interval is that of the mean of the
+    tasks' differences (normal, by its standard error over tasks).
+
+    Raises:
+        InputError: nothing can be compared.
+    """
+    plain = {_scenes(row): row for row in rows if row.condition.physics == DEFAULT_PHYSICS}
+    found: dict[tuple[str, str], list[tuple[Figure, Figure]]] = {}
+    for row in rows:
+        before = plain.get(_scenes(row))
+        if before is not None and row.condition.physics != DEFAULT_PHYSICS:
+            found.setdefault((row.condition.physics, _type(row.task)), []).append((before, row))
+    head = ["physics", "tasks", "episodes each", "paper", "held", "strict"]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for (physics, kind), pairs in found.items():
+        sizes = sorted({row.episodes for _, row in pairs})
+        cells = (_points(pairs, verdict) for verdict in ("paper", "held", "strict"))
+        lines.append(_line([f"`{physics}`", f"{len(pairs)} {kind}", " or ".join(map(str, sizes)), *cells]))
+    if not found:
+        raise InputError("hold no switch and its default on the same scenes", field="results")
+    return "\n".join(lines) + "\n"
+
+
+def _scenes(row: Figure) -> tuple[str, Condition, int, int]:
+    """What a row's scenes follow from, physics apart."""
+    return row.task, row.condition.model_copy(update={"physics": ""}), row.seed, row.episodes
+
+
+def _points(pairs: Sequence[tuple[Figure, Figure]], verdict: str) -> str:
+    """Mean difference in points, with its 95 % interval where there are several tasks."""
+    gains = [
+        100 * (getattr(row, verdict) / row.episodes - getattr(before, verdict) / before.episodes)
+        for before, row in pairs
+    ]
+    half = 1.96 * stdev(gains) / len(gains) ** 0.5 if len(gains) > 1 else None
+    return f"{mean(gains):+.1f}" + (
+        "" if half is None else f" ({mean(gains) - half:+.1f} to {mean(gains) + half:+.1f})"
+    )
 
 
 def what_differs(condition: Condition) -> str:
@@ -182,6 +229,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, nargs="*", help="in place of the figures: JSON of gensim2 benchmark")
     parser.add_argument("--into", type=Path, nargs="+", default=[], help="documents to write the tables into")
+    parser.add_argument("--switches", action="store_true", help="of the files: what each physics switch is worth")
     options = parser.parse_args()
     try:
         rows = [row for path in options.results for row in rows_of(path)] if options.results else figures().rows
@@ -190,7 +238,7 @@ def main() -> None:
     except InputError as error:
         sys.exit(f"results_table: {error}")
     if not options.into:
-        print(everything(rows))
+        print(switches(rows) if options.switches else everything(rows))
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ ABOVE_SIM = (
     "gensim2.data",
     "gensim2.evaluation",
     "gensim2.policy",
+    "gensim2.deploy",
     "gensim2.design",
     "gensim2.inspection",
 )
@@ -33,6 +34,7 @@ UPWARDS = (
     "gensim2.data",
     "gensim2.evaluation",
     "gensim2.policy",
+    "gensim2.deploy",
     "gensim2.design",
     "gensim2.cli",
 )

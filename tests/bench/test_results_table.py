@@ -117,3 +117,22 @@ def test_tables_are_made_of_the_json_of_benchmarks(
     monkeypatch.setattr(sys, "argv", ["results_table", "one.json", "two.json"])
     made.main()
     assert capsys.readouterr().out == made.everything(ROWS[:2]) + "\n"
+
+
+def test_switches_are_compared_on_the_same_scenes(made: Any) -> None:
+    """One gains 10 of 250 and the other loses 60; another seed and a row without its default say nothing."""
+    word = "default+hulls=original"
+    rows = [
+        _row("TurnOnFaucet", 200),
+        _row("OpenBox", 240),
+        _row("TurnOnFaucet", 210, physics=word),
+        _row("OpenBox", 180, physics=word),
+        _row("CloseBox", 10, physics=word),
+        _row("OpenBox", 250, physics="default+solver=original", seed=8),
+    ]
+    table = made.switches(rows).splitlines()
+    assert len(table) == 3
+    assert table[2].startswith(f"| `{word}` | 2 single-step | 250 | +0.0 (+0.0 to +0.0) | -10.0 (-37.4 to +17.4) |")
+    with pytest.raises(InputError, match="no switch and its default"):
+        made.switches(rows[:2])
+    assert "hulls" not in made.everything(rows)

@@ -74,7 +74,7 @@ class Shelf:
     def kind(self, asset_class: str) -> str:
         return "articulated" if asset_class == "drawer" else "rigid"
 
-    def load(self, asset_class: str, instance: str) -> Any:
+    def load(self, asset_class: str, instance: str, hulls: str = "default") -> Any:
         if asset_class == "drawer":
             return open_library("builtin").load(asset_class, instance)
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)

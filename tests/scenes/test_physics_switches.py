@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from gensim2.errors import InputError
+from gensim2.objects import Instance, Library, RigidObject, open_library
+from gensim2.objects.types import Hulls
 from gensim2.scenes.physics import PRESETS, SWITCHES, physics_name, physics_switches
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.tasks.library import load_task
@@ -94,3 +96,20 @@ def test_the_first_draw_counts_where_nothing_is_drawn_again() -> None:
         same = all((kept.objects[name].position == thing.position).all() for name, thing in first.objects.items())
         assert same == (kept.draws == 1)
     assert max(counts) > 1
+
+
+def test_hulls_are_taken_as_the_physics_says() -> None:
+    """Real meshes alone differ; what the switch asks of the library is what this looks at."""
+    asked = []
+
+    class Asked(Library):  # a library that notes what was asked of it
+        def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
+            asked.append(hulls)
+            return super().load(asset_class, instance_id, hulls)
+
+    library = open_library("builtin")
+    library.__class__ = Asked
+    for word, expected in (("default", "default"), ("original", "default"), ("original+hulls=original", "original")):
+        asked.clear()
+        SceneSampler("CloseBox", assets=library, physics=word).sample(0)
+        assert set(asked) == {expected}

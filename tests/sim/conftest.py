@@ -12,7 +12,7 @@ import pytest
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject
-from gensim2.objects.types import Instance
+from gensim2.objects.types import Hulls, Instance
 from gensim2.scenes.arguments import as_library
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -47,8 +47,10 @@ class CrateLibrary:
             raise InputError(f"{asset_class} has no instance {which}", field="instance")
         return splits.get(which, (which,))
 
-    def load(self, asset_class: str, instance_id: str, /) -> Instance | RigidObject:
-        return self._crates[instance_id] if asset_class == "crate" else self._others.load(asset_class, instance_id)
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> Instance | RigidObject:
+        if asset_class == "crate":
+            return self._crates[instance_id]
+        return self._others.load(asset_class, instance_id, hulls)
 
 
 @pytest.fixture

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 from run_folders import fake_world
 
+from gensim2.cli.benchmark import benchmark
 from gensim2.errors import InputError
-from gensim2.evaluation.figures import rows_of
+from gensim2.evaluation.figures import command_of, made_together, page_by_instance, rows_of
 from gensim2.tasks.figures import Condition, Figures, figures, figures_of, read_figures
 from gensim2.tasks.library import load_task, task_names
 from gensim2.tasks.published import MEASURED, PAPER
@@ -126,3 +127,39 @@ def test_figures_that_travel_are_of_tasks_that_there_are() -> None:
     assert set(MEASURED) <= set(PAPER)
     assert all(0 <= successes <= episodes for successes, episodes in MEASURED.values())
     assert set(Condition.model_fields) >= {"objects", "physics", "instances", "randomization", "attempts"}
+
+
+def test_a_row_says_where_it_comes_from_and_how_each_instance_did(tmp_path: Path) -> None:
+    made = {"commit": "abc", "date": "2026-01-02", "command": "gensim2 benchmark OpenDrawer"}
+    (row,) = rows_of(written(tmp_path / "a.json", {**document(), "provenance": made}))
+    assert row.source is not None
+    assert row.source.model_dump() == made
+    assert sum(each.episodes for each in row.instances.values()) == row.episodes == 8
+    assert sum(each.held for each in row.instances.values()) == row.held == 6
+    wrong = {name: each.model_copy(update={"held": 0}) for name, each in row.instances.items()}
+    with pytest.raises(ValueError, match="held of the instances are not those of the row"):
+        type(row).model_validate({**row.model_dump(), "instances": {k: v.model_dump() for k, v in wrong.items()}})
+    page = page_by_instance([row, *figures_of("OpenBox")[:2]])
+    assert "OpenDrawer: our physics, generated objects" in page
+    assert all(f"<td>{name}</td>" in page for name in row.instances)
+
+
+def test_the_command_of_a_row_is_the_one_that_made_it(tmp_path: Path) -> None:
+    """What it parses to is the row's condition again, whatever it was."""
+    told = {"physics": "original", "randomization": "wide", "attempts": 8, "open_loop": True, "assets": "/objects"}
+    (row,) = rows_of(written(tmp_path / "a.json", document(**told)))
+    words = command_of([row], "/objects")
+    given = benchmark.make_context("benchmark", words[1:]).params
+    assert (given["tasks"], given["seed"]) == (("OpenDrawer",), 9)
+    assert (given["runs"], given["episodes"], given["attempts"]) == (2, 4, 8)
+    assert (given["physics"], given["randomization"], given["open_loop"]) == ("original", "wide", True)
+    with pytest.raises(InputError, match="real objects"):
+        command_of([row], None)
+
+
+def test_rows_of_one_command_are_made_together() -> None:
+    groups = made_together(figures().rows)
+    assert sum(map(len, groups)) == len(figures().rows)
+    for group in groups:
+        assert len({(row.condition, row.seed, row.runs) for row in group}) == 1
+        assert len({row.task for row in group}) == len(group)

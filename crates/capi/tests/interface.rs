@@ -79,10 +79,9 @@ fn sampling_allocates_nothing() {
 
 /// The folder with the library that this test was built beside.
 fn built() -> PathBuf {
-    let program = std::env::current_exe().expect("this program");
-    let deps = program.parent().expect("its folder");
-    let found = [deps, deps.parent().unwrap_or(deps)].into_iter().find(|f| f.join("libgensim2_capi.so").is_file());
-    found.unwrap_or_else(|| panic!("no libgensim2_capi.so in {} or above", deps.display())).to_path_buf()
+    let program = std::env::current_exe().unwrap();
+    let above: Vec<&Path> = program.ancestors().skip(1).take(2).collect();
+    above.iter().find(|folder| folder.join("libgensim2_capi.so").is_file()).unwrap().to_path_buf()
 }
 
 #[test]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 import gensim2_kpam as kpam
 from gensim2.objects import Library, ObjectModel
-from gensim2.objects.types import Instance
+from gensim2.objects.types import Hulls, Instance
 from gensim2.raycast.kinematics import Tree, pose_matrices, read_urdf, state_rows
 from gensim2.robots import RobotProfile
 from gensim2.rollout.recording import Recording
@@ -69,10 +69,11 @@ class ClearanceMeter:
         profile: of the robot.
         task: of the episodes.
         library: of their objects.
+        hulls: how real meshes became collision parts where the episodes were recorded.
     """
 
-    def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library) -> None:
-        self._profile, self._task, self._library = profile, task, library
+    def __init__(self, profile: RobotProfile, task: TaskSpec, library: Library, hulls: Hulls = "default") -> None:
+        self._profile, self._task, self._library, self._hulls = profile, task, library, hulls
         self._others = tuple(name for name in task.objects if name not in task.acted_on)
         rigid = [name for name, spec in task.objects.items() if library.kind(spec.asset_class) == "rigid"]
         self._may_be_held = tuple(name for name in rigid if name in task.acted_on)
@@ -133,7 +134,8 @@ class ClearanceMeter:
 
     def _bodies(self, recording: Recording, name: str) -> dict[str, _Body]:
         """Pieces of an object, by ``<object>/<link>``."""
-        model: ObjectModel = self._library.load(self._task.objects[name].asset_class, recording.instances[name])
+        asset_class = self._task.objects[name].asset_class
+        model: ObjectModel = self._library.load(asset_class, recording.instances[name], self._hulls)
         T_base_world = np.linalg.inv(self._profile.T_world_base)
         if not isinstance(model, Instance):
             rows = state_rows(recording.env_states, "actors", name, 13)

@@ -15,10 +15,12 @@ from gensim2.data.clearance import ClearanceMeter
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.frames import FIRST_JOINT
 from gensim2.data.store import TaskStore
-from gensim2.objects import Library, open_library
+from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.recording import Recording
+from gensim2.scenes.physics import physics_switches
+from gensim2.tasks.spec import TaskSpec
 
 SAME_PLACE, SAME_YAW, SAME_OPENNESS = 1e-3, 0.02, 0.01
 """m, rad and share within which two scenes are the same to a policy."""
@@ -82,12 +84,14 @@ def qualities(dataset: DataSet, progress: Progress = NULL_PROGRESS) -> Iterator[
     for name in dataset.tasks:
         store = dataset.task(name)
         progress.start(f"{name}: look at episodes", dataset.record.tasks[name].tried)
-        yield _quality(store, profile, library, progress)
+        spec = store.spec()
+        meter = ClearanceMeter(profile, spec, library, physics_switches(scene.physics).hulls)
+        yield _quality(store, spec, profile, meter, progress)
 
 
-def _quality(store: TaskStore, profile: RobotProfile, library: Library, progress: Progress) -> TaskQuality:
-    spec = store.spec()
-    meter = ClearanceMeter(profile, spec, library)
+def _quality(
+    store: TaskStore, spec: TaskSpec, profile: RobotProfile, meter: ClearanceMeter, progress: Progress
+) -> TaskQuality:
     found = TaskQuality(store.name, spec.description)
     role = spec.steps[0].object
     scenes: set[tuple[object, ...]] = set()

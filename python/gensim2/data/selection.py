@@ -12,6 +12,7 @@ from gensim2.errors import InputError
 from gensim2.objects import open_library
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
+from gensim2.scenes.physics import physics_switches
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,9 @@ class Selection:
         from gensim2.data.clearance import ClearanceMeter  # here: it brings SciPy
 
         scene = dataset.record.scene
-        meter = ClearanceMeter(robot(scene.robot), store.spec(), open_library(scene.assets))
+        meter = ClearanceMeter(
+            robot(scene.robot), store.spec(), open_library(scene.assets), physics_switches(scene.physics).hulls
+        )
         progress.start(f"{store.name}: clearance", len(rows))
         kept = []
         for row in rows:

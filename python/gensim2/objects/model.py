@@ -19,10 +19,22 @@ ROOT_LINK = "base"
 
 @dataclass(frozen=True)
 class LinkGeometry:
-    """Collision hulls, each (N, 3), and visual meshes of a link, metres in the link frame."""
+    """Geometry of a link, metres in the link frame.
+
+    Attributes:
+        hulls: convex parts, each (N, 3): by them it weighs, stands and collides.
+        meshes: what is seen.
+        solid: convex parts that collide in place of ``hulls``; None: the same.
+    """
 
     hulls: list[Array]
     meshes: list[Mesh]
+    solid: list[Array] | None = None
+
+    @property
+    def collides(self) -> list[Array]:
+        """Convex parts that collide."""
+        return self.hulls if self.solid is None else self.solid
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,9 @@ from gensim2.objects.kinematics import joint_motion
 Array = npt.NDArray[np.float64]
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
+Hulls = Literal["default", "original"]
+"""How real meshes become collision parts: taken apart so that cavities stay open, or, as in the original GenSim2, each
+connected piece of a file as its convex hull. Generated objects are made of convex parts: both are the same there."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from gensim2.robots import RobotProfile
 from gensim2.rollout.chain_state import ChainPlan, ChainTurn, best_of
 from gensim2.rollout.controller import ACTUATION, PROPRIOCEPTIVE, Action, Event, PrivilegedObservation, Reference
 from gensim2.rollout.record import START, Cause, PlanRecord, StepRecord
+from gensim2.rollout.room import room_for_hand
 from gensim2.rollout.watch import Held, has_drifted, taken
 from gensim2.tasks.spec import HAND, Step, TaskSpec
 
@@ -263,13 +264,17 @@ class ChainController:
             return True
         speed = observation.measurement.speeds.get(self._step.object)
         moves = speed is not None and self._step.object != self._holds and float(speed[0]) > CALM
+        falls = self._trigger == Cause.OBJECT_DRIFTED and self._swings(observation)
         waits = self._waited < self._profile.steps(CALM_SECONDS)
-        return waits and (moves or (self._from_rest and self._is_under_way(observation)))
+        return waits and (moves or falls or (self._from_rest and self._is_under_way(observation)))
 
     def _is_under_way(self, observation: PrivilegedObservation) -> bool:
         """Whether the arm moves, or the joint of what the step acts on."""
-        swings = abs(observation.measurement.joint_speed.get(self._step.object, 0.0)) > CALM_JOINT
-        return swings or bool(np.abs(observation.qvel).max() > CALM_ARM)
+        return self._swings(observation) or bool(np.abs(observation.qvel).max() > CALM_ARM)
+
+    def _swings(self, observation: PrivilegedObservation) -> bool:
+        """Whether the joint of what the step acts on moves."""
+        return abs(observation.measurement.joint_speed.get(self._step.object, 0.0)) > CALM_JOINT
 
     def _stay(self, observation: PrivilegedObservation) -> Action:
         """Stop where the arm is, the fingers as they were commanded."""
@@ -296,7 +301,7 @@ class ChainController:
             plan = self._plan(scene, name, observation.step, former)
             turn.plans.append(plan)
             found.append(plan)
-            if plan.planned.rank == 0:
+            if plan.is_best:
                 break
         self._running = best_of(found)
         return self._running is not None
@@ -339,7 +344,8 @@ class ChainController:
             )
         except kpam.ProblemError as error:  # it does not fit this scene's objects
             planned = StepPlan(INVALID, str(error), plan=None, schedule=None, after=None)
-        return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile)
+        room = room_for_hand(planned.after, self._step, later)
+        return ChainPlan(name, planned, scene, at_step, self._trigger, self._profile, room)
 
     def _plan_ahead(self, scene: Scene) -> list[list[ChainPlan]]:
         """The plans of every step, a whole one last, up to the first step that has none."""
@@ -349,7 +355,7 @@ class ChainController:
             plans: list[ChainPlan] = []
             for name in step.strategies:
                 plans.append(self._plan(scene, name, 0, None))
-                if plans[-1].planned.rank == 0:
+                if plans[-1].is_best:
                     break
             ahead.append(plans)
             best = best_of(plans)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from gensim2.planning.step_plan import StepPlan
 from gensim2.robots import RobotProfile
 from gensim2.rollout.controller import Action
 from gensim2.rollout.record import PlanRecord
+from gensim2.rollout.room import ROOM
 from gensim2.tasks.criteria import OF_GRIPPER
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import Step
@@ -30,6 +32,7 @@ class ChainPlan:
         at_step: control step at which it was made.
         trigger: why.
         profile: whose simulated drives execute it.
+        room: for the hand about what the next step takes, m; at most ``ROOM``.
         ran: actions of it that were given.
     """
 
@@ -39,7 +42,18 @@ class ChainPlan:
     at_step: int
     trigger: str
     profile: RobotProfile
+    room: float = ROOM
     ran: int = 0
+
+    @property
+    def rank(self) -> tuple[bool, int, int]:
+        """The lower, the better: whole, then by centimetres of room for what comes next, then as the planner has it."""
+        return not self.planned.is_solved, ceil((ROOM - self.room) / 0.01), self.planned.rank
+
+    @property
+    def is_best(self) -> bool:
+        """Whether none can be better."""
+        return self.planned.rank == 0 and self.room >= ROOM
 
     @property
     def is_over(self) -> bool:
@@ -48,12 +62,12 @@ class ChainPlan:
 
     def next_action(self) -> Action:
         """Of a plan that is not over."""
-        action: Action = self._actions[self.ran]
+        action: Action = self.actions[self.ran]
         self.ran += 1
         return action
 
     @cached_property
-    def _actions(self) -> npt.NDArray[np.float32]:
+    def actions(self) -> npt.NDArray[np.float32]:
         """(N, m + 1) commands of the simulated drives that execute the reference."""
         schedule = self.planned.schedule
         assert schedule is not None
@@ -101,6 +115,4 @@ class ChainTurn:
 
 def best_of(plans: Sequence[ChainPlan]) -> ChainPlan | None:
     """The first of the best that have a motion."""
-    return min(
-        (plan for plan in plans if plan.planned.schedule is not None), key=lambda p: p.planned.rank, default=None
-    )
+    return min((plan for plan in plans if plan.planned.schedule is not None), key=lambda plan: plan.rank, default=None)

@@ -79,14 +79,25 @@ def square(center: Array, half: float) -> Array:
 
 def keep_apart(first: Array, second: Array, gap: float) -> bool:
     """Whether a strip of the width ``gap`` (m), parallel to an edge of one of two convex outlines, parts them."""
-    return _beyond_an_edge(first, second, gap) or _beyond_an_edge(second, first, gap)
+    return gap_between(first, second) >= gap
 
 
-def _beyond_an_edge(of: Array, other: Array, gap: float) -> bool:
+def gap_between(first: Array, second: Array) -> float:
+    """Width (m) of the widest strip, parallel to an edge of one of two convex outlines, that parts them.
+
+    Below 0 they overlap.
+
+    Args:
+        first, second: (N, 2) and (M, 2) corners in m, counter-clockwise.
+    """
+    return max(_beyond_an_edge(first, second), _beyond_an_edge(second, first))
+
+
+def _beyond_an_edge(of: Array, other: Array) -> float:
     edges = np.roll(of, -1, axis=0) - of
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
     nearest = (other @ outward.T).min(axis=0)
-    return bool(np.any(nearest - np.sum(of * outward, axis=1) >= gap))
+    return float(np.max(nearest - np.sum(of * outward, axis=1)))
 
 
 def _on_moving_link(points: Array, model: Instance, value: float) -> Array:

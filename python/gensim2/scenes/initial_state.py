@@ -162,7 +162,7 @@ def sample_initial_state(
         chosen = options[name].get("instance")
         if chosen is not None and chosen not in library.choose(spec.asset_class, chosen):  # a word is no id
             raise InputError(f"{spec.asset_class} has no instance {chosen!r}", field="instance")
-        models[name] = library.load(spec.asset_class, chosen or draws[name].instance)
+        models[name] = library.load(spec.asset_class, chosen or draws[name].instance, physics.hulls)
     factors, start = _vary(task, models, seed, robot, randomization)
     again = physics.redraw == "placement"
     room = _Room(task, models, options, robot, start) if again and len(models) > 1 else None

@@ -33,6 +33,8 @@ class PhysicsSwitches:
         poses: default poses computed from the geometry, or the original's of the released models.
         gripper: drives of the fingers: the profile's, ``"soft"`` ones, with which the original's solver holds things,
             or the original's.
+        hulls: collision parts of real objects that leave their cavities open, or each connected piece of a file as its
+            convex hull; the planner knows the same parts.
         redraw: ``"placement"``: placements of several objects are drawn again until there is room for all;
             ``"none"``: the first draw counts.
         criteria_rate: criteria of the verdict ``paper`` are read every control step, or every 0.85 s.
@@ -46,6 +48,7 @@ class PhysicsSwitches:
     gripper: Gripper = "default"
     redraw: Redraw = "placement"
     criteria_rate: Ours = "default"
+    hulls: Ours = "default"
 
     @property
     def criteria_seconds(self) -> float | None:

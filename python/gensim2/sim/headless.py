@@ -139,20 +139,45 @@ class HeadlessEnv(SceneAccessMixin):
         self._command = float(np.asarray(action, dtype=np.float32)[-1])
         self._advance()
 
+    def substep(self, action: npt.ArrayLike) -> None:
+        """One step of the physics, a part of a control step: for devices that are driven at its rate.
+
+        Args:
+            action: as of :meth:`step`.
+
+        Raises:
+            InputError: the action has the wrong shape or is not finite.
+        """
+        self._require_arm().drive(action)
+        self._command = float(np.asarray(action, dtype=np.float32)[-1])
+        self._physics_step()
+
+    def pressing_force(self) -> float:
+        """Force (N) with which everything else pressed on the robot in the last step of the physics, all in all."""
+        links = {link.entity for link in self._require_arm().reader.articulation.links}
+        total = np.zeros(3)
+        for contact in self._system.get_contacts():
+            first, second = (body.entity in links for body in contact.bodies)
+            if first != second:
+                total += (1.0 if first else -1.0) * np.sum([point.impulse for point in contact.points], axis=0)
+        return float(np.linalg.norm(total) * self.profile.simulation.physics_hz)
+
     def wait(self) -> None:
         """One control step in which nothing is commanded."""
         assert self.setup
         self._advance()
 
     def _advance(self) -> None:
-        parts = self._parts.values()
         for _ in range(self.profile.substeps):
-            if self._arm is not None:
-                self._arm.transmission.before_substep()
-            for part in parts:
-                part.before_substep()
-            self._system.step()
+            self._physics_step()
         self.elapsed_steps += 1
+
+    def _physics_step(self) -> None:
+        if self._arm is not None:
+            self._arm.transmission.before_substep()
+        for part in self._parts.values():
+            part.before_substep()
+        self._system.step()
 
     def nudge(self, name: str, dx: float = 0.0, dy: float = 0.0, dyaw: float = 0.0) -> None:
         """Disturb an object, as a bump would: what the seed drew (``setup``) stays as it was.

@@ -84,6 +84,29 @@ class Condition(_Value):
         return [words for words, deviates in found.items() if deviates]
 
 
+class Verdicts(_Value):
+    """Numbers of episodes, and of those that fulfil each verdict."""
+
+    episodes: Count
+    paper: Count
+    held: Count
+    strict: Count
+
+
+class Source(_Value):
+    """Where a row comes from.
+
+    Attributes:
+        commit: of the sources; ``-modified`` behind it where they were no longer those.
+        date: on which the table was finished, ``YYYY-MM-DD``.
+        command: that made it.
+    """
+
+    commit: str
+    date: str
+    command: str
+
+
 class Figure(_Value):
     """One task under one condition; counts are numbers of episodes.
 
@@ -99,6 +122,9 @@ class Figure(_Value):
         causes: why those do not count as held that do not, most frequent first.
         strict_misses: what those lack that do not count as strict, most frequent first.
         objects: number of different ones by class.
+        instances: verdicts by the objects that episodes were run with, ``class/id`` and between several ``" + "``; none
+            of rows that are older than this field.
+        source: where it comes from; None of rows that are older than this field.
     """
 
     task: str
@@ -114,6 +140,8 @@ class Figure(_Value):
     causes: dict[str, Count]
     strict_misses: dict[str, Count]
     objects: dict[str, Count]
+    instances: dict[str, Verdicts] = {}
+    source: Source | None = None
 
     @model_validator(mode="after")
     def _counts_go_together(self) -> Self:
@@ -121,6 +149,9 @@ class Figure(_Value):
             raise ValueError("more episodes count than there are, or strict ones that do not hold")
         if self.held + sum(self.causes.values()) != self.episodes:
             raise ValueError("held and causes are not all episodes")
+        for name in ("episodes", "paper", "held", "strict") if self.instances else ():
+            if sum(getattr(each, name) for each in self.instances.values()) != getattr(self, name):
+                raise ValueError(f"{name} of the instances are not those of the row")
         return self
 
 

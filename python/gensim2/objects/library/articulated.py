@@ -18,7 +18,7 @@ from gensim2.objects.library.folder import ObjectFolder
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.library.urdf import URDF, plain_name
 from gensim2.objects.model import Model
-from gensim2.objects.types import Instance, Kind, Source
+from gensim2.objects.types import Hulls, Instance, Kind, Source
 from gensim2.seeding import rng
 
 LARGEST_NUMBER = 10**6
@@ -70,7 +70,7 @@ class GeneratedShelf(ArticulatedShelf):
         drawn = rng(seed, f"sample/{asset_class}").choice(LARGEST_NUMBER + 1 - first, count, replace=False)
         return tuple(str(first + int(number)) for number in sorted(drawn))
 
-    def load(self, asset_class: str, instance_id: str) -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance:
         modules = (*SHARED_MODULES, *GENERATOR_MODULES, *class_modules())
         return prepared(
             f"generated-{asset_class}-{instance_id}-{source_digest(*modules)}",
@@ -116,17 +116,18 @@ class FolderShelf(ArticulatedShelf):
     def joint_type(self, asset_class: str) -> str:
         return JOINT_TYPES.get(asset_class, "revolute")
 
-    def load(self, asset_class: str, instance_id: str) -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance:
         from gensim2.objects.library.released import READER_MODULES, read_model
 
         folder = self._folder / asset_class / instance_id
         print_of_data = ObjectFolder(folder).fingerprint()
         modules = (*SHARED_MODULES, *READER_MODULES)
         key = hashlib.sha256(f"{asset_class}/{instance_id}/{print_of_data}".encode()).hexdigest()[:16]
+        rule = "" if hulls == "default" else f"-{hulls}"
         return prepared(
-            f"real-{file_name(asset_class)}-{file_name(instance_id)}-{key}-{source_digest(*modules)}",
+            f"real-{file_name(asset_class)}-{file_name(instance_id)}-{key}-{source_digest(*modules)}{rule}",
             lambda target: _prepare(
-                read_model(folder, asset_class, print_of_data, JOINT_TYPES.get(asset_class)), target
+                read_model(folder, asset_class, print_of_data, JOINT_TYPES.get(asset_class), hulls), target
             ),
         )
 

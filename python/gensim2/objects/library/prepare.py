@@ -155,7 +155,7 @@ def _link(name: str, geometry: LinkGeometry, mass: Inertial, folder: Path) -> li
     if geometry.meshes:
         write_visual(folder / "visual" / f"{name}.glb", geometry.meshes)
         lines.append(f'    <visual><geometry><mesh filename="visual/{name}.glb"/></geometry></visual>')
-    for number, hull in enumerate(geometry.hulls):
+    for number, hull in enumerate(geometry.collides):
         box = box_of(hull)
         if box is not None:
             T, size = box
@@ -219,7 +219,7 @@ def prepare(model: Model, folder: Path) -> Instance:
         keypoints=model.keypoints,
         T_link_object=model.T_link_object,
         object_axis=model.object_axis,
-        hulls={model.root_link: tuple(model.body.hulls), model.moving_link: tuple(model.moving.hulls)},
+        hulls={model.root_link: tuple(model.body.collides), model.moving_link: tuple(model.moving.collides)},
         placement=placement,
         default_openness=rule.default_openness,
         mass=body.mass + moving.mass,

@@ -40,8 +40,10 @@ from gensim2.objects.library.urdf import (
     unit_axis,
 )
 from gensim2.objects.meshwork.clearance import Motion, decompose_pair
+from gensim2.objects.meshwork.pieces import piece_hulls
 from gensim2.objects.model import ROOT_LINK, LinkGeometry, Model
 from gensim2.objects.shapes import Mesh
+from gensim2.objects.types import Hulls
 
 Array = npt.NDArray[np.float64]
 
@@ -57,6 +59,7 @@ HULL_MODULES = (
 )
 READER_MODULES = (
     *HULL_MODULES,
+    "gensim2.objects.meshwork.pieces",
     "gensim2.foreign.tree",
     "gensim2.objects.library.folder",
     "gensim2.objects.library.info",
@@ -108,6 +111,16 @@ def _hulls(solid: dict[str, list[Mesh]], motion: Motion, warnings: list[str]) ->
     return {"body": hulls[: counts["of_body"]], "moving": hulls[counts["of_body"] :]}
 
 
+def _piece_hulls(solid: dict[str, list[Mesh]], warnings: list[str]) -> dict[str, list[Array]]:
+    """Hulls of the connected pieces of each link's files."""
+    found = {}
+    for link, meshes in solid.items():
+        found[link], flat = piece_hulls([(mesh.vertices, mesh.faces) for mesh in meshes])
+        if flat:
+            warnings.append(f"{link}: {flat} flat collision pieces left out, as the original's engine drops them")
+    return found
+
+
 def _engines_drop(meshes: list[Mesh]) -> bool:
     """Whether the meshes of one collision file are too little for a hull: under four corners, and not even flat along
     an axis, which PhysX takes for a box."""
@@ -136,12 +149,16 @@ def _declared_hulls(meshes: list[Mesh], info: Info) -> list[Array]:
     return hulls
 
 
-def read_model(path: Path, asset_class: str, content_hash: str, expected_type: str | None) -> Model:
+def read_model(
+    path: Path, asset_class: str, content_hash: str, expected_type: str | None, rule: Hulls = "default"
+) -> Model:
     """Read one instance.
 
     Args:
         path: ``<class>/<id>``.
         expected_type: joint type that the class is known for, to note a contradiction.
+        rule: how its meshes become collision parts. What it weighs, where it stands and its keypoints are by the
+            default's, whatever the rule.
 
     Raises:
         AssetError: the instance cannot be used; names the file and the field.
@@ -183,12 +200,13 @@ def read_model(path: Path, asset_class: str, content_hash: str, expected_type: s
             remedy="; ".join(geometry.unread) or "give it collision elements of some volume",
         )  # fmt: skip
     keypoints = read_keypoints(info, scale, T_link_object, joint.child, kind, axis, hulls["moving"], warnings)
+    solid = {} if rule == "default" or info.convex else _piece_hulls(geometry.solid, warnings)
     return Model(
         asset_class=asset_class,
         id=path.name,
         source="real",
-        body=LinkGeometry(hulls["body"], geometry.seen["body"]),
-        moving=LinkGeometry(hulls["moving"], geometry.seen["moving"]),
+        body=LinkGeometry(hulls["body"], geometry.seen["body"], solid.get("body")),
+        moving=LinkGeometry(hulls["moving"], geometry.seen["moving"], solid.get("moving")),
         joint_name=joint.name,
         joint_type=kind,
         moving_link=joint.child,

@@ -18,7 +18,7 @@ from gensim2.objects.library.info import is_number, numbers, read_info
 from gensim2.objects.library.shelf import RigidShelf
 from gensim2.objects.library.urdf import plain_name
 from gensim2.objects.rigid import RigidObject
-from gensim2.objects.types import Source
+from gensim2.objects.types import Hulls, Source
 
 CLASSES = dict(sorted({**FOOD, **HOUSEHOLD}.items()))
 YCB_LICENSE = "YCB object and model set (CC BY 4.0)"
@@ -39,6 +39,7 @@ _MODULES = (
     "gensim2.objects.library.rigid_meshes",
     "gensim2.objects.library.rigid_prepare",
     "gensim2.objects.meshwork.decompose",
+    "gensim2.objects.meshwork.pieces",
     "gensim2.objects.physics",
     "gensim2.objects.rigid",
     "gensim2.objects.shapes",
@@ -58,7 +59,7 @@ class GeneratedRigidShelf(RigidShelf):
     def describe(self, asset_class: str) -> str:
         return CLASSES[asset_class].description
 
-    def load_rigid(self, asset_class: str) -> RigidObject:
+    def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
         # Here, as below: naming objects needs no mesh library.
         from gensim2.objects.library.rigid_prepare import RigidModel, prepare
 
@@ -106,7 +107,7 @@ class FolderRigidShelf(RigidShelf):
     def describe(self, asset_class: str) -> str:
         return asset_class.replace("_", " ")
 
-    def load_rigid(self, asset_class: str) -> RigidObject:
+    def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
         from gensim2.objects.library.rigid_meshes import load_from_meshes
 
         folder = ObjectFolder(self._folder / asset_class)
@@ -119,8 +120,9 @@ class FolderRigidShelf(RigidShelf):
         }
         mass, terms = known_mass(asset_class, info.scale), info.license or self.license
         return load_from_meshes(
-            asset_class, folder, "collision.obj", info.scale, keypoints, mass, None, terms, source_digest(*_MODULES)
-        )
+            asset_class, folder, "collision.obj", info.scale, keypoints, mass, None, terms, source_digest(*_MODULES),
+            hulls,
+        )  # fmt: skip
 
 
 class YcbShelf(RigidShelf):
@@ -145,7 +147,7 @@ class YcbShelf(RigidShelf):
     def describe(self, asset_class: str) -> str:
         return asset_class.split("_", 1)[-1].replace("_", " ")
 
-    def load_rigid(self, asset_class: str) -> RigidObject:
+    def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
         from gensim2.objects.library.rigid_meshes import load_from_meshes
 
         entry, file = self._info[asset_class], self._folder / YCB_INFO
@@ -167,7 +169,7 @@ class YcbShelf(RigidShelf):
         folder, mass = ObjectFolder(self._folder / "models" / asset_class), known_mass(asset_class, scale)
         return load_from_meshes(
             asset_class, folder, "collision.ply", scale, keypoints, mass, density, self.license,
-            source_digest(*_MODULES),
+            source_digest(*_MODULES), hulls,
         )  # fmt: skip
 
 

@@ -17,9 +17,10 @@ from gensim2.objects.library.objfile import MOST_MESH, read_obj
 from gensim2.objects.library.released import within
 from gensim2.objects.library.rigid_prepare import RigidModel, prepare
 from gensim2.objects.meshwork.decompose import components, decompose, make_hull, weld
+from gensim2.objects.meshwork.pieces import piece_hulls
 from gensim2.objects.rigid import RigidObject
 from gensim2.objects.shapes import Mesh
-from gensim2.objects.types import Array
+from gensim2.objects.types import Array, Hulls
 
 DENSITY = 500.0
 """kg/m³ of a real object's hulls where nothing says its mass."""
@@ -37,6 +38,7 @@ def load_from_meshes(
     density: float | None,
     license: str,
     code: str,
+    rule: Hulls = "default",
 ) -> RigidObject:
     """Prepare a real object. Collision: each connected piece as its hull where that fills no cavity, else taken apart.
 
@@ -49,6 +51,7 @@ def load_from_meshes(
         mass: kg; None: by ``density`` (kg/m³), or ``DENSITY``.
         license: terms of the data.
         code: digest of the code that prepares it.
+        rule: ``"original"`` takes nothing apart.
 
     Raises:
         AssetError: it cannot be used; says why.
@@ -58,6 +61,7 @@ def load_from_meshes(
     told = {key: position.tolist() for key, (position, _) in keypoints.items()}
     made_of = (code, folder.fingerprint(), scale, mass, density, told, license)
     content = hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]
+    entry = content if rule == "default" else f"{content}-{rule}"
     try:
         pieces = [(scale * vertices, faces) for vertices, faces in _read(folder, collision)]
     except ValueError as error:
@@ -74,7 +78,7 @@ def load_from_meshes(
             warnings.append(f"{len(missing)} material files missing: {listed(missing)}")
     except (ValueError, MissingFileError) as error:
         warnings.append(f"{SEEN} cannot be read, nothing to look at: {shortened(str(error))}")
-    hulls, counts = cached_hulls(f"rigid-{content}", lambda: _hulls(pieces))
+    hulls, counts = cached_hulls(f"rigid-{entry}", lambda: _hulls(pieces, rule))
     if not hulls:
         raise AssetError("holds no part that can collide", file=file, remedy="see its size and the scale")
     if counts["dropped"]:
@@ -82,7 +86,7 @@ def load_from_meshes(
     model = RigidModel(
         name, "real", hulls, visual, keypoints, mass, density or DENSITY, FRICTION, license, content, warnings
     )
-    return prepare(f"rigid-real-{file_name(name)}-{content}", model)
+    return prepare(f"rigid-real-{file_name(name)}-{entry}", model)
 
 
 def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
@@ -107,8 +111,11 @@ def _read(folder: ObjectFolder, name: str) -> list[tuple[Array, Any]]:
     return [(vertices, faces)]
 
 
-def _hulls(pieces: list[tuple[Array, Any]]) -> tuple[list[Array], dict[str, int]]:
+def _hulls(pieces: list[tuple[Array, Any]], rule: Hulls) -> tuple[list[Array], dict[str, int]]:
     """The files are convex decompositions already: a piece is its own hull unless that adds much to it."""
+    if rule == "original":
+        whole, flat = piece_hulls(pieces)
+        return whole, {"dropped": flat}
     kept: list[Array] = []
     dropped, hollow = 0, []
     for vertices, faces in pieces:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from gensim2.errors import InputError
 from gensim2.objects.library.urdf import LONGEST_NAME
 from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import Instance, Kind, Source
+from gensim2.objects.types import Hulls, Instance, Kind, Source
 from gensim2.seeding import rng
 
 
@@ -41,8 +41,11 @@ class Shelf(ABC):
         """Ids of a class, sorted (numbers by value)."""
 
     @abstractmethod
-    def load(self, asset_class: str, instance_id: str) -> Instance | RigidObject:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
         """A prepared object; the first time it is made and kept in the cache.
+
+        Args:
+            hulls: how real meshes become collision parts.
 
         Raises:
             AssetError: it cannot be used; says why.
@@ -95,11 +98,11 @@ class RigidShelf(Shelf):
         """The only one: there is nothing beside it."""
         return (ONLY_ID,)
 
-    def load(self, asset_class: str, instance_id: str) -> RigidObject:
-        return self.load_rigid(asset_class)
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> RigidObject:
+        return self.load_rigid(asset_class, hulls)
 
     @abstractmethod
-    def load_rigid(self, asset_class: str) -> RigidObject:
+    def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
         """As :meth:`load`."""
 
     def joint_type(self, asset_class: str) -> None:

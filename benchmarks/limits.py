@@ -1,0 +1,181 @@
+"""Do commands pass a limit? Random and hostile targets through the deployed limits, judged by NumPy and coal.
+
+    python benchmarks/limits.py [--actions 1000000] [--seed 0] [--speed 0.1] [--json OUT]
+
+Targets are drawn from steps, ramps, noise, bang-bang between the ends of the joints' range, poses in the table and in
+the robot itself, circles faster than the arm, NaN and infinity. What comes out is judged from positions alone: their
+first, second and third differences, a kinematics of its own for the tool, and coal's distances of the links' hulls to
+one another and to the table at every command. Prints the largest share of each limit that was used, and how many
+commands passed one; ends with 1 where any did.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+from parts import Moved, least_distance, part
+from peers import Arm
+
+from gensim2.deploy.arm_limits import CYCLE, ArmLimits
+from gensim2.deploy.limits import RefusedError, begin, limit
+from gensim2.robots import robot
+from gensim2.seeding import rng
+
+Array = np.ndarray
+
+SHARE = 1e-6
+"""Of a limit that rounding may add, in differences of positions."""
+NEARER = 2e-4
+"""Metres that coal's distances may be less, as in the other checks."""
+#: The Panda's, as its maker publishes them; nothing is asked of the code that is judged.
+VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
+ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+JERK = 500.0 * ACCELERATION
+LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
+UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
+BLOCK = 20_000
+
+
+def hostile(count: int, draw: np.random.Generator, start: Array) -> Iterator[Array]:
+    """Targets, (7,) each; a kind of nastiness lasts up to two seconds."""
+    sent = 0
+    here = start.copy()
+    while sent < count:
+        kind, length = draw.integers(9), int(draw.integers(1, 200))
+        goal = draw.uniform(LOWER - 0.5, UPPER + 0.5)
+        rate, phase = draw.uniform(0.0, 60.0), draw.uniform(0, 2 * np.pi, 7)
+        for step in range(min(length, count - sent)):
+            if kind == 0:
+                target = goal
+            elif kind == 1:
+                target = here + (goal - here) * (step + 1) / length
+            elif kind == 2:
+                target = here + draw.normal(0.0, 0.05, 7)
+            elif kind == 3:
+                target = np.where(draw.random(7) < 0.5, LOWER, UPPER)
+            elif kind == 4:
+                target = np.array([goal[0], 1.7, 0.0, -1.0, 0.0, 2.5, 0.0])  # into the table
+            elif kind == 5:
+                target = np.array([goal[0], -1.7, 0.0, -3.0, goal[4], 0.2, 0.0])  # into itself
+            elif kind == 6:
+                target = here + 0.4 * np.sin(rate * CYCLE * step + phase)
+            elif kind == 7:
+                target = goal * 10.0 ** draw.uniform(0, 300)
+            else:
+                target = goal.copy()
+                target[draw.integers(7)] = draw.choice([np.nan, np.inf, -np.inf])
+            yield target
+        sent += length
+        here = np.clip(goal, LOWER, UPPER)
+
+
+def commands(count: int, seed: int, speed: float) -> tuple[Array, Counter[str], float]:
+    """What the limits let through of hostile targets: (N, 7) positions one cycle apart, what was clipped or refused,
+    and CPU seconds a command."""
+    limits = ArmLimits.of(robot("panda"), speed=speed)
+    start = np.array(robot("panda").reset_qpos[:7])
+    sent, told = begin(start, limits), Counter[str]()
+    found = [sent.q]
+    begun = time.process_time()
+    for target in hostile(count, rng(seed, "hostile targets"), start):
+        try:
+            sent = limit(sent, target, limits)
+            told.update(sent.clips)
+        except RefusedError:
+            sent = limit(sent, sent.q, limits)
+            told["refused"] += 1
+        found.append(sent.q)
+    return np.array(found), told, (time.process_time() - begun) / count
+
+
+def judge(q: Array, speed: float, margin: float, tool_speed: float, clearance: float) -> dict[str, Any]:
+    """Shares of the limits that commands used at most, and how many passed each.
+
+    Args:
+        q: (N, 7) positions, one cycle apart; before the first the arm stood there.
+        speed, margin, tool_speed, clearance: what was asked to be kept.
+    """
+    arm = Arm()
+    rest = np.repeat(q[:1], 3, axis=0)
+    velocity = np.diff(np.concatenate([rest, q]), axis=0) / CYCLE
+    acceleration = np.diff(velocity, axis=0) / CYCLE
+    jerk = np.diff(acceleration, axis=0) / CYCLE
+    shares = {
+        "velocity": np.abs(velocity) / (speed * VELOCITY),
+        "acceleration": np.abs(acceleration) / ACCELERATION,
+        "jerk": np.abs(jerk) / JERK,
+    }
+    found = {name: (float(each.max()), int((each > 1 + SHARE).any(axis=1).sum())) for name, each in shares.items()}
+    outside = np.maximum(LOWER + margin - q, q - (UPPER - margin))
+    found["position"] = (float(outside.max()), int((outside > 1e-8).any(axis=1).sum()))
+    table = [part(coal.Box(2.4, 2.4, 0.06), np.eye(4))]
+    below = np.eye(4)
+    below[2, 3] = -0.03
+    nearest, near, tool = np.inf, 0, []
+    for first in range(0, len(q), BLOCK):
+        rows = np.concatenate([q[first : first + BLOCK], np.full((len(q[first : first + BLOCK]), 2), 0.04)], axis=1)
+        poses = {name: np.broadcast_to(pose, (len(rows), 4, 4)) for name, pose in arm.place(rows).items()}
+        hand = poses["panda_hand"]
+        tool.append((hand @ np.array([0.0, 0.0, 0.1034, 1.0]))[:, :3])
+        every = np.arange(len(rows))
+        bodies = {name: Moved(name, arm.parts[name], poses[name]) for name in arm.parts}
+        pairs = [(bodies[link], Moved("table", table, below[None])) for link in arm.moving_links]
+        pairs += [(bodies[a], bodies[b]) for a, b in arm.self_pairs]
+        for one, two in pairs:
+            closest = least_distance(one, two, every, clearance)
+            if closest is not None:
+                nearest = min(nearest, closest[0])
+                near += closest[0] < clearance - NEARER
+    path = np.concatenate(tool)
+    pace = np.linalg.norm(np.diff(path, axis=0), axis=1) / CYCLE / tool_speed
+    found["tool speed"] = (float(pace.max()), int((pace > 1 + SHARE).sum()))
+    found["clearance"] = (float(nearest), near)
+    found["workspace"] = (
+        float(path[:, 2].min()),
+        int(((path < [-0.3, -0.9, 0.0]) | (path > [0.95, 0.9, 1.25])).any(axis=1).sum()),
+    )
+    return {name: {"most": most, "passed": passed} for name, (most, passed) in found.items()}
+
+
+def run(actions: int, seed: int, speed: float) -> dict[str, Any]:
+    """Figures of so many hostile targets."""
+    q, told, cost = commands(actions, seed, speed)
+    found = judge(q, speed, 0.1, speed * 1.7, 0.005)
+    return {
+        "actions": actions,
+        "speed": speed,
+        "limits": found,
+        "passed": sum(each["passed"] for each in found.values()),
+        "clips": dict(told),
+        "moved_rad": float(np.abs(np.diff(q, axis=0)).sum()),
+        "cpu_us_a_command": 1e6 * cost,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--actions", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--speed", type=float, default=0.1)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    figures = run(arguments.actions, arguments.seed, arguments.speed)
+    for name, each in figures["limits"].items():
+        print(f"{name:14} most {each['most']:.6g}, passed {each['passed']}")
+    print(f"{figures['actions']} actions, {figures['cpu_us_a_command']:.0f} us of CPU each; {figures['clips']}")
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return int(figures["passed"] > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

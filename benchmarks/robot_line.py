@@ -1,0 +1,95 @@
+"""The deployed line by the machine's clock: its periods, clouds and stops. For a quiet machine.
+
+    python benchmarks/robot_line.py [--task CloseBox] [--policy DIR] [--minutes 10] [--speed 0.5] [--pixels 320x240]
+        [--faults 10] [--json OUT]
+
+Runs ``gensim2 robot run`` once without a fault, then each fault so many times at random moments. Prints periods, how
+late they began, pictures to clouds, and for each fault how often it ended in the state that it must, how long it took
+from being noticed to the last command that moved, and whether the log replays. Ends with 1 where a limit was passed,
+a fault was not noticed or a log is not whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from gensim2.deploy.replay import replay
+from gensim2.seeding import rng
+
+ENDS = {
+    "camera-frozen": "holding",
+    "camera-late": "holding",
+    "camera-unplugged": "holding",
+    "camera-torn": "holding",
+    "camera-clock": "holding",
+    "policy-killed": "stopped",
+    "policy-nan": "holding",
+    "policy-slow": "holding",
+    "arm-reflex": "stopped",
+    "arm-lagging": "holding",
+    "arm-silent": "holding",
+    "disk-full": "holding",
+}
+SECONDS = 60.0
+"""Within which each fault begins."""
+
+
+def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
+    """What ``gensim2 robot run`` says."""
+    out = folder / "result.json"
+    command = [sys.executable, "-m", "gensim2.cli", "robot", "run", *words, "--minutes", str(minutes)]
+    subprocess.run([*command, "--json", str(out), "--out", str(folder / "log")], check=False, stdout=subprocess.DEVNULL)
+    found: dict[str, Any] = json.loads(out.read_text())
+    again = replay(folder / "log")
+    return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--task", default="CloseBox")
+    parser.add_argument("--policy", type=Path)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--speed", type=float, default=0.5)
+    parser.add_argument("--pixels", default="320x240")
+    parser.add_argument("--faults", type=int, default=10, help="times that each is tried")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    how = ["--plan"] if options.policy is None else ["--policy", str(options.policy)]
+    words = [options.task, *how, "--speed", str(options.speed), "--pixels", options.pixels, "--assets", "builtin"]
+    draw = rng(options.seed, "faults of the line")
+    figures: dict[str, Any] = {"faults": {}}
+    wrong = 0
+    with tempfile.TemporaryDirectory() as place:
+        quiet = figures["quiet"] = run(words, options.minutes, Path(place) / "quiet")
+        wrong += quiet["limits_passed"] + quiet["differs"]
+        for name in ("periods_ms", "overrun_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
+            each = {key: None if value is None else round(value, 2) for key, value in quiet[name].items()}
+            print(f"{name:16} {each}")
+        print(f"{quiet['state']}: {quiet['reason']}; {quiet['episodes']} episodes, success {quiet['success']}")
+        for name, state in ENDS.items():
+            found = []
+            for number in range(options.faults):
+                at = draw.uniform(1.0, SECONDS)
+                seeded = [*words, "--seed", str(number), "--fault", f"{name}@{at:.2f}"]
+                found.append(run(seeded, 2.0 * SECONDS / 60.0, Path(place) / f"{name}_{number}"))
+            figures["faults"][name] = found
+            ended = sum(each["state"] == state for each in found)
+            took = [each["detected_to_stopped_ms"] for each in found if each["detected_to_stopped_ms"] is not None]
+            whole = sum(each["differs"] == 0 for each in found)
+            wrong += len(found) - ended + len(found) - whole + sum(each["limits_passed"] for each in found)
+            longest = max(took, default=float("nan"))
+            print(f"{name:18} {state} {ended}/{len(found)}, stopped within {longest:.0f} ms, {whole} logs whole")
+    if options.json is not None:
+        options.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,84 @@
+"""What an arm and its cameras say and are told, simulated or not; times are those of the machine's monotonic clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.observations import Camera
+from gensim2.robots import RobotProfile
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """An arm at one instant.
+
+    Attributes:
+        time: at which it was measured, s.
+        q, v: (n,) all active joints, rad and m; a second.
+        force: that presses on the arm from outside, N.
+        mode: ``"reflex"``: it has stopped by itself.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    force: float
+    mode: Literal["ready", "reflex"] = "ready"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of one camera.
+
+    Attributes:
+        camera: its name.
+        number: counts its pictures.
+        captured: at which it was taken, s.
+        depth: (H, W) uint16, mm; 0 where nothing was measured.
+        colors: (H, W, 3) uint8.
+    """
+
+    camera: str
+    number: int
+    captured: float
+    depth: npt.NDArray[np.uint16]
+    colors: npt.NDArray[np.uint8]
+
+
+class ArmDriver(Protocol):
+    """The wire to an arm. Nothing here waits."""
+
+    profile: RobotProfile
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came since the last call, oldest first."""
+        ...
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        ...
+
+    def stand(self) -> None:
+        """Stop at once by the arm's own means, and take no more targets until it is begun anew."""
+        ...
+
+
+class CameraDriver(Protocol):
+    """Cameras. Nothing here waits.
+
+    Attributes:
+        cameras: that there are; those that a link carries with their poses in its frame, the others in the base frame.
+    """
+
+    cameras: tuple[Camera, ...]
+
+    def poll(self) -> Sequence[Frame]:
+        """Pictures that came since the last call, oldest first."""
+        ...

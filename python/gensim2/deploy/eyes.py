@@ -1,0 +1,80 @@
+"""Pictures and joints to what a controller sees: the same function on the robot and in a replay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.deploy.devices import Array, Frame
+from gensim2.deploy.own_points import OwnPoints
+from gensim2.errors import InputError
+from gensim2.observations import Camera, Encoder, Observation, ObservationSpec
+from gensim2.robots import RobotProfile
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """All that an observation follows from.
+
+    Attributes:
+        step: control steps since the episode began.
+        q, v: (n,) all active joints, rad and m; a second.
+        gripper: its last command, -1 to 1.
+        frames: one of each camera.
+        posed: (n,) joints when each of them was taken, by camera.
+    """
+
+    step: int
+    q: Array
+    v: Array
+    gripper: float
+    frames: tuple[Frame, ...]
+    posed: Mapping[str, Array]
+
+
+class Eyes:
+    """Makes observations.
+
+    Args:
+        spec: what is looked at.
+        profile: of the robot.
+        cameras: that there are.
+        language: what is to be done.
+
+    Raises:
+        InputError: a camera of the spec is not there, or it asks for what no camera gives.
+    """
+
+    def __init__(
+        self, spec: ObservationSpec, profile: RobotProfile, cameras: tuple[Camera, ...], language: str
+    ) -> None:
+        there = {camera.name: camera for camera in cameras}
+        for name in spec.cameras if spec.modalities else ():
+            if name not in there:
+                raise InputError(f"there is no camera {name!r}", field="cameras", remedy=f"some of {', '.join(there)}")
+        if not set(spec.modalities) <= {"pointcloud", "depth"}:
+            raise InputError("cameras give point clouds and depth", field="modalities")
+        self._used = tuple(there[name] for name in spec.cameras) if spec.modalities else ()
+        self._own = OwnPoints(profile, self._used)
+        self._encoder = Encoder(spec, profile, language, self._own.robot)
+
+    def observe(self, sight: Sight) -> Observation:
+        """What is seen.
+
+        Raises:
+            EmptyCloudError: the cameras see nothing that a point cloud keeps.
+        """
+        frames = {frame.camera: frame for frame in sight.frames}
+        views = [
+            self._own.picture(camera, frames[camera.name].depth, frames[camera.name].colors, sight.posed[camera.name])
+            for camera in self._used
+        ]
+        return self._encoder.encode(sight.step, sight.q, sight.v, sight.gripper, views)
+
+
+def inputs(observation: Observation) -> dict[str, npt.NDArray[np.generic]]:
+    """All arrays of an observation, by name: what a policy is given."""
+    return {name: np.asarray(observation[name]) for name in observation}

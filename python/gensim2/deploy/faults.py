@@ -1,0 +1,94 @@
+"""Faults of simulated devices, to see what the watch makes of them. Each begins at its time and lasts."""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, cast, get_args
+
+from gensim2.errors import InputError
+
+FaultName = Literal[
+    "camera-frozen",
+    "camera-late",
+    "camera-unplugged",
+    "camera-torn",
+    "camera-clock",
+    "policy-killed",
+    "policy-nan",
+    "policy-slow",
+    "arm-reflex",
+    "arm-lagging",
+    "arm-silent",
+    "disk-full",
+]
+FAULTS: tuple[FaultName, ...] = get_args(FaultName)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes:
+        name: which.
+        at: seconds from the first action of the run on; a fault lasts from then.
+    """
+
+    name: FaultName
+    at: float
+
+    @staticmethod
+    def parse(text: str) -> Fault:
+        """A fault from ``NAME@SECONDS``.
+
+        Raises:
+            InputError: there is none of that name, or no such time.
+        """
+        name, _, at = text.partition("@")
+        if name not in FAULTS:
+            raise InputError(f"no fault {name!r}", field="--fault", remedy=f"one of {', '.join(FAULTS)}")
+        try:
+            seconds = float(at)
+        except ValueError:
+            seconds = math.nan
+        if not 0.0 <= seconds < 1e6:
+            raise InputError(f"{text!r} says no time", field="--fault", remedy="as camera-frozen@3.5")
+        return Fault(name, seconds)
+
+
+class FullDisk:
+    """A disk that can be full: then a file that is written to has only the room that the log kept aside.
+
+    Args:
+        reserve: the file that keeps it.
+
+    Attributes:
+        full: whether it is.
+    """
+
+    def __init__(self, reserve: Path) -> None:
+        self.full, self._reserve = False, reserve
+
+    def open(self, path: Path) -> BinaryIO:
+        """A new file on this disk."""
+        return cast(BinaryIO, _FileOnFullDisk(self, path))
+
+    @property
+    def has_room(self) -> bool:
+        """Whether anything more can be written."""
+        return not self.full or not self._reserve.exists()
+
+
+class _FileOnFullDisk(io.FileIO):
+    def __init__(self, disk: FullDisk, path: Path) -> None:
+        super().__init__(path, "x")
+        self._disk = disk
+
+    def write(self, data: Any) -> int:
+        if not self._disk.has_room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(data) or 0

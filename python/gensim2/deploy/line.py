@@ -1,0 +1,402 @@
+"""The loop: states and pictures in, questions to the controller, its targets through the limits onto the wire.
+
+One cycle is 10 ms. Ten of them are a period, in which the controller is asked for the actions that the next period
+needs. A plan's chain and a policy are asked in the same way.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from gensim2.deploy.arm import Arm
+from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.clocks import Clock
+from gensim2.deploy.devices import ArmState, CameraDriver, Frame
+from gensim2.deploy.eyes import Sight
+from gensim2.deploy.limits import RefusedError, Sent, admit
+from gensim2.deploy.mind import Answer, Begin, Question
+from gensim2.deploy.streaming import Streamer
+from gensim2.deploy.watch import State, Watch
+from gensim2.errors import GenSim2Error
+
+PERIOD_CYCLES = 10
+PERIOD = PERIOD_CYCLES * CYCLE
+"""Seconds from one question to the next."""
+LEAD = PERIOD
+"""Seconds from a question to the first of its actions at the earliest: the time to think."""
+CATCH_UP = 0.1
+"""Seconds that the loop may be behind and still make up for, cycle by cycle; what is more is left out."""
+STANDING = 0.02
+"""Rad/s (m/s) below which the arm is measured to stand."""
+
+
+class Mind(Protocol):
+    """The way to a controller. Nothing here waits."""
+
+    def send(self, message: Begin | Question) -> None:
+        """Say or ask something."""
+        ...
+
+    def poll(self) -> Sequence[Answer]:
+        """Answers that came since the last call."""
+        ...
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether there is still a controller."""
+        ...
+
+
+class Journal(Protocol):
+    """What is written down of a run."""
+
+    trouble: str | None
+    """Why nothing more can be written; None: all is well."""
+
+    def state(self, state: ArmState) -> None: ...
+    def frame(self, frame: Frame) -> None: ...
+    def sent(self, time: float, sent: Sent, gripper: float) -> None: ...
+    def question(self, time: float, question: Question) -> None: ...
+    def answer(self, time: float, answer: Answer) -> None: ...
+    def change(self, time: float, state: str, reason: str) -> None: ...
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None: ...
+
+
+class NoJournal:
+    """Writes nothing down."""
+
+    trouble: str | None = None
+
+    def state(self, state: ArmState) -> None:
+        """Nothing."""
+
+    def frame(self, frame: Frame) -> None:
+        """Nothing."""
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """Nothing."""
+
+    def question(self, time: float, question: Question) -> None:
+        """Nothing."""
+
+    def answer(self, time: float, answer: Answer) -> None:
+        """Nothing."""
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """Nothing."""
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """Nothing."""
+
+
+class DeviceGoneError(GenSim2Error):
+    """A device's process has ended."""
+
+
+@dataclass
+class Figures:
+    """What was measured of the loop; times in seconds.
+
+    Attributes:
+        periods: from one period's begin to the next.
+        late: by which each began late.
+        cloud_ms, acting_ms: of each answer.
+        refused: targets that made no sense, by reason.
+        late_actions: that came when their time was over.
+        skipped: seconds that were left out because the loop was too far behind.
+    """
+
+    periods: list[float] = field(default_factory=list)
+    late: list[float] = field(default_factory=list)
+    cloud_ms: list[float] = field(default_factory=list)
+    encoding_ms: list[float] = field(default_factory=list)
+    acting_ms: list[float] = field(default_factory=list)
+    refused: Counter[str] = field(default_factory=Counter)
+    late_actions: int = 0
+    skipped: float = 0.0
+
+
+class Line:
+    """A controller, an arm and its cameras.
+
+    Args:
+        arm: behind its limits.
+        cameras: that are looked through.
+        mind: the controller.
+        watch: who lets the arm move.
+        clock: of everything.
+        journal: of everything.
+        pace: control steps a second.
+
+    Attributes:
+        pace: control steps a second.
+        commands: where set, every command is added to it.
+        stopped_ms, standing_ms: from what ended the motion to the last command that moved, and to the measured arm
+            standing; None: not yet, or nothing ended it.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        cameras: CameraDriver,
+        mind: Mind,
+        watch: Watch,
+        clock: Clock,
+        journal: Journal,
+        *,
+        pace: float,
+    ) -> None:
+        self.arm, self._cameras, self._mind = arm, cameras, mind
+        self.watch, self._clock, self._journal = watch, clock, journal
+        self.pace = pace
+        self._names = [camera.name for camera in cameras.cameras]
+        self._streamer = Streamer(arm.limits)
+        self.figures = Figures()
+        self.commands: list[Array] | None = None
+        self.interrupted: str | None = None
+        self._next = clock.now() + CYCLE
+        self._cycle = 0
+        self._number = 0
+        self._sent_at = clock.now()
+        self._braking = self._on_path = False
+        self._period_began: float | None = None
+        self._told = 0
+        self.stopped_ms: float | None = None
+        self.standing_ms: float | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget an episode; the arm is let go until the next begins."""
+        self.arm.release()
+        self.watch.clear()
+        self._streamer.clear()
+        self.frames: dict[str, Frame] = {}
+        self._steps = 0
+        self._due = 0.0
+        self._open: Question | None = None
+        self._first: Array | None = None
+        self._grips: list[tuple[float, float]] = []
+        self._grip = 1.0
+        self.done = False
+
+    # ---------------------------------------------------------------- episodes
+
+    def begin(self, seed: int) -> None:
+        """Arm and run: the arm is taken over where it stands, and the controller is told.
+
+        Raises:
+            RefusedError: the arm stands where it may not be.
+        """
+        now = self._clock.now()
+        state = self.arm.state()
+        assert state is not None, "the arm has said where it stands"
+        arm = self.arm.joints(state.q)
+        self.arm.begin(arm)
+        self._first = arm
+        self.watch.arm(now)
+        self._mind.send(Begin(seed))
+        self.watch.run(now)
+        self._due = now + LEAD
+
+    def resume(self, person: str) -> None:
+        """Go on after a hold, from where the arm stands."""
+        now = self._clock.now()
+        self.watch.resume(now, person)
+        self._streamer.clear()
+        self._due, self._open, self._grips = now + LEAD, None, []
+        self.stopped_ms = self.standing_ms = None
+
+    # ------------------------------------------------------------------- cycle
+
+    def cycle(self) -> None:
+        """One cycle of the wire."""
+        self._clock.wait(self._next)
+        due, now = self._next, self._clock.now()
+        late = now - due
+        if late > CATCH_UP:
+            self.figures.skipped += late
+            due = now
+        self._next = due + CYCLE
+        begins = self._cycle % PERIOD_CYCLES == 0
+        self._cycle += 1
+        if begins:
+            self._measure_period(now, late)
+        self._take_in(now)
+        self._check(now)
+        if begins and self.watch.state is State.RUNNING:
+            self.watch.check_frames(self._names, now)
+        if begins and self.watch.state is State.RUNNING and not self.done:
+            self._ask(due, now)
+        self._write_changes()
+        self._drive(due, now)
+        self._write_changes()
+
+    def _measure_period(self, now: float, late: float) -> None:
+        if self._period_began is not None and self.watch.state is State.RUNNING:
+            self.figures.periods.append(now - self._period_began)
+            self.figures.late.append(late)
+            self.watch.period(late, now)
+            self._journal.clocks(now, late, {name: now - frame.captured for name, frame in self.frames.items()})
+        self._period_began = now
+
+    def _take_in(self, now: float) -> None:
+        try:
+            for state in self.arm.poll():
+                self.watch.saw_arm(state, now)
+                self._journal.state(state)
+            for frame in self._cameras.poll():
+                self.watch.saw_frame(frame, now)
+                self.frames[frame.camera] = frame
+                self._journal.frame(frame)
+        except DeviceGoneError as error:
+            self.watch.stop(now, str(error))
+        for answer in self._mind.poll():
+            self._hear(answer, now)
+        if not self._mind.is_alive:
+            self.watch.stop(now, "the controller's process is gone")
+
+    def _check(self, now: float) -> None:
+        if self.interrupted is not None:
+            self.watch.stop(now, f"a person or the system asked to stop: {self.interrupted}")
+        if self._journal.trouble is not None:
+            self.watch.hold(now, f"the log cannot be written: {self._journal.trouble}")
+        state = self.arm.state()
+        self.watch.check_arm(state, None if state is None else self.arm.joints(state.q), now)
+        sent = self.arm.sent
+        self.watch.check_answer(sent is not None and not sent.is_at_rest, now)
+
+    # -------------------------------------------------------- questions, answers
+
+    def _ask(self, due: float, now: float) -> None:
+        """Ask for the actions that begin before the end of the next period and are not known yet."""
+        if self._open is not None:
+            return
+        step = 1.0 / self.pace
+        if self._due < due + LEAD - step:  # the controller was late: what is over is not made up for
+            self._due = due + LEAD
+        count = int(np.ceil((due + LEAD + PERIOD - self._due) / step - 1e-9))
+        state = self.arm.state()
+        if count <= 0 or state is None:
+            return
+        frames = tuple(self.frames[name] for name in self._names)
+        posed = {frame.camera: self.arm.at(frame.captured).q for frame in frames}
+        sight = Sight(self._steps, state.q, state.v, self.arm.gripper, frames, posed)
+        self._open = Question(self._number, sight, count)
+        self._number += 1
+        self._journal.question(now, self._open)
+        self._mind.send(self._open)
+        self.watch.asked(now)
+
+    def _hear(self, answer: Answer, now: float) -> None:
+        """Targets of an answer to the open question; any other answer is of an episode that is over."""
+        if self._open is None or answer.number != self._open.number:
+            return
+        self._open = None
+        self.watch.answered()
+        self._journal.answer(now, answer)
+        self._note(answer)
+        if answer.error is not None:
+            self.watch.hold(now, f"the controller failed: {answer.error}")
+            return
+        self.done = answer.done
+        step, targets = 1.0 / self.pace, []
+        for action in answer.actions:
+            try:
+                admitted = admit(action, self.arm.limits, self._first)
+            except RefusedError as error:
+                self.figures.refused[str(error)] += 1
+                self.watch.hold(now, f"refused: {error}")
+                return
+            self._first = None
+            self._due += step
+            self._steps += 1
+            targets.append((self._due, admitted[:-1]))
+            self._grips.append((self._due - step, float(admitted[-1])))
+        if self.watch.state is State.RUNNING and self.arm.sent is not None and targets:
+            before = self._streamer.late
+            self._streamer.add(targets, self.arm.sent, self._sent_at)
+            self.figures.late_actions += self._streamer.late - before
+
+    def _note(self, answer: Answer) -> None:
+        if answer.cloud_ms is not None:
+            self.figures.cloud_ms.append(answer.cloud_ms)
+        if answer.encoding_ms is not None:
+            self.figures.encoding_ms.append(answer.encoding_ms)
+        self.figures.acting_ms.append(answer.acting_ms)
+
+    # ---------------------------------------------------------------- the wire
+
+    def _drive(self, due: float, now: float) -> None:
+        """The command of this cycle, by the watch's state."""
+        sent = self.arm.sent
+        if sent is None:
+            self._note_standing(now)
+            return
+        while self._grips and self._grips[0][0] <= due:
+            self._grip = self._grips.pop(0)[1]
+        try:
+            if self.watch.state is State.RUNNING:
+                sent = self.arm.command(self._streamer.at(due, sent), self._grip, due)
+            elif self.watch.state is State.HOLDING:
+                sent = self._held(sent, due)
+            elif self.watch.state is State.STOPPED:
+                if "reflex" in self.watch.reason or "force" in self.watch.reason:
+                    self._stop(now)
+                    return
+                sent = self.arm.hold(due)
+                if sent.is_at_rest:
+                    self._stop(now)
+            else:
+                sent = self.arm.hold(due)
+        except RefusedError as error:  # a force: the arm gives way by its own means
+            self.watch.stop(now, str(error))
+            self._write_changes()
+            self._stop(now)
+            return
+        self._sent_at = due
+        self.watch.sent(sent, due)
+        self._journal.sent(due, sent, self._grip)
+        if self.commands is not None:
+            self.commands.append(sent.q)
+        if self.watch.state is State.HOLDING and sent.is_at_rest:
+            self._note_rest(now)
+        self._note_standing(now)
+
+    def _held(self, sent: Sent, due: float) -> Sent:
+        """Brake along the path; where the arm is not on it, by the stop that was checked."""
+        if not self._braking:
+            self._braking = True
+            self._on_path = self._streamer.follows(sent, self._sent_at)
+            if self._on_path:
+                self._streamer.brake(self._sent_at)
+        if self._on_path and not sent.is_at_rest:
+            return self.arm.command(self._streamer.at(due, sent), self._grip, due)
+        return self.arm.hold(due)
+
+    def _stop(self, now: float) -> None:
+        self.arm.stop()
+        self._note_rest(now)
+        self._note_standing(now)
+
+    def _note_rest(self, now: float) -> None:
+        if self.stopped_ms is None:
+            self.stopped_ms = 1e3 * (now - self.watch.changes[-1].time)
+
+    def _note_standing(self, now: float) -> None:
+        state = self.arm.state()
+        if self.stopped_ms is None or self.standing_ms is not None or state is None:
+            return
+        if state.time >= self.watch.changes[-1].time and np.abs(self.arm.joints(state.v)).max() < STANDING:
+            self.standing_ms = 1e3 * (now - self.watch.changes[-1].time)
+
+    def _write_changes(self) -> None:
+        for change in self.watch.changes[self._told :]:
+            self._journal.change(change.time, change.state, change.reason)
+            self._braking = self._on_path = False
+            self.stopped_ms = self.standing_ms = None
+        self._told = len(self.watch.changes)

@@ -1,0 +1,179 @@
+"""Simulated devices and a controller in this process, by a simulated clock: the same run every time."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.clocks import SimulatedClock
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, Truth, think
+from gensim2.deploy.simulated_cameras import RATE, SimulatedCameras
+from gensim2.deploy.simulated_world import SimulatedWorld
+from gensim2.errors import GenSim2Error
+
+
+class LocalArm:
+    """The simulated arm by a simulated clock."""
+
+    def __init__(self, world: SimulatedWorld, clock: SimulatedClock) -> None:
+        self._world, self._clock, self.profile = world, clock, world.profile
+        self._reached = clock.now()
+        clock.hooks.append(self._advance)
+
+    def _advance(self, now: float) -> None:
+        while self._reached + 0.5 * CYCLE < now:
+            self._reached += CYCLE
+            self._world.advance(self._reached)
+
+    def poll(self) -> Sequence[ArmState]:
+        """States of the cycles that went by."""
+        return self._world.said(self._clock.now())
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets of the next cycle."""
+        self._world.send(q, gripper, t)
+
+    def stand(self) -> None:
+        """Stop where the arm is."""
+        self._world.stand()
+
+    def reset(self, seed: int) -> None:
+        """A fresh scene."""
+        self._world.reset(seed)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the scene is there."""
+        return True
+
+    @property
+    def goal(self) -> bool:
+        """Whether the task's goal holds."""
+        return self._world.goal
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        self._world.faults.add(fault)
+
+    def close(self) -> None:
+        """Give up the world."""
+        self._world.close()
+
+
+class LocalCameras:
+    """Simulated cameras by a simulated clock.
+
+    Args:
+        world: that they look at.
+        cameras: that there are.
+        clock: by which they take pictures.
+        rate: pictures a second.
+        latency: seconds from a picture to its arrival.
+    """
+
+    def __init__(
+        self,
+        world: SimulatedWorld,
+        cameras: SimulatedCameras,
+        clock: SimulatedClock,
+        rate: float = RATE,
+        latency: float = 0.03,
+    ) -> None:
+        self._rate = rate
+        self._world, self._cameras, self._clock, self._latency = world, cameras, clock, latency
+        self.cameras = cameras.cameras
+        self._due = 0.0
+        self._coming: list[tuple[float, Frame]] = []
+        clock.hooks.append(self._take)
+
+    def _take(self, now: float) -> None:
+        if now < self._due or self._world.episode == 0:
+            return
+        self._due = max(self._due + 1.0 / self._rate, now)
+        self._coming += [(now + self._latency, frame) for frame in self._cameras.take(self._world.rows(now))]
+
+    def poll(self) -> Sequence[Frame]:
+        """Pictures that have arrived."""
+        now = self._clock.now()
+        found = [frame for at, frame in self._coming if at <= now]
+        self._coming = [each for each in self._coming if each[0] > now]
+        return found
+
+    def fail(self, fault: str) -> None:
+        """Let them fail from now on."""
+        self._cameras.faults.add(fault)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class LocalMind:
+    """A controller in a thread; the clock stands still until it has answered, and the answer takes its time by it.
+
+    Args:
+        spec: how the controller is made.
+        truth: for a privileged one.
+        clock: of the line.
+        latency: seconds from a question to its answer.
+    """
+
+    def __init__(self, spec: MindSpec, truth: Truth, clock: SimulatedClock, latency: float = 0.05) -> None:
+        self._clock, self._latency = clock, latency
+        self._inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._outbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._coming: list[tuple[float, Answer]] = []
+        self._slow = False
+        self.is_alive = True
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, args=(spec, truth), daemon=True)
+        self._thread.start()
+        if self._outbox.get() is None:
+            assert self._error is not None
+            raise self._error
+
+    def _run(self, spec: MindSpec, truth: Truth) -> None:
+        try:
+            think(spec, self._inbox.get, self._outbox.put, self._clock.now, truth)
+        except BaseException as error:  # noqa: BLE001 - told to whoever waits for it
+            self._error = error
+            self._outbox.put(None)
+
+    def send(self, message: Begin | Question) -> None:
+        """Say or ask something; waits for the answer to a question."""
+        self._inbox.put(message)
+        if isinstance(message, Question) and self.is_alive:
+            answer = self._outbox.get()
+            if answer is None:
+                raise GenSim2Error(f"the controller failed: {self._error}") from self._error
+            late = 0.6 if self._slow else 0.0
+            self._coming.append((self._clock.now() + self._latency + late, answer))
+
+    def poll(self) -> Sequence[Answer]:
+        """Answers whose time has come."""
+        now = self._clock.now()
+        found = [answer for at, answer in self._coming if at <= now]
+        self._coming = [each for each in self._coming if each[0] > now]
+        return found if self.is_alive else []
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the controller is made."""
+        return True
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        if fault == "policy-killed":
+            self.is_alive = False
+        elif fault == "policy-slow":
+            self._slow = True
+        else:
+            self._inbox.put(fault)
+
+    def close(self) -> None:
+        """Let the controller go."""
+        self._inbox.put(None)
+        self._thread.join(timeout=10)

@@ -1,0 +1,269 @@
+"""Everything that was seen, asked, answered, sent and decided, in MCAP files that are whole whatever happens.
+
+Files are closed at a set size and begun anew; the oldest go when the folder's share of the disk is used up. Room to
+close a file is kept aside from the start, so that a full disk ends the log and not what it holds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.limits import Sent
+from gensim2.deploy.mind import Answer, Question
+from gensim2.deploy.packing import pack
+from gensim2.errors import InputError, MissingExtraError
+
+ENCODING = "gensim2-pack"
+SEGMENT = 256 << 20
+"""Bytes of a file."""
+MOST = 4 << 30
+"""Bytes of a run's files together."""
+DAYS = 30.0
+"""Age at which the files of former runs in the same folder go."""
+RESERVE = 8 << 20
+"""Bytes that are kept aside to close a file on a full disk: more than a chunk and all indices."""
+CHUNK = 1 << 20
+BEHIND = 2000
+"""Messages that may wait to be written."""
+
+Opener = Callable[[Path], BinaryIO]
+
+
+def _open(path: Path) -> BinaryIO:
+    return path.open("xb", buffering=0)
+
+
+class _Whole:
+    """As much of a file as MCAP's writer needs; takes blocks whole or not at all, and a full disk costs the reserve.
+
+    Args:
+        path: of the file.
+        opener: opens it.
+        give_way: frees what was kept aside.
+    """
+
+    def __init__(self, path: Path, opener: Opener, give_way: Callable[[], None]) -> None:
+        self._file, self._give_way, self._length = opener(path), give_way, 0
+        self.trouble: str | None = None
+
+    def write(self, data: Any) -> int:
+        """All of the bytes; what was half written is taken back and written again in the room kept aside."""
+        block = bytes(data)
+        try:
+            self._put(block)
+        except OSError as error:
+            self.trouble = error.strerror or str(error)
+            self._give_way()
+            self._file.truncate(self._length)
+            self._file.seek(self._length)
+            self._put(block)
+        self._length += len(block)
+        return len(block)
+
+    def _put(self, block: bytes) -> None:
+        view = memoryview(block)
+        while view:
+            view = view[self._file.write(view) :]
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def tell(self) -> int:
+        """Bytes so far."""
+        return self._length
+
+    def close(self) -> None:
+        """Bring it to the disk."""
+        if not self._file.closed:
+            with contextlib.suppress(OSError):
+                os.fsync(self._file.fileno())
+            self._file.close()
+
+
+class Log:
+    """Writes in a thread of its own; whoever logs never waits for the disk.
+
+    Args:
+        folder: of the run; made, must be empty.
+        about: what a replay needs to know.
+        most: bytes of all files together.
+        segment: bytes of one.
+        opener: opens files.
+
+    Attributes:
+        trouble: why nothing more is written; None: all is well.
+
+    Raises:
+        InputError: the folder is not empty.
+        MissingExtraError: mcap is not installed.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        about: Mapping[str, Any],
+        *,
+        most: int = MOST,
+        segment: int = SEGMENT,
+        opener: Opener = _open,
+    ) -> None:
+        try:
+            from mcap.writer import CompressionType, Writer
+        except ImportError as error:
+            raise MissingExtraError("mcap", "robot") from error
+        how: dict[str, Any] = {"chunk_size": CHUNK, "compression": CompressionType.LZ4}
+        self._new_writer: Callable[[Any], Any] = partial(Writer, **how)
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.glob("*.mcap")):
+            raise InputError("holds a log already", file=folder, remedy="choose another folder with --log")
+        self.folder, self._about, self._opener = folder, dict(about), opener
+        self._most, self._segment = most, segment
+        self.trouble: str | None = None
+        self._reserve = folder / ".reserve"
+        with self._reserve.open("wb") as kept:
+            os.posix_fallocate(kept.fileno(), 0, RESERVE)
+        self._begun = 0
+        self._queue: queue.Queue[tuple[str, float, bytes] | None] = queue.Queue(BEHIND)
+        self._open_next()
+        self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)
+        self._thread.start()
+
+    # ---------------------------------------------------------------- messages
+
+    def state(self, state: ArmState) -> None:
+        """The arm's word."""
+        plain = {"time": state.time, "force": state.force, "mode": state.mode}
+        self._put("/arm", state.time, plain, {"q": state.q, "v": state.v})
+
+    def frame(self, frame: Frame) -> None:
+        """A picture."""
+        plain = {"camera": frame.camera, "number": frame.number, "captured": frame.captured}
+        self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
+
+    def sent(self, time: float, sent: Sent, gripper: float) -> None:
+        """A command."""
+        self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
+
+    def question(self, time: float, question: Question) -> None:
+        """What the controller was asked; pictures by their numbers."""
+        sight = question.sight
+        plain = {
+            "time": time,
+            "number": question.number,
+            "count": question.count,
+            "step": sight.step,
+            "gripper": sight.gripper,
+            "frames": {frame.camera: frame.number for frame in sight.frames},
+        }
+        posed = {f"posed/{name}": q for name, q in sight.posed.items()}
+        self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
+
+    def answer(self, time: float, answer: Answer) -> None:
+        """What it said, and all that it was given."""
+        plain = {
+            "time": time,
+            "number": answer.number,
+            "done": answer.done,
+            "error": answer.error,
+            "cloud_ms": answer.cloud_ms,
+            "acting_ms": answer.acting_ms,
+        }
+        seen = {f"seen/{name}": array for name, array in answer.seen.items()}
+        self._put("/answer", time, plain, {"actions": answer.actions, **seen})
+
+    def change(self, time: float, state: str, reason: str) -> None:
+        """The watch's state, and why."""
+        self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
+
+    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
+        """How late a period began, and how old each camera's last picture was."""
+        wall = _time_of_day()
+        self._put("/clocks", time, {"time": time, "late": late, "ages": ages, "wall": wall}, {})
+
+    def _put(self, topic: str, time: float, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        if self.trouble is not None:
+            return
+        try:
+            self._queue.put_nowait((topic, time, pack(plain, arrays)))
+        except queue.Full:
+            self.trouble = f"{BEHIND} messages wait: the disk is too slow"
+
+    # ------------------------------------------------------------------ files
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        self._queue.put(None)
+        self._thread.join()
+        self._reserve.unlink(missing_ok=True)
+
+    def _write_all(self) -> None:
+        try:
+            while (item := self._queue.get()) is not None:
+                if self.trouble is None or not self._file.trouble:
+                    self._write(*item)
+        finally:
+            self._close_file()
+
+    def _write(self, topic: str, time: float, data: bytes) -> None:
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, ENCODING, 0)
+        stamp = max(0, int(1e9 * time))  # a clock that jumps may say anything
+        self._writer.add_message(self._channels[topic], stamp, data, stamp)
+        if self._file.trouble is not None:
+            self.trouble = self._file.trouble
+        elif self._file.tell() > self._segment:
+            self._close_file()
+            self._open_next()
+            self._prune()
+
+    def _open_next(self) -> None:
+        self._path = self.folder / f"log_{self._begun:06d}.mcap"
+        self._begun += 1
+        self._file = _Whole(self._path, self._opener, lambda: self._reserve.unlink(missing_ok=True))
+        self._writer: Any = self._new_writer(self._file)
+        self._writer.start(profile="gensim2", library="gensim2")
+        self._channels: dict[str, int] = {}
+        channel = self._writer.register_channel("/about", ENCODING, 0)
+        self._writer.add_message(channel, 0, pack(self._about, {}), 0)
+
+    def _close_file(self) -> None:
+        self._writer.finish()
+        self._file.close()
+        if self._file.trouble is not None:
+            self.trouble = self._file.trouble
+
+    def _prune(self) -> None:
+        """Remove the run's oldest files beyond its share."""
+        files = sorted(self.folder.glob("log_*.mcap"))
+        total = sum(path.stat().st_size for path in files)
+        for path in files[:-2]:
+            if total <= self._most:
+                return
+            total -= path.stat().st_size
+            path.unlink()
+
+
+def prune_runs(folder: Path, days: float = DAYS) -> list[Path]:
+    """Remove the logs of former runs, ``robot-*`` in a folder, that are older than so many days; returns them."""
+    removed = []
+    oldest = _time_of_day() - 86400.0 * days
+    for path in sorted(folder.glob("robot-*/log_*.mcap")):
+        if path.stat().st_mtime < oldest:
+            path.unlink()
+            removed.append(path)
+    return removed
+
+
+def _time_of_day() -> float:
+    return time.time()

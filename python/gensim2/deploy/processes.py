@@ -1,0 +1,352 @@
+"""Simulated arm, cameras and controller in processes of their own, by the machine's clock; nothing here waits for them.
+
+A signal that is meant for the whole group ends only the one that watches: it lets the others go when the arm stands.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection, Pipe
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.line import DeviceGoneError
+from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
+from gensim2.errors import GenSim2Error
+from gensim2.observations import Camera
+from gensim2.planning.scene import Scene
+from gensim2.robots import robot
+from gensim2.scenes.config import SceneConfig
+from gensim2.tasks.measurement import Measurement
+
+PRELOAD = ("gensim2.deploy.processes", "gensim2.deploy.simulated_world", "gensim2.deploy.simulated_cameras")
+GOAL_EVERY = 10
+"""Cycles from one look at the goal to the next."""
+SLIP = 0.2
+"""Seconds that the simulated time may be behind and still catch up."""
+
+_CONTEXT = multiprocessing.get_context("forkserver")
+_GONE = (EOFError, OSError)
+
+
+def preload() -> None:
+    """Import once what the processes need."""
+    _CONTEXT.set_forkserver_preload(list(PRELOAD))
+
+
+class _Process:
+    """A process and the pipe to it."""
+
+    def __init__(self, what: str, target: Callable[..., None], *arguments: Any) -> None:
+        self._what = what
+        self.pipe, theirs = Pipe()
+        self._process: BaseProcess = _CONTEXT.Process(
+            target=_child, args=(target, theirs, *arguments), daemon=True, name=what
+        )
+        self._process.start()
+        theirs.close()
+
+    def drain(self) -> list[Any]:
+        """Messages that came.
+
+        Raises:
+            DeviceGoneError: the process has ended.
+            GenSim2Error: it says why it cannot go on.
+        """
+        found = []
+        try:
+            while self.pipe.poll():
+                message = self.pipe.recv()
+                if isinstance(message, GenSim2Error):
+                    raise message
+                found.append(message)
+        except _GONE as error:
+            raise DeviceGoneError(f"the process of the {self._what} is gone") from error
+        return found
+
+    def tell(self, message: Any) -> None:
+        """Send; what has ended shows at the next :meth:`drain`."""
+        with contextlib.suppress(*_GONE):
+            self.pipe.send(message)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it runs."""
+        return self._process.is_alive()
+
+    def kill(self) -> None:
+        """End it without a word."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Let it end, or end it."""
+        self.tell(None)
+        self._process.join(timeout=3)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self.pipe.close()
+
+
+def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+        os.environ[name] = "1"
+    try:
+        target(pipe, *arguments)
+    except GenSim2Error as error:
+        with contextlib.suppress(*_GONE):
+            pipe.send(error)
+    except _GONE:
+        return  # whom it worked for has ended
+
+
+# ------------------------------------------------------------------------- arm
+
+
+class ProcessArm:
+    """The simulated arm in its process.
+
+    Args:
+        scene: what the scenes follow from.
+
+    Attributes:
+        goal: whether the task's goal held when it was last looked at.
+        eyes, truth: ends of pipes by which cameras and a privileged controller ask the world.
+    """
+
+    def __init__(self, scene: SceneConfig) -> None:
+        self.profile = robot(scene.robot)
+        self.eyes, eyes = Pipe()
+        self.truth, truth = Pipe()
+        self._process = _Process("arm", _serve_world, scene, eyes, truth)
+        self.goal = False
+        self._wanted, self._episode = 0, -1
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came."""
+        found: list[ArmState] = []
+        for kind, value in self._process.drain():
+            if kind == "states":
+                found += value
+            elif kind == "goal":
+                self.goal = value
+            elif kind == "episode":
+                self._episode, self.goal = value, False
+                found.clear()
+        return found
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets for the time t."""
+        self._process.tell(("send", q, gripper, t))
+
+    def stand(self) -> None:
+        """Stop where the arm is."""
+        self._process.tell(("stand",))
+
+    def reset(self, seed: int) -> None:
+        """A fresh scene; ``is_ready`` says when it is there."""
+        self._wanted += 1
+        self._process.tell(("reset", seed))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the scene of the last reset is there."""
+        return self._episode == self._wanted
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        self._process.tell(("fault", fault))
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+
+def _serve_world(pipe: Connection, scene: SceneConfig, eyes: Connection, truth: Connection) -> None:
+    from gensim2.deploy.simulated_world import SimulatedWorld
+
+    world = SimulatedWorld(scene)
+    begun, cycle, due = False, 0, time.monotonic()
+    while True:
+        while pipe.poll():
+            message = pipe.recv()
+            if message is None:
+                world.close()
+                return
+            kind, *values = message
+            if kind == "send":
+                world.send(*values)
+            elif kind == "stand":
+                world.stand()
+            elif kind == "fault":
+                world.faults.add(values[0])
+            elif kind == "reset":
+                world.reset(*values)
+                begun, due = True, time.monotonic()
+                pipe.send(("episode", world.episode))
+        if begun:
+            world.advance(due)
+            said = world.said(due)
+            if said:
+                pipe.send(("states", said))
+            if cycle % GOAL_EVERY == 0:
+                pipe.send(("goal", world.goal))
+            cycle += 1
+            for other in (eyes, truth):
+                _answer_world(other, world, due)
+        due += CYCLE
+        now = time.monotonic()
+        if now - due > SLIP:
+            due = now
+        time.sleep(max(0.0, due - now))
+
+
+def _answer_world(pipe: Connection, world: Any, now: float) -> None:
+    with contextlib.suppress(*_GONE):
+        while pipe.poll():
+            asked = pipe.recv()
+            pipe.send({"rows": lambda: world.rows(now), "measure": world.measure, "scene": world.scene_state}[asked]())
+
+
+class ProcessTruth:
+    """What a simulated world tells from its process."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def measure(self) -> Measurement:
+        """Of the objects and the gripper, now."""
+        found: Measurement = self._ask("measure")
+        return found
+
+    def scene_state(self) -> Scene:
+        """The scene as a planner sees it."""
+        found: Scene = self._ask("scene")
+        return found
+
+    def _ask(self, what: str) -> Any:
+        try:
+            self._pipe.send(what)
+            return self._pipe.recv()
+        except _GONE as error:
+            raise GenSim2Error("the simulated world is gone") from error
+
+
+# --------------------------------------------------------------------- cameras
+
+
+class ProcessCameras:
+    """Simulated cameras in a process of their own.
+
+    Args:
+        robot_name: of the robot.
+        cameras: that there are.
+        world: end of the pipe by which they ask for what is there.
+        seed: of their noise.
+        rate: pictures a second.
+    """
+
+    def __init__(self, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float) -> None:
+        self.cameras = cameras
+        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate)
+
+    def poll(self) -> Sequence[Frame]:
+        """Pictures that came."""
+        return [frame for frames in self._process.drain() for frame in frames]
+
+    def fail(self, fault: str) -> None:
+        """Let them fail from now on."""
+        self._process.tell(fault)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+
+def _serve_cameras(
+    pipe: Connection, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float
+) -> None:
+    from gensim2.deploy.simulated_cameras import SimulatedCameras
+
+    taker = SimulatedCameras(robot(robot_name), cameras, seed)
+    due = time.monotonic()
+    while True:
+        while pipe.poll():
+            message = pipe.recv()
+            if message is None:
+                return
+            taker.faults.add(message)
+        world.send("rows")
+        frames = taker.take(world.recv())
+        if frames:
+            pipe.send(frames)
+        due = max(due + 1.0 / rate, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
+# ------------------------------------------------------------------ controller
+
+
+class ProcessMind:
+    """A controller in a process of its own.
+
+    Args:
+        spec: how it is made.
+        world: end of the pipe by which a privileged one asks the simulated world; None: there is none.
+    """
+
+    def __init__(self, spec: MindSpec, world: Connection | None) -> None:
+        self._process = _Process("controller", _serve_mind, spec, world)
+        self.is_ready = False
+        self._gone = False
+
+    def send(self, message: Begin | Question) -> None:
+        """Say or ask something."""
+        self._process.tell(message)
+
+    def poll(self) -> Sequence[Answer]:
+        """Answers that came.
+
+        Raises:
+            GenSim2Error: the controller cannot be made.
+        """
+        found = []
+        try:
+            for message in self._process.drain():
+                if message == "ready":
+                    self.is_ready = True
+                else:
+                    found.append(message)
+        except DeviceGoneError:
+            self._gone = True
+        return found
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether its process runs."""
+        return not self._gone and self._process.is_alive
+
+    def fail(self, fault: str) -> None:
+        """Let it fail from now on."""
+        if fault == "policy-killed":
+            self._process.kill()
+        else:
+            self._process.tell(fault)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+
+def _serve_mind(pipe: Connection, spec: MindSpec, world: Connection | None) -> None:
+    truth = None if world is None else ProcessTruth(world)
+    think(spec, pipe.recv, pipe.send, time.monotonic, truth)

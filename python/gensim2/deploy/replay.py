@@ -1,0 +1,137 @@
+"""What a log's pictures and joints give today, against what was given to the controller then, byte for byte."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.eyes import Eyes, Sight, inputs
+from gensim2.deploy.packing import unpack
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.observations import Camera, ObservationSpec
+from gensim2.robots import robot
+
+Message = tuple[str, dict[str, Any], dict[str, npt.NDArray[Any]]]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What was compared.
+
+    Attributes:
+        questions: that were answered.
+        compared: arrays.
+        clouds: of them point clouds.
+        different: names of arrays that came out otherwise, with the number of the question.
+        missing: questions whose pictures are in a file that is gone.
+    """
+
+    questions: int
+    compared: int
+    clouds: int
+    different: tuple[str, ...]
+    missing: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**vars(self), "different": list(self.different)}
+
+
+def camera_to_dict(camera: Camera) -> dict[str, Any]:
+    """Plain data of a camera."""
+    return {
+        "name": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "intrinsic": camera.intrinsic.tolist(),
+        "T_base_camera": camera.T_base_camera.tolist(),
+        "far": camera.far,
+        "link": camera.link,
+    }
+
+
+def camera_of(data: dict[str, Any]) -> Camera:
+    """A camera from plain data."""
+    return Camera(
+        data["name"],
+        data["width"],
+        data["height"],
+        np.array(data["intrinsic"]),
+        np.array(data["T_base_camera"]),
+        data["far"],
+        data["link"],
+    )
+
+
+def messages(folder: Path) -> Iterator[Message]:
+    """All messages of a log, in order of their times within each file.
+
+    Raises:
+        InputError: there is none, or a file is damaged.
+        MissingExtraError: mcap is not installed.
+    """
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+    except ImportError as error:
+        raise MissingExtraError("mcap", "robot") from error
+    files = sorted(folder.glob("log_*.mcap"))
+    if not files:
+        raise InputError("holds no log", file=folder, remedy="name the folder of a run: log_000000.mcap lies in it")
+    for path in files:
+        with path.open("rb") as stream:
+            try:
+                for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+                    yield channel.topic, *unpack(message.data)
+            except (McapError, InputError, EOFError) as error:
+                raise InputError(f"is damaged: {error}", file=path) from error
+
+
+def replay(folder: Path) -> Replay:
+    """Make every observation of a log anew and compare it with what was logged.
+
+    Raises:
+        InputError: there is no log, or it is damaged.
+    """
+    eyes: Eyes | None = None
+    frames: dict[tuple[str, int], Frame] = {}
+    asked: dict[int, tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]] = {}
+    questions = compared = clouds = missing = 0
+    different: list[str] = []
+    for topic, plain, arrays in messages(folder):
+        if topic == "/about":
+            if eyes is None:
+                cameras = tuple(camera_of(each) for each in plain["cameras"])
+                spec = ObservationSpec.of(plain["observation"])
+                eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"])
+        elif topic.startswith("/camera/"):
+            frame = Frame(plain["camera"], plain["number"], plain["captured"], arrays["depth"], arrays["colors"])
+            frames[frame.camera, frame.number] = frame
+            frames.pop((frame.camera, frame.number - 50), None)
+        elif topic == "/question":
+            asked[plain["number"]] = plain, arrays
+        elif topic == "/answer" and plain["number"] in asked and any(name.startswith("seen/") for name in arrays):
+            question, joints = asked.pop(plain["number"])
+            names = list(question["frames"].items())
+            if any(name not in frames for name in names):
+                missing += 1
+                continue
+            assert eyes is not None, "a log begins with what it is about"
+            posed = {name: joints[f"posed/{name}"] for name, _ in names}
+            shown = tuple(frames[name] for name in names)
+            sight = Sight(question["step"], joints["q"], joints["v"], question["gripper"], shown, posed)
+            found = inputs(eyes.observe(sight))
+            questions += 1
+            for name in (each.removeprefix("seen/") for each in arrays if each.startswith("seen/")):
+                then, now = arrays[f"seen/{name}"], found.get(name)
+                compared += 1
+                clouds += name == "point_cloud"
+                if now is None or then.dtype != now.dtype or then.tobytes() != now.tobytes():
+                    different.append(f"{name} of question {question['number']}")
+    return Replay(questions, compared, clouds, tuple(different), missing)

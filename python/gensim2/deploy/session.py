@@ -1,0 +1,317 @@
+"""Episodes on one line until the time is over or something ends them, and the figures of all of it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from gensim2.deploy.audit import limits_passed
+from gensim2.deploy.clocks import Clock
+from gensim2.deploy.devices import ArmDriver, CameraDriver
+from gensim2.deploy.faults import Fault, FullDisk
+from gensim2.deploy.keys import Keys
+from gensim2.deploy.limits import RefusedError
+from gensim2.deploy.line import PERIOD, Line, Mind
+from gensim2.deploy.watch import State
+from gensim2.errors import GenSim2Error
+from gensim2.progress import Progress
+from gensim2.rollout.inputs import TaskInput
+from gensim2.rollout.run import GOAL_SECONDS, controller_seed
+from gensim2.rollout.settling import SETTLE_SECONDS
+from gensim2.seeding import scene_seeds
+
+PATIENCE = 120.0
+"""Seconds within which devices and controller must be ready."""
+COMING_TO_REST = 3.0
+"""Seconds within which a held or stopped arm stands."""
+RESUME = "r"
+
+
+class SimulatedArm(ArmDriver, Protocol):
+    """An arm whose scene can be made anew and judged, and that can be made to fail."""
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the scene of the last reset is there."""
+        ...
+
+    @property
+    def goal(self) -> bool:
+        """Whether the task's goal holds."""
+        ...
+
+    def reset(self, seed: int) -> None:
+        """Make a fresh scene."""
+        ...
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        ...
+
+    def close(self) -> None:
+        """Give up what it holds."""
+        ...
+
+
+class FailingCameras(CameraDriver, Protocol):
+    """Cameras that can be made to fail."""
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        ...
+
+    def close(self) -> None:
+        """Give up what they hold."""
+        ...
+
+
+class FailingMind(Mind, Protocol):
+    """A controller that can be made to fail."""
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it is made."""
+        ...
+
+    def fail(self, fault: str) -> None:
+        """Fail from now on."""
+        ...
+
+    def close(self) -> None:
+        """Give up what it holds."""
+        ...
+
+
+@dataclass
+class Devices:
+    """All that a line goes between."""
+
+    arm: SimulatedArm
+    cameras: FailingCameras
+    mind: FailingMind
+    clock: Clock
+
+    def close(self) -> None:
+        """Give up all of it."""
+        for each in (self.mind, self.cameras, self.arm):
+            each.close()
+
+
+class Session:
+    """Episodes on one line."""
+
+    def __init__(
+        self,
+        line: Line,
+        devices: Devices,
+        given: TaskInput,
+        faults: Sequence[Fault],
+        disk: FullDisk | None,
+        interrupted: list[int],
+        keys: Keys | None,
+        progress: Progress,
+    ) -> None:
+        self._line, self._devices, self._given = line, devices, given
+        self._faults, self._disk, self._interrupted = list(faults), disk, interrupted
+        self._keys, self._progress = keys, progress
+        self._begun: float | None = None
+        self._outcomes: list[bool] = []
+        self._halts: list[dict[str, Any]] = []
+        self._clips_passed = 0
+        self._error: str | None = None
+
+    # ------------------------------------------------------------------ course
+
+    def run(self, seconds: float, episodes: int | None, seed: int, *, goal_ends: bool) -> None:
+        """Episodes until the time is over, a person or a fault ends them."""
+        watch = self._line.watch
+        seeds = scene_seeds(seed, self._given.spec.name, "robot", 100_000 if episodes is None else episodes)
+        try:
+            for each in seeds:
+                if not self._prepare(each):
+                    return
+                if self._begun is None:
+                    self._begun = self._devices.clock.now()
+                try:
+                    self._line.begin(controller_seed(each))
+                except RefusedError as error:
+                    watch.stop(self._devices.clock.now(), f"not begun: {error}")
+                    return
+                over = self._episode(self._begun + seconds, goal_ends)
+                self._count_passed()
+                if watch.state in (State.HOLDING, State.STOPPED) or over:
+                    return
+        except GenSim2Error as error:
+            watch.stop(self._devices.clock.now(), str(error))
+
+    def _prepare(self, seed: int) -> bool:
+        """A fresh scene, and pictures of it; whether the episode can begin."""
+        line, devices = self._line, self._devices
+        line.forget()
+        devices.arm.reset(seed)
+        begun = time.monotonic()
+        ready: float | None = None
+        while True:
+            self._cycle()
+            if line.watch.state is State.STOPPED:
+                return False
+            if ready is None and devices.arm.is_ready and devices.mind.is_ready:
+                ready = devices.clock.now()
+            names = [camera.name for camera in devices.cameras.cameras]
+            there = all(name in line.frames and line.frames[name].captured > (ready or np.inf) for name in names)
+            state = line.arm.state()
+            if ready is not None and there and state is not None and state.time > ready:
+                fresh = min(line.frames[name].captured for name in names)
+                if devices.clock.now() - fresh < PERIOD:
+                    return True
+            if time.monotonic() - begun > PATIENCE:
+                line.watch.stop(devices.clock.now(), f"devices were not ready within {PATIENCE:g} s")
+                return False
+
+    def _episode(self, end: float, goal_ends: bool) -> bool:
+        """One episode, its outcome counted where it came to an end; whether the time is over."""
+        line, clock = self._line, self._devices.clock
+        begun, held_since = clock.now(), None
+        # Control steps are stretched by the speed, and so is the task's time.
+        stretch = self._given.spec.max_seconds * self._devices.arm.profile.control_hz / line.pace
+        while True:
+            self._cycle()
+            now = clock.now()
+            if line.watch.state in (State.HOLDING, State.STOPPED):
+                self._come_to_rest()
+                if not self._resumed():
+                    return True
+                continue
+            goal = goal_ends and self._devices.arm.goal
+            held_since = (held_since or now) if goal else None
+            if line.done or now - begun > stretch or (held_since is not None and now - held_since > GOAL_SECONDS):
+                break
+            if now > end:
+                line.watch.rest(now)
+                return True
+        settled = clock.now() + SETTLE_SECONDS
+        line.done = True
+        while clock.now() < settled and line.watch.state is State.RUNNING:
+            self._cycle()
+        if line.watch.state is not State.RUNNING:
+            self._come_to_rest()
+            return True
+        self._outcomes.append(self._devices.arm.goal)
+        self._progress.message(f"episode {len(self._outcomes)}: {'held' if self._outcomes[-1] else 'not held'}")
+        line.watch.rest(clock.now())
+        return clock.now() > end
+
+    def _cycle(self) -> None:
+        line = self._line
+        if self._interrupted and line.interrupted is None:
+            line.interrupted = signal.Signals(self._interrupted[0]).name
+        if self._begun is not None:
+            since = self._devices.clock.now() - self._begun
+            for fault in [each for each in self._faults if each.at <= since]:
+                self._faults.remove(fault)
+                self._fail(fault)
+        key = None if self._keys is None else self._keys.pressed()
+        if key is not None and key != RESUME:
+            line.interrupted = f"the key {key!r}"
+        self._pressed = key
+        line.cycle()
+
+    def _fail(self, fault: Fault) -> None:
+        kind = fault.name.split("-")[0]
+        if fault.name == "disk-full":
+            assert self._disk is not None, "a log is written"
+            self._disk.full = True
+        elif kind == "camera":
+            self._devices.cameras.fail(fault.name)
+        elif kind == "policy":
+            self._devices.mind.fail(fault.name)
+        else:
+            self._devices.arm.fail(fault.name)
+
+    def _come_to_rest(self) -> None:
+        line, clock = self._line, self._devices.clock
+        until = clock.now() + COMING_TO_REST
+        state = line.watch.state
+        while clock.now() < until and (line.stopped_ms is None or line.standing_ms is None):
+            self._cycle()
+            if line.watch.state is not state:
+                state, until = line.watch.state, clock.now() + COMING_TO_REST
+        change = line.watch.changes[-1]
+        self._halts.append(
+            {
+                "state": str(change.state),
+                "reason": change.reason,
+                "detected_to_stopped_ms": line.stopped_ms,
+                "detected_to_standing_ms": line.standing_ms,
+            }
+        )
+        self._progress.message(f"{change.state}: {change.reason}")
+
+    def _resumed(self) -> bool:
+        """Whether a person resumes what is held; without one, nobody does."""
+        line = self._line
+        if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
+            return False
+        self._progress.message("r resumes, any other key stops")
+        while line.watch.state is State.HOLDING:
+            self._cycle()
+            if self._pressed == RESUME:
+                line.resume("the keyboard")
+                return True
+        return False
+
+    def _count_passed(self) -> None:
+        assert self._line.commands is not None
+        self._clips_passed += limits_passed(self._line.commands, self._line.arm.limits)
+        self._line.commands = []
+
+    # ------------------------------------------------------------------ report
+
+    def report(self, about: dict[str, Any], log: Path | None) -> dict[str, Any]:
+        """What came of it, as plain data."""
+        self._count_passed()
+        line, figures = self._line, self._line.figures
+        halt = self._halts[-1] if self._halts else {}
+        late = 1e3 * np.array(figures.late)
+        return {
+            "schema_version": 1,
+            **{name: about[name] for name in ("task", "robot", "controller", "speed", "margin", "seed")},
+            "state": str(line.watch.state),
+            "reason": line.watch.reason,
+            "detected_to_stopped_ms": halt.get("detected_to_stopped_ms"),
+            "detected_to_standing_ms": halt.get("detected_to_standing_ms"),
+            "halts": self._halts,
+            "periods_ms": _spread(1e3 * np.array(figures.periods)),
+            "overrun_ms": _spread(late),
+            "overruns": int((late > 1e3 * line.watch.rules.overrun).sum()),
+            "skipped_ms": 1e3 * figures.skipped,
+            "cloud_ms": _spread(np.array(figures.encoding_ms))["p50"],
+            "clouds_ms": _spread(np.array(figures.encoding_ms)),
+            "picture_age_ms": _spread(np.array(figures.cloud_ms)),
+            "acting_ms": _spread(np.array(figures.acting_ms)),
+            "limits_passed": self._clips_passed,
+            "clips": dict(line.arm.clips),
+            "refused": dict(figures.refused),
+            "late_actions": figures.late_actions,
+            "episodes": len(self._outcomes),
+            "success": float(np.mean(self._outcomes)) if self._outcomes else None,
+            "seconds": 0.0 if self._begun is None else self._devices.clock.now() - self._begun,
+            "interrupted": [signal.Signals(number).name for number in self._interrupted],
+            "log": None if log is None else str(log),
+        }
+
+
+def _spread(values: np.ndarray) -> dict[str, float | None]:
+    if not len(values):
+        return {"p50": None, "p99": None, "worst": None}
+    return {
+        "p50": float(np.percentile(values, 50)),
+        "p99": float(np.percentile(values, 99)),
+        "worst": float(values.max()),
+    }

@@ -1,0 +1,121 @@
+"""Simulated stereo cameras: rays, and the noise of a RealSense on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from gensim2.deploy.devices import Frame
+from gensim2.deploy.simulated_world import Rows
+from gensim2.observations import Camera, DepthNoise
+from gensim2.observations.camera import pinhole
+from gensim2.observations.cameras import FAR, observation_cameras
+from gensim2.raycast.scene import RaycastScene
+from gensim2.robots import RobotProfile
+from gensim2.seeding import rng
+
+RATE = 10.0
+"""Pictures a second of each camera."""
+LATE = 0.3
+"""Seconds by which the pictures of a camera come late that is told to."""
+JUMP = 5.0
+"""Seconds by which a clock jumps."""
+
+D435 = DepthNoise()
+
+
+def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera, ...]:
+    """Cameras with so many pixels; what they see in height stays."""
+    found = []
+    for camera in cameras:
+        fov = 2.0 * np.arctan(0.5 * camera.height / camera.intrinsic[1, 1])
+        intrinsic = pinhole(width, height, float(fov))
+        found.append(replace(camera, width=width, height=height, intrinsic=intrinsic))
+    return tuple(found)
+
+
+def simulated_cameras(profile: RobotProfile, width: int, height: int) -> tuple[Camera, ...]:
+    """The fixed cameras of observations and the robot's own, with so many pixels; the latter in their links' frames."""
+    own = tuple(
+        Camera(
+            each.name,
+            each.width,
+            each.height,
+            pinhole(each.width, each.height, each.field_of_view),
+            np.asarray(each.T_link_camera, dtype=np.float64),
+            FAR,
+            each.link,
+        )
+        for each in profile.cameras
+    )
+    return sized((*observation_cameras(profile), *own), width, height)
+
+
+class SimulatedCameras:
+    """Cameras that look at a simulated world.
+
+    Args:
+        profile: of the robot.
+        cameras: that there are.
+        seed: of their noise.
+        noise: on each picture.
+    """
+
+    def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
+        self.profile, self.cameras, self._noise = profile, cameras, noise
+        self._draw = rng(seed, "simulated cameras")
+        self._episode = -1
+        self._scene: RaycastScene | None = None
+        self._numbers = dict.fromkeys((camera.name for camera in cameras), 0)
+        self._last: dict[str, Frame] = {}
+        self._held: list[tuple[float, Frame]] = []
+        self.faults: set[str] = set()
+
+    def prepare(self, models: Mapping[str, object], episode: int) -> None:
+        """Build what rays meet in an episode."""
+        self._scene = RaycastScene(self.profile, models, self.cameras)  # type: ignore[arg-type]
+        self._episode = episode
+
+    def take(self, rows: Rows) -> list[Frame]:
+        """Pictures of one instant, as they come: a fault concerns the first camera."""
+        if rows.episode != self._episode:
+            self.prepare(rows.models, rows.episode)
+        scene = self._scene
+        assert scene is not None
+        links = {camera.link: self.profile.model.forward_kinematics(rows.q, camera.link) for camera in self.cameras}
+        views = scene.see(scene.poses(rows.states)[0], {link: pose for link, pose in links.items() if link is not None})
+        found = []
+        for camera, view in zip(self.cameras, views, strict=True):
+            depth = self._noise.on(view.depth, self._draw)
+            frame = Frame(
+                camera.name,
+                self._numbers[camera.name],
+                rows.time,
+                np.rint(1000.0 * depth).clip(0, 65535).astype(np.uint16),
+                view.colors_at(np.arange(camera.width * camera.height)).reshape(camera.height, camera.width, 3),
+            )
+            self._numbers[camera.name] += 1
+            found.append(frame)
+        return [each for frame in found for each in self._faulty(frame)]
+
+    def _faulty(self, frame: Frame) -> list[Frame]:
+        if frame.camera != self.cameras[0].name:
+            return [frame]
+        last = self._last.setdefault(frame.camera, frame)
+        if "camera-unplugged" in self.faults:
+            return []
+        if "camera-frozen" in self.faults:
+            return [replace(frame, depth=last.depth, colors=last.colors)]
+        if "camera-torn" in self.faults:
+            return [replace(frame, depth=frame.depth[: frame.depth.shape[0] // 2])]
+        if "camera-clock" in self.faults:
+            return [replace(frame, captured=frame.captured - JUMP)]
+        if "camera-late" in self.faults:
+            self._held.append((frame.captured + LATE, frame))
+            due = [each for at, each in self._held if at <= frame.captured]
+            self._held = [each for each in self._held if each[0] > frame.captured]
+            return due
+        self._last[frame.camera] = frame
+        return [frame]

@@ -1,0 +1,228 @@
+"""Who may move the arm, and what takes it away: idle, armed, running, holding, stopped.
+
+A software stop, not safety-rated: docs/robot.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from gensim2.deploy.devices import ArmState, Frame
+from gensim2.deploy.limits import Sent
+from gensim2.errors import GenSim2Error
+
+
+class State(StrEnum):
+    """What a watch lets happen."""
+
+    IDLE = "idle"
+    ARMED = "armed"
+    RUNNING = "running"
+    HOLDING = "holding"
+    STOPPED = "stopped"
+
+
+class StateError(GenSim2Error):
+    """What was asked for cannot follow from the state that there is."""
+
+
+@dataclass(frozen=True)
+class WatchRules:
+    """What the watch bears; seconds.
+
+    Attributes:
+        frame_age: of a picture that is used.
+        apart: between the newest pictures of two cameras.
+        no_action: from a question to the controller to its answer while the arm moves.
+        thinking: the same while it stands.
+        state_age: of the arm's last word.
+        behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
+            what blocks it is judged by the force.
+        pressed: N from which on it is.
+        window: of commands that the arm is compared with.
+        overrun: by which a period may be late without counting as an overrun.
+        overruns: of them in a row that stop the arm.
+    """
+
+    frame_age: float = 0.150
+    apart: float = 0.050
+    no_action: float = 0.200
+    thinking: float = 20.0
+    state_age: float = 0.100
+    behind: float = 0.08
+    pressed: float = 10.0
+    window: float = 0.300
+    overrun: float = 0.020
+    overruns: int = 3
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of state: when (s), to which, and why."""
+
+    time: float
+    state: State
+    reason: str
+
+
+@dataclass
+class Watch:
+    """The state machine. It is told what happens and says what state follows; it moves nothing itself.
+
+    Only a person resumes, and only what is held; what is stopped is begun anew.
+    """
+
+    rules: WatchRules = field(default_factory=WatchRules)
+    state: State = State.IDLE
+    reason: str = ""
+    changes: list[Change] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was seen: an episode begins."""
+        self._frames: dict[str, Frame] = {}
+        self._forget_motion()
+
+    def _forget_motion(self) -> None:
+        self._commands: list[tuple[float, Sent]] = []
+        self._asked: float | None = None
+        self._overruns = 0
+
+    # ------------------------------------------------------------- transitions
+
+    def arm(self, now: float) -> None:
+        """Everything is there; nothing moves yet."""
+        self._require(State.IDLE)
+        self._change(now, State.ARMED, "ready")
+
+    def run(self, now: float) -> None:
+        """Let the controller move the arm."""
+        self._require(State.ARMED)
+        self._change(now, State.RUNNING, "begun")
+
+    def rest(self, now: float) -> None:
+        """An episode is over."""
+        self._require(State.ARMED, State.RUNNING)
+        self._change(now, State.IDLE, "episode over")
+
+    def hold(self, now: float, reason: str) -> None:
+        """Come to rest and stand there under control; what is stopped stays so."""
+        if self.state in (State.ARMED, State.RUNNING):
+            self._change(now, State.HOLDING, reason)
+
+    def stop(self, now: float, reason: str) -> None:
+        """Stop, whatever there was before."""
+        if self.state is not State.STOPPED:
+            self._change(now, State.STOPPED, reason)
+
+    def resume(self, now: float, person: str) -> None:
+        """Go on after a hold.
+
+        Args:
+            person: who says so.
+
+        Raises:
+            StateError: nothing is held, or nobody says so.
+        """
+        self._require(State.HOLDING)
+        if not person:
+            raise StateError("a person resumes: say who")
+        self._forget_motion()
+        self._change(now, State.RUNNING, f"resumed by {person}")
+
+    def _require(self, *states: State) -> None:
+        if self.state not in states:
+            raise StateError(f"is {self.state}, must be {' or '.join(states)}")
+
+    def _change(self, now: float, state: State, reason: str) -> None:
+        self.state, self.reason = state, reason
+        self.changes.append(Change(now, state, reason))
+
+    # ------------------------------------------------------------ what is seen
+
+    def saw_frame(self, frame: Frame, now: float) -> None:
+        """A picture came; the same one twice in a row is frozen: no camera is without noise."""
+        before = self._frames.get(frame.camera)
+        if before is not None:
+            if frame.captured < before.captured or frame.captured > now + self.rules.apart:
+                self.hold(now, f"camera {frame.camera}: its clock jumped by {frame.captured - before.captured:.3f} s")
+            elif frame.depth.any() and np.array_equal(frame.depth, before.depth):
+                self.hold(now, f"camera {frame.camera}: the picture is frozen")
+            elif frame.depth.shape != before.depth.shape:
+                self.hold(now, f"camera {frame.camera}: the picture has another size")
+        self._frames[frame.camera] = frame
+
+    def saw_arm(self, state: ArmState, now: float) -> None:
+        """The arm said where it stands."""
+        if state.mode == "reflex":
+            self.stop(now, "the arm has stopped by itself: reflex")
+        if not (np.isfinite(state.q).all() and np.isfinite(state.v).all()):
+            self.stop(now, "the arm says where it stands in no numbers")
+
+    def sent(self, sent: Sent, time: float) -> None:
+        """A command was sent."""
+        self._commands = [each for each in self._commands if each[0] >= time - self.rules.window]
+        self._commands.append((time, sent))
+
+    def asked(self, now: float) -> None:
+        """The controller was asked."""
+        if self._asked is None:
+            self._asked = now
+
+    def answered(self) -> None:
+        """It has answered."""
+        self._asked = None
+
+    def period(self, late: float, now: float) -> None:
+        """A period of the loop began so much too late (s)."""
+        self._overruns = self._overruns + 1 if late > self.rules.overrun else 0
+        if self._overruns >= self.rules.overruns:
+            self.stop(now, f"{self._overruns} periods in a row overran, the last by {1e3 * late:.0f} ms")
+
+    # ------------------------------------------------------------------- rules
+
+    def check_frames(self, cameras: Sequence[str], now: float) -> None:
+        """Hold where a picture that is about to be used is missing, too old, or of another time than the others."""
+        times = []
+        for name in cameras:
+            frame = self._frames.get(name)
+            if frame is None:
+                self.hold(now, f"camera {name}: no picture")
+                return
+            if now - frame.captured > self.rules.frame_age:
+                self.hold(now, f"camera {name}: the last picture is {1e3 * (now - frame.captured):.0f} ms old")
+                return
+            times.append(frame.captured)
+        if times and max(times) - min(times) > self.rules.apart:
+            self.hold(now, f"pictures are {1e3 * (max(times) - min(times)):.0f} ms apart")
+
+    def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
+        """Hold where the arm is silent, or is not where it was sent.
+
+        Args:
+            state: its last.
+            arm: (m,) of its joints.
+        """
+        if self.state is not State.RUNNING:
+            return
+        if state is None or now - state.time > self.rules.state_age:
+            age = "nothing" if state is None else f"{1e3 * (now - state.time):.0f} ms old"
+            self.hold(now, f"the arm lags: its last word is {age}")
+        elif arm is not None and self._commands:
+            off = min(float(np.abs(sent.q - arm).max()) for _, sent in self._commands)
+            if off > self.rules.behind and state.force < self.rules.pressed:
+                self.hold(now, f"the arm lags: it is {off:.3f} rad from where it was sent")
+
+    def check_answer(self, moves: bool, now: float) -> None:
+        """Hold where the controller has not answered in time."""
+        if self._asked is None or self.state is not State.RUNNING:
+            return
+        waited = now - self._asked
+        if waited > (self.rules.no_action if moves else self.rules.thinking):
+            self.hold(now, f"no action from the controller for {1e3 * waited:.0f} ms")

@@ -1,0 +1,53 @@
+"""Policies through the line: chunks of a network on clouds that the line's cameras made."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gensim2.deploy.replay import messages, replay
+from gensim2.deploy.run import run
+from gensim2.policy.train import train_policy
+from gensim2.tasks.library import load_task
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "policy"))
+
+import made_up
+
+
+@pytest.fixture
+def checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A network of a few thousand weights that has learnt next to nothing."""
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    config = made_up.policy(head="flow")
+    source = made_up.MadeUpSource(config, sentences=(load_task("CloseBox").description, "open the drawer"))
+    train_policy(source, config, made_up.training(steps=1), tmp_path / "policy")
+    return tmp_path / "policy"
+
+
+def test_a_policy_drives_the_arm_within_its_limits(checkpoint: Path, tmp_path: Path) -> None:
+    found = run(
+        "CloseBox",
+        policy=checkpoint,
+        speed=0.5,
+        minutes=0.1,
+        assets="builtin",
+        pixels=(160, 120),
+        simulated_clock=True,
+        jump=1.0,
+        log=tmp_path / "log",
+    )
+    # What it asks for is nonsense: it may be refused, and is limited.
+    assert found["state"] == "idle" or "refused" in found["reason"] or "force" in found["reason"], found["reason"]
+    assert found["limits_passed"] == 0
+    asked = [arrays for topic, _, arrays in messages(tmp_path / "log") if topic == "/answer"]
+    assert len(asked) >= 2, (found["state"], found["reason"], found["episodes"], found["seconds"])
+    assert asked[0]["seen/point_cloud"].shape == (made_up.POINTS, 6)
+    assert np.isfinite(asked[0]["actions"]).all()
+    assert asked[0]["actions"].shape[1] == 8
+    again = replay(tmp_path / "log")
+    assert again.different == ()
+    assert again.clouds == again.questions == len(asked)
