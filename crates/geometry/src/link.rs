@@ -39,9 +39,13 @@ pub struct Joint {
     pub(crate) name: String,
     pub(crate) kind: JointKind,
     pub(crate) axis: Vector3<f64>,
+    #[serde(with = "crate::checked::open_below")]
     pub(crate) lower: f64,
+    #[serde(with = "crate::checked::open_above")]
     pub(crate) upper: f64,
+    #[serde(with = "crate::checked::open_above")]
     pub(crate) velocity: f64,
+    #[serde(with = "crate::checked::open_above")]
     pub(crate) effort: f64,
     pub(crate) mimic: Option<Mimic>,
 }

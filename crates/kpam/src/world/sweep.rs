@@ -162,7 +162,7 @@ impl World<'_> {
             // One bubble that reaches back as well covers nearly twice as much.
             let at = (t + AGAIN * ahead).floor().min(end);
             if at > t
-                && let Some(on) = self.from_ahead(&way, leg, margins, &gone, t, at, &mut reach)
+                && let Some(on) = self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach)
             {
                 if at >= end {
                     return None;
@@ -194,7 +194,7 @@ impl World<'_> {
         let (mut t, mut ahead, mut reach) = (0.0, 0.0, REACH);
         while t < end {
             let at = (t + AGAIN * ahead).floor().min(end);
-            let leap = if at > t { self.from_ahead(&way, leg, margins, &gone, t, at, &mut reach) } else { None };
+            let leap = if at > t { self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach) } else { None };
             let next = match leap {
                 Some(on) => {
                     ahead = on.proven - at;
@@ -221,7 +221,7 @@ impl World<'_> {
     /// As [`World::onwards`], from a place `at` ahead of one that the way is known to be free up to, where the bubble
     /// there reaches back to that; none where it does not, or something is too near there.
     #[allow(clippy::too_many_arguments)]
-    fn from_ahead(
+    fn leap_ahead(
         &mut self,
         way: &Way<'_>,
         leg: Leg,
