@@ -1,6 +1,6 @@
 # `make help` lists the targets.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format figures lock clean
+.PHONY: help setup demo test lint format figures api lock clean
 
 FIGURES_OUT ?= runs/figures
 DEMO_OUT ?= runs/demo
@@ -26,6 +26,10 @@ lint: setup ## mend what the formatters and linters can
 	@cargo fmt --all
 	@.venv/bin/ruff check --fix .
 	@.venv/bin/ruff format .
+
+api: setup ## write the API pages of the solver to dist/api
+	@.venv/bin/python -W error -W "ignore:Cannot determine where gensim2_kpam.ContactWindow" -m pdoc --docformat google \
+		--output-directory dist/api gensim2_kpam
 
 lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins that still fit
 	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \

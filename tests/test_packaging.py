@@ -67,6 +67,21 @@ def test_the_readme_of_the_solver_plans(tmp_path: Path) -> None:
     assert answer.returncode == 0, answer.stderr
 
 
+def test_api_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("pdoc")
+    # A key of that type is a word of Python's, so it has no class body in which pdoc could look.
+    ignored = "ignore:Cannot determine where gensim2_kpam.ContactWindow"
+    command = [sys.executable, "-W", "error", "-W", ignored, "-m", "pdoc", "--docformat", "google", "gensim2_kpam"]
+    made = subprocess.run([*command, "--output-directory", tmp_path], capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    assert "warn" not in made.stderr.lower(), made.stderr
+    text = (tmp_path / "gensim2_kpam.html").read_text()
+    for name in ("Scene.plan_to", "Trajectory.sample_into", "KeypointProblem", "Status.SOLVED"):
+        assert f'id="{name}"' in text, name
+    # What a signature says is that of the types, and what it means stands beside it.
+    assert "axis constraints hold all along" in text
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")

@@ -44,6 +44,30 @@ class NullProgress:
 NULL_PROGRESS: Progress = NullProgress()
 
 
+class NamedProgress:
+    """Hands everything on, stages with a word before them that tells several of one description apart.
+
+    Args:
+        word: stands before each stage.
+        progress: the listener.
+    """
+
+    def __init__(self, word: str, progress: Progress) -> None:
+        self._word, self._progress = word, progress
+
+    def start(self, description: str, total: int | None = None) -> None:
+        """Begin a stage."""
+        self._progress.start(f"{self._word}: {description}", total)
+
+    def advance(self, steps: int = 1) -> None:
+        """Count steps of the stage."""
+        self._progress.advance(steps)
+
+    def message(self, text: str) -> None:
+        """Say one line."""
+        self._progress.message(text)
+
+
 class ConsoleProgress:
     """Bars on a terminal; one line a stage where standard error is a file or a pipe.
 

@@ -1,5 +1,7 @@
 """Keypoint solver: constraints in, joint motion out. Metres, radians, seconds; poses are (4, 4) row-major float64."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -82,6 +84,19 @@ class Robot:
     @property
     def velocity(self) -> Array:
         """(n,) rad/s or m/s; infinity where the URDF gives no limit."""
+    def surface(self, link: str) -> tuple[Array, Array]:
+        """(M, 3, 3) triangles of a link's collision shapes and (K, 4) centres and radii of its balls, m, link frame."""
+    @property
+    def effort(self) -> Array:
+        """(n,) torque limits, N m or N; infinity where the URDF gives none."""
+    @property
+    def mass(self) -> float:
+        """Mass of all links, kg."""
+    def inverse_dynamics(
+        self, q: Numbers, velocity: Numbers, acceleration: Numbers, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
+    ) -> Array:
+        """Torques (N m; N for sliding joints) that move the links so, by the URDF's masses: three (n,) -> (n,), three
+        (N, n) -> (N, n). ``gravity`` is (3,) m/s^2 in the base frame. Friction and motors' inertia are left out."""
     def forward_kinematics(self, q: Numbers, link: str | None = None) -> Array:
         """Pose of ``link`` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4)."""
     def jacobian(self, q: Numbers, link: str | None = None) -> Array:
@@ -142,6 +157,9 @@ class Body:
     def name(self) -> str: ...
     @property
     def role(self) -> str: ...
+    def surface(self) -> tuple[Array, Array]:
+        """(M, 3, 3) triangles of its surface and (K, 4) centres and radii of its balls (points of clouds among them),
+        m, body frame."""
     @property
     def pose(self) -> Array:
         """(4, 4)"""
@@ -175,6 +193,11 @@ class Scene:
     scene returns another one. Pickles."""
 
     def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None: ...
+    def own_points(self, q: Numbers, points: npt.ArrayLike, clearance: float = 0.02) -> npt.NDArray[np.bool_]:
+        """Mark which of (N, 3) points (m, base frame) lie within ``clearance`` (m) of the robot at joints ``q`` (n,) or
+        of what it holds: (N,). They are no obstacle: ``points[~scene.own_points(q, points)]`` is what stands about."""
+    @property
+    def robot(self) -> Robot: ...
     @property
     def bodies(self) -> list[Body]: ...
     @property
@@ -265,10 +288,13 @@ class Scene:
         seed: int = 0,
         velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,
-        limits: Literal["panda", "plain"] | None = None,
+        limits: Literal["panda", "fr3", "plain"] | None = None,
         velocity_limits: Sequence[float] | None = None,
         acceleration_limits: Sequence[float] | None = None,
         jerk_limits: Sequence[float] | None = None,
+        torque_limits: Sequence[float] | None = None,
+        path: SolverConfig | None = None,
+        tool_keypoints: Mapping[str, Numbers] | None = None,
         max_checks: int | None = None,
         deadline_ms: float | None = None,
         cancel: Cancel | None = None,
@@ -284,10 +310,16 @@ class Scene:
             seed: number of the sequence of samples.
             velocity_scale: share of the velocity limits, above 0 to 1.
             acceleration_scale: share of the acceleration and jerk limits, above 0 to 1.
-            limits: acceleration and jerk limits of an arm that is known.
+            limits: acceleration and jerk limits of an arm that is known; "fr3" has velocity limits that depend on the
+                position, too.
             velocity_limits: (n,) rad/s or m/s instead of the URDF's.
             acceleration_limits: (n,) rad/s^2 or m/s^2 instead of those of ``limits``.
             jerk_limits: (n,) rad/s^3 or m/s^3, likewise.
+            torque_limits: (n,) N m, or N; torques are not looked at by default.
+            path: a config whose axis constraints hold all along: the direction between two keypoints of the tool keeps
+                its angle to a direction of the base (``target_axis_frame`` "world") within ``tolerance`` rad. Start and
+                goal lie within 0.85 of that.
+            tool_keypoints: (3,) each, m in the hand frame, that it names; those of held bodies are there.
             max_checks: most configurations to be looked at.
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.
@@ -481,7 +513,7 @@ class Plan:
         """Deepest judged overlap at the start, m."""
     @property
     def cpu_ms(self) -> CpuTimes:
-        """Thread CPU time of planning: ``actuation``, ``trajectory``, ``total``. Does not pickle."""
+        """Thread CPU time of planning: ``setup``, ``actuation``, ``trajectory``, ``total``. Does not pickle."""
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as JSON holds them."""
 
@@ -615,6 +647,7 @@ def retime(
     start_acceleration: npt.ArrayLike | None = None,
     start_time: float = 0.0,
     position_limits: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+    braking: Sequence[tuple[float, float, float, float] | None] | None = None,
     method: Literal["reachability", "conic"] = "reachability",
 ) -> tuple[Trajectory, Array]:
     """Return the fastest motion along the cubic spline through waypoints within velocity, acceleration and jerk limits.
@@ -629,6 +662,8 @@ def retime(
             towards the second waypoint leaves the path in a turn, or comes to rest first where no turn is possible.
         start_time: time of the first waypoint, s.
         position_limits: (n,) lower and upper limits that a start under way has to stop within.
+        braking: upper, lower, gain and offset a joint (None for none): upwards it moves no faster than
+            ``-offset + sqrt(gain * (upper - q))``, downwards than ``-offset + sqrt(gain * (q - lower))``.
         method: "conic" solves a cone program on Clarabel instead; the same motion, slower.
 
     Returns:

@@ -35,9 +35,12 @@ class Options(TypedDict, total=False):
     """(n,) from 0.001 per second squared; default those of ``limits``."""
     jerk_limits: npt.ArrayLike | None
     """(n,) from 0.001 per second cubed; default those of ``limits``."""
-    limits: Literal["panda", "plain"] | None
-    """"panda" (as Franka publishes them) or "plain" (10 rad/s^2, 5,000 rad/s^3 every joint); default "plain", and the
-    plan says that they are assumed."""
+    torque_limits: npt.ArrayLike | None
+    """(n,) from 0.001 N m (N for sliding joints), by inverse dynamics of the URDF's masses; default: torques are not
+    looked at. ``Robot.effort`` has the URDF's."""
+    limits: Literal["panda", "fr3", "plain"] | None
+    """"panda" or "fr3" (as Franka publishes them; "fr3" has velocity limits that depend on the position) or "plain"
+    (10 rad/s^2, 5,000 rad/s^3 every joint); default "plain", and the plan says that they are assumed."""
     start_velocity: npt.ArrayLike | None
     """(n,) rad/s or m/s, within 100; default at rest."""
     start_acceleration: npt.ArrayLike | None

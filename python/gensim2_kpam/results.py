@@ -52,6 +52,8 @@ class MotionStatus(StrEnum):
     """No joint values bring the link to the pose."""
     NOT_FOUND = "not_found"
     """The search ended without a motion; there may be one."""
+    UNTIMED = "untimed"
+    """A free way was found, and no motion along it that keeps the limits."""
     LATE = "late"
     """The deadline passed."""
     CANCELLED = "cancelled"
@@ -138,6 +140,8 @@ class TriedPose(TypedDict):
 class CpuTimes(TypedDict):
     """Thread CPU times of planning, ms."""
 
+    setup: float
+    """The world compiled, and the start looked at."""
     actuation: float
     trajectory: float
     total: float

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import imageio.v2 as imageio
+import numpy as np
 import pytest
 
 import gensim2
 from gensim2.cli.main import run
 from gensim2.errors import InputError
+from gensim2.evaluation.films import DOT, PAPER, SIZE
 from gensim2.rollout.controller_spec import ControllerError, ControllerSpec
 from gensim2.rollout.worker import chain
 from gensim2.tasks.library import load_strategies
@@ -23,6 +26,7 @@ def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
     common = ["evaluate", "CloseBox", "--assets", "builtin", "--episodes", "2", "--workers", "1"]
     told = tmp_path / "told.json"
     words = ["--controller", f"{CONTROLLERS}:Looks", "--out", str(tmp_path / "run"), "--json", str(told)]
+    words += ["--videos", "1"]
     assert run([*common, *words]) == 0
     (task,) = (found := json.loads(told.read_text()))["tasks"]
     assert (task["name"], task["episodes"], task["held_mean"]) == ("CloseBox", 2, 0.0)
@@ -31,6 +35,11 @@ def test_a_controller_of_ones_own_is_measured_and_its_errors_are_one_line(
     assert found["controller"]["observation"]["cloud"]["points"] == 64
     assert found["controller"]["privileged"] is False
     assert found["arguments"]["stop"] == "goal"
+    (film,) = found["videos"]["CloseBox"]
+    picture = imageio.get_reader(film).get_data(0)
+    assert picture.shape == (SIZE, 2 * SIZE, 3)
+    dots = (np.abs(picture[:, SIZE:].astype(int) - PAPER).max(axis=-1) > 60).sum()  # 64 points, some behind others
+    assert 64 < dots < 64 * (2 * DOT + 1) ** 2
     assert run([*common, *words, "--resume"]) == 0
     words[1] = f"{CONTROLLERS}:Rest"
     assert run([*common, *words, "--resume"]) == 2

@@ -36,3 +36,31 @@ def test_a_wrong_row_is_refused(panda: kpam.Robot) -> None:
     for q in (np.zeros(3), np.zeros((2, 8)), np.full(9, np.nan)):
         with pytest.raises(kpam.ProblemError, match="q"):
             problem.scene.in_collision(q)
+
+
+def test_points_of_the_robot_itself_are_no_obstacle(panda: kpam.Robot) -> None:
+    q = np.array([0.3, -0.4, 0.2, -2.2, 0.1, 1.9, 0.6, 0.04, 0.04])
+    held = kpam.Body("held", "attached", [kpam.Shape.sphere(0.03, [0.0, 0.0, 0.15])], np.eye(4))
+    scene = kpam.Scene(panda, [held])
+    draw = np.random.default_rng(4)
+    seen, away = [], draw.uniform([-1, -1, 0], [1, 1, 1.3], (3000, 3))
+    for name in panda.link_names:
+        triangles = panda.surface(name)[0]
+        if len(triangles):
+            pose = panda.forward_kinematics(q, link=name)
+            weights = draw.dirichlet([1.0, 1.0, 1.0], len(triangles))
+            places = np.einsum("ij,ijk->ik", weights, triangles)
+            seen.append(places @ pose[:3, :3].T + pose[:3, 3])
+    of_robot = np.concatenate(seen) + draw.normal(0, 0.002, (sum(map(len, seen)), 3))
+    assert scene.own_points(q, of_robot, clearance=0.015).all()
+    hand = panda.forward_kinematics(q)
+    centre = hand[:3, :3] @ [0, 0, 0.15] + hand[:3, 3]
+    from_ball = np.linalg.norm(away - centre, axis=1) - 0.03
+    marks = scene.own_points(q, away, clearance=0.1)
+    assert marks[from_ball < 0.099].all()
+    # What is left is as far from a ball about each point as a ball of that size says.
+    cloud = kpam.Body("cloud", "rigid", [kpam.Shape.point_cloud(away[~marks], 0.09)], np.eye(4))
+    assert not kpam.Scene(panda, [cloud]).in_collision(q) or kpam.Scene(panda).in_collision(q)
+    near = away[marks & (from_ball > 0.101)]
+    one = [kpam.Body(str(k), "rigid", [kpam.Shape.sphere(0.11, p)], np.eye(4)) for k, p in enumerate(near[:20])]
+    assert all(kpam.Scene(panda, [ball]).in_collision(q) for ball in one)

@@ -139,3 +139,22 @@ def test_what_other_tools_add_under_their_namespace_is_left_out(tmp_path: Path) 
 def test_a_missing_urdf_is_named(tmp_path: Path) -> None:
     with pytest.raises(kpam.UrdfError, match=r"none\.urdf"):
         kpam.Robot.from_urdf(tmp_path / "none.urdf", hand_link="hand")
+
+
+def test_pickles_of_another_layout_are_named(panda: kpam.Robot) -> None:
+    make, (data,) = panda.__reduce__()  # type: ignore[misc]
+    assert data[:4] == b"kpam"
+    with pytest.raises(kpam.KpamError, match="layout 250"):
+        make(data[:4] + bytes([250]) + data[5:])
+    with pytest.raises(kpam.KpamError, match="no version"):
+        make(data[5:])
+    with pytest.raises(kpam.KpamError, match="damaged"):
+        make(data[:20])
+
+
+def test_compiling_the_world_is_no_part_of_the_actuation(panda: kpam.Robot) -> None:
+    from .kpam_scenes import problem
+
+    cpu = kpam.plan(problem(panda)).cpu_ms
+    assert cpu["setup"] > 0.0
+    assert cpu["total"] == pytest.approx(cpu["setup"] + cpu["actuation"] + cpu["trajectory"])

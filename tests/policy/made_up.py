@@ -14,6 +14,7 @@ from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOC
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
 from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.control import Shuffled
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.source import SENTENCE
 from gensim2.robots import robot
@@ -68,6 +69,12 @@ class MadeUpSource:
             return self._make(rng, size)
         rows = rng.integers(self._frames, size=size)
         return {name: values[rows] for name, values in self._kept.items()}
+
+    def some_clouds(self, most: int) -> Shuffled:
+        """Return random clouds."""
+        rng = np.random.default_rng(6)
+        points = rng.uniform(0, 1, (min(most, 3), POINTS, 3)).astype(np.float32)
+        return Shuffled(points, np.zeros(points.shape, np.uint8))
 
     def _make(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
         frames = self._config.history

@@ -19,10 +19,12 @@ from gensim2.data.observation_file import read_observation, write_observation
 from gensim2.errors import InputError
 from gensim2.observations import ObservationSpec
 from gensim2.observations.columns import CLOUD, STATE
+from gensim2.policy import relabels
 from gensim2.policy.checkpoint import CheckpointError
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.decoded import ACTIONS, decode
 from gensim2.policy.demonstrations import Demonstrations
+from gensim2.policy.frames import SEEN
 from gensim2.policy.heads.actions import ACTION
 from gensim2.policy.source import SENTENCE
 from gensim2.policy.training import train
@@ -132,6 +134,66 @@ def test_chunks_are_executed_until_the_end_is_marked(folder: Path, checkpoint: P
     assert actions[0] is not None
     assert np.allclose(actions[0][:7], observation[STATE][:7] + 0.01)
     assert len(looks) == 3
+
+
+def test_along_a_demonstration_labels_are_what_the_demonstration_did(
+    folder: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, recording = _live(folder)
+    dataset = DataSet.open(folder)
+    scene = dataset.record.scene.with_task(gensim2.load_task("CloseBox"), dataset.record.tasks["CloseBox"].instances)
+
+    class Follows(PolicyController):
+        """Does what was recorded, in place of what the network says."""
+
+        def act(self, observation: Any) -> Any:
+            return recording.actions[observation.step] if observation.step < recording.steps else None
+
+    monkeypatch.setattr(relabels, "PolicyController", Follows)
+    strategies = gensim2.tasks.library.load_strategies("CloseBox")
+    found = relabels.relabel_episode(scene, strategies, str(checkpoint), recording.seed)
+    count, horizon, width = found[ACTION].shape
+    assert count >= 1
+    assert (horizon, width) == (SETTINGS["horizon"], 9)
+    stood = recording.env_states["articulations"]["panda"][:, 13:20]
+    for number in range(count):
+        joints = found[STATE][number, -1, :7]
+        step = int(np.abs(stood - joints).max(axis=1).argmin())
+        assert np.abs(stood[step] - joints).max() < 1e-5
+        assert step % relabels.EVERY == 0
+        # Another motion to the same pose, from where the arm moves: it goes the same way.
+        did, would = recording.actions[step + horizon - 1, :7] - joints, found[ACTION][number, -1, :7]
+        assert np.abs(would - did).max() < 0.25
+        assert float(did @ would) >= 0.5 * np.linalg.norm(did) * np.linalg.norm(would) - 1e-6
+        assert np.linalg.norm(would) >= 0.3 * np.linalg.norm(did) - 1e-6  # it waits for no fingers that are closed
+
+
+def test_rounds_of_relabels_are_counted_and_resumed(
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = [word for name, value in SETTINGS.items() for word in _flags(name, value)]
+    words = ["train", "--data", str(folder), "--out", str(tmp_path / "out"), *words, "--workers", "1"]
+    words += ["--dagger", "1", "--dagger-episodes", "1", "--json"]
+    assert run(words) == 0
+    told = json.loads(capfd.readouterr().out)
+    made = relabels.Relabels.load(tmp_path / "out" / "rounds" / "0" / "relabels" / "CloseBox.npz")
+    assert (told["demonstrations"], told["noisy_episodes"], told["relabels"]) == (2, 0, len(made))
+    assert run([*words, "--resume"]) == 0
+    assert json.loads(capfd.readouterr().out)["data"] == told["data"]
+
+
+def test_batches_have_their_share_of_relabels(folder: Path) -> None:
+    source = Demonstrations.open([folder], made_up.policy(history=1, horizon=4))
+    whole = source.draw(np.random.default_rng(0), 3)
+    arrays = {name: np.full_like(whole[name].numpy(), 7.0) for name in (*SEEN, ACTION)}
+    language = source.sentences[0]
+    mixed = relabels.RelabelledSource(source, [relabels.Relabels(language, arrays), relabels.Relabels(language, {})])
+    batch = mixed.draw(np.random.default_rng(1), 10)
+    assert (batch[ACTION][:, 0, 0] == 7.0).sum() == 3
+    assert {len(values) for values in batch.values()} == {10}
+    assert mixed.record.relabels == 3
+    assert mixed.record.digest != source.record.digest
+    assert (relabels.RelabelledSource(source, []).draw(np.random.default_rng(1), 10)[ACTION] != 7.0).all()
 
 
 def test_other_robots_and_sentences_are_refused(folder: Path, checkpoint: Path) -> None:

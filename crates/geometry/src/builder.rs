@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::{Convex, Joint, JointKind, Link, Mimic, Pose, Robot, RobotError, mimic};
+use crate::{Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, RobotError, mimic};
 
 /// Builds a [`Robot`] of links, the base first and parents before their children; [`RobotBuilder::build`] checks the
 /// whole.
@@ -23,6 +23,7 @@ pub struct LinkBuilder {
     origin: Pose,
     joint: Option<JointBuilder>,
     shapes: Vec<Convex>,
+    inertia: Option<Inertia>,
 }
 
 /// Builds a [`Joint`]; [`RobotBuilder::build`] checks it.
@@ -49,8 +50,9 @@ impl JointBuilder {
     fn new(name: String, kind: JointKind, axis: Vector3<f64>) -> Self {
         // A direction of no length stays one, and is refused.
         let axis = axis.try_normalize(0.0).unwrap_or(axis);
-        let (lower, upper, velocity) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
-        Self { joint: Joint { name, kind, axis, lower, upper, velocity, mimic: None }, follows: None }
+        let (lower, upper, open) = (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY);
+        let joint = Joint { name, kind, axis, lower, upper, velocity: open, effort: open, mimic: None };
+        Self { joint, follows: None }
     }
 
     /// Sets the limits (rad or m).
@@ -62,6 +64,12 @@ impl JointBuilder {
     /// Sets the velocity limit (rad/s or m/s).
     pub fn velocity(mut self, limit: f64) -> Self {
         self.joint.velocity = limit;
+        self
+    }
+
+    /// Sets the torque limit (N m; N for a sliding joint).
+    pub fn effort(mut self, limit: f64) -> Self {
+        self.joint.effort = limit;
         self
     }
 
@@ -86,7 +94,7 @@ impl Link {
 
 impl LinkBuilder {
     fn new(name: String, parent: Option<String>) -> Self {
-        Self { name, parent, origin: Pose::identity(), joint: None, shapes: Vec::new() }
+        Self { name, parent, origin: Pose::identity(), joint: None, shapes: Vec::new(), inertia: None }
     }
 
     /// Sets the joint frame in the parent link.
@@ -104,6 +112,12 @@ impl LinkBuilder {
     /// Adds a collision shape, in the link frame.
     pub fn shape(mut self, shape: Convex) -> Self {
         self.shapes.push(shape);
+        self
+    }
+
+    /// Sets its mass.
+    pub fn inertia(mut self, inertia: Inertia) -> Self {
+        self.inertia = Some(inertia);
         self
     }
 }
@@ -155,7 +169,8 @@ impl RobotBuilder {
             let parent = link.parent.map(|p| index(&p, &format!("link {}", link.name))).transpose()?;
             let joint = link.joint.map(|_| count);
             count += usize::from(joint.is_some());
-            links.push(Link { name: link.name, parent, origin: link.origin, joint, shapes: link.shapes });
+            let LinkBuilder { name, origin, shapes, inertia, .. } = link;
+            links.push(Link { name, parent, origin, joint, shapes, inertia });
         }
         let hand = index(hand, "hand")?;
         let mut pairs = Vec::with_capacity(self.free.len());

@@ -21,3 +21,23 @@ macro_rules! checked_when_read {
 }
 
 pub(crate) use checked_when_read;
+
+/// Numbers that may be infinite: JSON has none such, so those are written as null.
+macro_rules! open_ended {
+    ($name:ident, $end:expr) => {
+        pub(crate) mod $name {
+            use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+            pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+                (*value != $end).then_some(*value).serialize(serializer)
+            }
+
+            pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+                Ok(Option::deserialize(deserializer)?.unwrap_or($end))
+            }
+        }
+    };
+}
+
+open_ended!(open_above, f64::INFINITY);
+open_ended!(open_below, f64::NEG_INFINITY);

@@ -27,6 +27,7 @@ mod collision;
 mod convex;
 mod corners;
 mod distance;
+mod dynamics;
 mod error;
 mod facets;
 mod file;
@@ -34,6 +35,7 @@ mod link;
 mod mesh;
 mod mimic;
 mod obstacles;
+mod own_points;
 mod pose;
 mod robot;
 mod screen;
@@ -47,9 +49,11 @@ pub use collision::{MovingShapes, Proximity, Scratch, Target, judged_pairs};
 pub use convex::Convex;
 pub use corners::Corners;
 pub use distance::{Contact, signed_distance};
+pub use dynamics::{DynamicsScratch, GRAVITY, Inertia};
 pub use error::{JointCountError, RobotError, ShapeError, UrdfError};
 pub use link::{Joint, JointKind, Link, Mimic};
 pub use obstacles::Obstacles;
+pub use own_points::points_within;
 pub use pose::{
     Pose, is_rigid, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about,
 };

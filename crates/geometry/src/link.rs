@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checked::checked_when_read;
-use crate::{Convex, Pose, RobotError, is_rigid, rotation_about};
+use crate::{Convex, Inertia, Pose, RobotError, is_rigid, rotation_about};
 
 /// Axes have length 1 within this.
 const UNIT: f64 = 1e-6;
@@ -39,9 +39,14 @@ pub struct Joint {
     pub(crate) name: String,
     pub(crate) kind: JointKind,
     pub(crate) axis: Vector3<f64>,
+    #[serde(with = "crate::checked::open_below")]
     pub(crate) lower: f64,
+    #[serde(with = "crate::checked::open_above")]
     pub(crate) upper: f64,
+    #[serde(with = "crate::checked::open_above")]
     pub(crate) velocity: f64,
+    #[serde(with = "crate::checked::open_above")]
+    pub(crate) effort: f64,
     pub(crate) mimic: Option<Mimic>,
 }
 
@@ -87,6 +92,13 @@ impl Joint {
         self.velocity
     }
 
+    /// Torque limit (N m; N for a sliding joint), infinity where there is none.
+    #[inline]
+    #[must_use]
+    pub fn effort(&self) -> f64 {
+        self.effort
+    }
+
     /// The joint that it follows, if any.
     #[inline]
     #[must_use]
@@ -106,6 +118,9 @@ impl Joint {
         }
         if self.velocity.is_nan() || self.velocity <= 0.0 {
             return fail("limit", format!("velocity {} must be positive", self.velocity));
+        }
+        if self.effort.is_nan() || self.effort <= 0.0 {
+            return fail("limit", format!("effort {} must be positive", self.effort));
         }
         if let Some(m) = self.mimic
             && !(m.multiplier.is_finite() && m.offset.is_finite())
@@ -134,6 +149,7 @@ pub struct Link {
     pub(crate) origin: Pose,
     pub(crate) joint: Option<usize>,
     pub(crate) shapes: Vec<Convex>,
+    pub(crate) inertia: Option<Inertia>,
 }
 
 impl Link {
@@ -171,8 +187,18 @@ impl Link {
         &self.shapes
     }
 
+    /// Its mass; `None` where it weighs nothing.
+    #[inline]
+    #[must_use]
+    pub fn inertia(&self) -> Option<&Inertia> {
+        self.inertia.as_ref()
+    }
+
     /// Whether it is rigidly, and not too far, from its parent.
     pub(crate) fn check(&self) -> Result<(), RobotError> {
+        if let Some(inertia) = &self.inertia {
+            inertia.check(&self.name)?;
+        }
         let near = self.origin.translation.vector.iter().all(|v| v.abs() <= FURTHEST);
         if is_rigid(&self.origin) && near {
             return Ok(());

@@ -3,11 +3,13 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use urdf_rs::{Geometry, JointType};
 
 use crate::link::FURTHEST;
-use crate::{Convex, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml};
+use crate::{
+    Convex, Inertia, Joint, JointKind, Link, Mimic, Pose, Robot, UrdfError, mesh, mimic, pose_from_xyz_rpy, xml,
+};
 
 /// Links per robot: beyond this a file is taken for damaged.
 const MOST_LINKS: usize = 10_000;
@@ -122,7 +124,15 @@ pub(crate) fn parse(text: &str, path: &Path, hand: &str, base: Option<&str>) -> 
             let pose = self::origin(file, &field, &collision.origin)?;
             shapes.push(shape(&collision.geometry, &pose, &folder, file, &field)?);
         }
-        links.push(Link { name: link.name.clone(), parent, origin, joint: joint.and_then(|j| slot[j]), shapes });
+        let inertia = inertia(&link.inertial, &link.name, file)?;
+        links.push(Link {
+            name: link.name.clone(),
+            parent,
+            origin,
+            joint: joint.and_then(|j| slot[j]),
+            shapes,
+            inertia,
+        });
     }
     let hand_index = links.iter().position(|l| l.name == hand).ok_or_else(|| {
         fail("hand_link", format!("{hand:?} is not a link below the base; links: {}", listed(&links)))
@@ -169,7 +179,31 @@ fn moving_joint(joint: &urdf_rs::Joint, file: &str) -> Result<Option<Joint>, Urd
     }
     // URDF writers put 0 where they know no limit; nothing could move under a true limit of 0.
     let velocity = if velocity == 0.0 { f64::INFINITY } else { velocity };
-    Ok(Some(Joint { name: joint.name.clone(), kind, axis: axis / length, lower, upper, velocity, mimic: None }))
+    let effort = joint.limit.effort;
+    if effort.is_nan() {
+        return Err(fail("limit", "effort is not a number".to_owned()));
+    }
+    // Likewise: 0 and less stand for what is not known.
+    let effort = if effort <= 0.0 { f64::INFINITY } else { effort };
+    let (name, axis) = (joint.name.clone(), axis / length);
+    Ok(Some(Joint { name, kind, axis, lower, upper, velocity, effort, mimic: None }))
+}
+
+/// The mass of a link; none where the file says nothing of it.
+fn inertia(spec: &urdf_rs::Inertial, link: &str, file: &str) -> Result<Option<Inertia>, UrdfError> {
+    let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = spec.inertia;
+    if spec.mass.value == 0.0 && [ixx, ixy, ixz, iyy, iyz, izz].iter().all(|v| *v == 0.0) {
+        return Ok(None);
+    }
+    let pose = origin(file, &format!("link {link}: inertial: origin"), &spec.origin)?;
+    let turn = pose.rotation.matrix();
+    let tensor = Matrix3::new(ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz);
+    let turned = turn * tensor * turn.transpose();
+    // Rounding of the turn.
+    let tensor = 0.5 * (turned + turned.transpose());
+    let out = Inertia { mass: spec.mass.value, center: pose.translation.vector, tensor };
+    out.check(link).map_err(|e| UrdfError::new(file, e.field, e.message))?;
+    Ok(Some(out))
 }
 
 fn finite(file: &str, field: &str, values: &[f64]) -> Result<(), UrdfError> {

@@ -1,4 +1,4 @@
-//! What a screen says is never more than the distance measured by brute force.
+//! What a screen says of distances lies on the safe side of those measured by brute force.
 
 #![allow(clippy::unwrap_used)]
 
@@ -87,11 +87,14 @@ proptest! {
         let needs = Needs { bodies: vec![0.01; 4 * bodies.len()], pairs: vec![0.02] };
         let reach = 0.1_f32;
         let mut said = vec![vec![[f64::from(reach); LANES]; bodies.len() + 1]; 4];
+        let mut most = vec![vec![[f64::INFINITY; LANES]; bodies.len() + 1]; 4];
         screen.survey(&mut batch, &needs, reach, |s| {
             let body = screen.body(s.other).unwrap_or(bodies.len());
             for lane in 0..LANES {
                 let least = &mut said[s.group][body][lane];
                 *least = least.min(f64::from(s.gap[lane]));
+                let upper = &mut most[s.group][body][lane];
+                *upper = upper.min(f64::from(s.most[lane]));
             }
             true
         });
@@ -106,6 +109,9 @@ proptest! {
                     let wanted = each.fold(f64::INFINITY, f64::min);
                     // Of what overlaps nothing is said but that it is not clear.
                     prop_assert!(said[group][body][lane] <= wanted.max(0.0) - 0.01 + 1e-9, "{body} {group}");
+                    // What is surely too near is.
+                    prop_assert!(most[group][body][lane] >= 0.0 || wanted < 0.01, "{body} {group} {wanted}");
+                    prop_assert!(wanted < 0.0 || most[group][body][lane] >= wanted - 0.01 - 1e-9, "{body} {wanted}");
                     // What measures single pairs says the same as brute force.
                     for keep in [0.0, 0.01, 0.05] {
                         let others: Vec<Other> = if body == 5 { vec![Other::Cloud(0)] } else {
@@ -125,7 +131,32 @@ proptest! {
             let (one, two) = (&robot.links()[1].shapes()[0], &robot.links()[3].shapes()[0]);
             let wanted = brute(one, &poses[1], &two.moved(&poses[3]));
             prop_assert!(said[1][bodies.len()][lane] <= wanted.max(0.0) - 0.02 + 1e-9);
+            prop_assert!(most[1][bodies.len()][lane] >= 0.0 || wanted < 0.02);
             prop_assert!(screen.keeps(1, Other::Pair(0), &poses, 0.01) == (wanted >= 0.01));
         }
     }
+}
+
+#[test]
+fn what_lies_in_the_middle_of_another_is_surely_too_near() {
+    let robot = arm(&[[0.1, 0.1, 0.1], [-0.1, 0.1, -0.1], [0.1, -0.1, -0.1], [-0.1, -0.1, 0.1], [0.1, 0.1, -0.1]]);
+    let none = Pose::identity();
+    let cuboid = [Convex::cuboid([0.2; 3], &none).unwrap()];
+    let cylinder = [Convex::cylinder(0.2, 0.4, &none).unwrap()];
+    let places = [pose([0.0, 0.0, 0.15], [0.0; 3]), pose([0.0, 0.0, 0.2], [0.3, 0.0, 0.0])];
+    let bodies = [(&cuboid[..], &places[0]), (&cylinder[..], &places[1])];
+    let groups: Vec<Riders<'_>> = (0..4).map(|link| Riders { link, held: None }).collect();
+    let screen = Screen::new(&robot, &Cover::of(&robot), &groups, Vec::new(), bodies);
+    let mut batch = Batch::default();
+    (0..LANES).for_each(|lane| batch.set(&screen, lane, &[0.0, 0.0, 0.0]));
+    screen.place(&mut batch);
+    let needs = Needs { bodies: vec![0.0; 8], pairs: Vec::new() };
+    let mut sure = [false; 2];
+    screen.survey(&mut batch, &needs, 0.0, |s| {
+        if let (1, Some(body)) = (s.group, screen.body(s.other)) {
+            sure[body] |= s.most.iter().all(|m| *m < 0.0);
+        }
+        true
+    });
+    assert_eq!(sure, [true, true]);
 }

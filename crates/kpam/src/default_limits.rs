@@ -3,6 +3,7 @@
 use crate::ProblemError;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::{LimitSet, Options};
+use crate::timing::{Braking, Envelope};
 
 /// Of a joint that nothing is known of (rad/s^2 or m/s^2, and rad/s^3 or m/s^3); Franka's Research 3 has the same.
 const ACCELERATION: f64 = 10.0;
@@ -12,6 +13,31 @@ pub(crate) const ASSUMED: &str = "10 rad/s^2, 5,000 rad/s^3";
 /// As Franka publishes them for the Panda.
 const PANDA_ACCELERATION: [f64; 7] = [15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0];
 const PANDA_JERK: [f64; 7] = [7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10_000.0, 10_000.0];
+
+/// As Franka publishes them for the Research 3 (rad/s and rad): greatest velocities, and upper, lower, gain and offset of
+/// the bounds that depend on the position.
+const FR3_VELOCITY: [f64; 7] = [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26];
+const FR3_BRAKING: [[f64; 4]; 7] = [
+    [2.7501, -2.7501, 12.0, 0.3],
+    [1.7918, -1.7918, 5.17, 0.2],
+    [2.9065, -2.9065, 7.0, 0.2],
+    [-0.1458, -3.0481, 8.0, 0.3],
+    [2.8101, -2.8101, 34.0, 0.35],
+    [4.5205, 0.54092, 11.0, 0.35],
+    [3.0196, -3.0196, 34.0, 0.35],
+];
+
+/// Velocity limits of a known arm that depend on the position.
+pub(crate) fn braking(options: &Options) -> Option<Envelope> {
+    let one = |[upper, lower, gain, offset]: [f64; 4]| Some(Braking { upper, lower, gain, offset });
+    let list = FR3_BRAKING.map(one);
+    (options.limits == Some(LimitSet::Fr3)).then(|| Envelope::new(list.len(), &list).ok()).flatten()
+}
+
+/// Velocity limits of a known arm, beside the URDF's.
+pub(crate) fn greatest_velocity(options: &Options) -> Option<[f64; 7]> {
+    (options.limits == Some(LimitSet::Fr3)).then_some(FR3_VELOCITY)
+}
 
 /// Acceleration and jerk limits of the variables that hold where the options give none.
 pub(crate) fn default_limits(options: &Options) -> (Row, Row) {
@@ -30,10 +56,15 @@ pub(crate) fn assumed_limits(options: &Options) -> Vec<String> {
     open.map(|(name, _)| name.to_owned()).collect()
 }
 
-/// Refuses the Panda's limits for an arm that has not its seven joints.
+/// Refuses the limits of an arm of seven joints for one that has not seven.
 pub(crate) fn check_limit_set(model: &Model, options: &Options) -> Result<(), ProblemError> {
-    if options.limits == Some(LimitSet::Panda) && model.n() != 7 {
-        let message = format!("\"panda\" is for 7 joints, and {} move the hand; leave it out", model.n());
+    let name = match options.limits {
+        Some(LimitSet::Panda) => "panda",
+        Some(LimitSet::Fr3) => "fr3",
+        Some(LimitSet::Plain) | None => return Ok(()),
+    };
+    if model.n() != 7 {
+        let message = format!("{name:?} is for 7 joints, and {} move the hand; leave it out", model.n());
         return Err(ProblemError::new("options.limits", message));
     }
     Ok(())

@@ -91,6 +91,6 @@ pub use plan::{
 };
 pub use problem::{KeypointProblem, KeypointProblemBuilder};
 pub use refine::{RefineOptions, Refined, refine};
-pub use timing::{CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
+pub use timing::{Braking, CannotStop, Limits, Method, RetimeOptions, Retimed, Sample, Trajectory, retime};
 pub use transit::{Approached, Goal, MAX_SOLUTIONS, Motion, NoMotion, TransitOptions, plan_to, solutions};
 pub use world::{Bodies, Checker, Nearness, Scene, SceneJoint};

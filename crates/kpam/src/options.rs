@@ -34,6 +34,9 @@ pub enum Timing {
 pub enum LimitSet {
     /// As Franka publishes them for the Panda: 7.5 to 20 rad/s^2, 3,750 to 10,000 rad/s^3.
     Panda,
+    /// As Franka publishes them for the Research 3: 10 rad/s^2, 5,000 rad/s^3, and velocity limits that fall towards the
+    /// ends of the joints' ranges.
+    Fr3,
     /// 10 rad/s^2 and 5,000 rad/s^3 (m for sliding joints) every joint.
     Plain,
 }
@@ -96,6 +99,8 @@ pub struct Options {
     pub acceleration_limits: Option<Vec<f64>>,
     /// Jerk limits (rad/s^3 or m/s^3) a full joint, 0.001 to 1e9; by default those of `limits`.
     pub jerk_limits: Option<Vec<f64>>,
+    /// Torque limits (N m; N for sliding joints) a full joint, 0.001 to 1e9; by default torques are not looked at.
+    pub torque_limits: Option<Vec<f64>>,
     /// Acceleration and jerk limits where none are given; by default plain ones, and the plan says that they are assumed.
     pub limits: Option<LimitSet>,
     /// Velocity at the start, a full joint, within 100 rad/s or m/s; by default at rest.
@@ -169,6 +174,7 @@ impl Default for Options {
             velocity_limits: None,
             acceleration_limits: None,
             jerk_limits: None,
+            torque_limits: None,
             limits: None,
             start_velocity: None,
             start_acceleration: None,
@@ -236,6 +242,7 @@ impl Options {
             ("velocity_limits", &self.velocity_limits, GENTLEST..=1e9),
             ("acceleration_limits", &self.acceleration_limits, GENTLEST..=1e9),
             ("jerk_limits", &self.jerk_limits, GENTLEST..=1e9),
+            ("torque_limits", &self.torque_limits, GENTLEST..=1e9),
             ("joint_weights", &self.joint_weights, 1e-3..=1e6),
             ("start_velocity", &self.start_velocity, -FASTEST..=FASTEST),
             ("start_acceleration", &self.start_acceleration, -HARDEST..=HARDEST),
@@ -265,6 +272,11 @@ impl Options {
         }
         if let Some(speed) = self.contact_speed {
             within("contact_speed", speed, &(1e-3..=1e3))?;
+        }
+        if self.torque_limits.is_some() && robot.mass() <= 0.0 {
+            let message =
+                "needs masses, and the robot has none: give its links <inertial> in the URDF, or leave it out";
+            return fail("torque_limits", message.to_owned());
         }
         check_limit_set(model, self)?;
         check_speeds(robot, model, self)

@@ -165,15 +165,33 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     }
 }
 
+/// What pickles begin with, and the number of the layout of all values in them: one more with every change of any.
+const TAG: &[u8; 4] = b"kpam";
+const LAYOUT: u8 = 1;
+
 /// Bytes for pickling.
 pub(crate) fn freeze<T: Serialize>(value: &T) -> PyResult<Vec<u8>> {
-    postcard::to_stdvec(value).map_err(|e| KpamError::new_err(format!("pickle: {e}")))
+    let mut out = TAG.to_vec();
+    out.push(LAYOUT);
+    postcard::to_extend(value, out).map_err(|e| KpamError::new_err(format!("pickle: {e}")))
 }
 
 /// The inverse of [`freeze`].
 pub(crate) fn thaw<T: DeserializeOwned>(bytes: &[u8]) -> PyResult<T> {
-    postcard::from_bytes(bytes)
-        .map_err(|e| KpamError::new_err(format!("pickle: was written by another version or is damaged ({e})")))
+    let fail = |message: String| Err(KpamError::new_err(format!("pickle: {message}")));
+    let Some((layout, value)) = bytes.strip_prefix(TAG.as_slice()).and_then(<[u8]>::split_first) else {
+        return fail(
+            "has no version; it was written before 0.2, or is damaged: make it anew from its sources".to_owned(),
+        );
+    };
+    if *layout != LAYOUT {
+        let version = env!("CARGO_PKG_VERSION");
+        return fail(format!("is of layout {layout}; gensim2_kpam {version} reads layout {LAYOUT}: make it anew"));
+    }
+    match postcard::from_bytes(value) {
+        Ok(value) => Ok(value),
+        Err(e) => fail(format!("is damaged ({e})")),
+    }
 }
 
 /// Joint vectors of an (n,) or (N, n) array.

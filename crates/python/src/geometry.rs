@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use gensim2_geometry::{Chain, ChainFrames, Convex, Pose, Robot, ShapeError};
+use gensim2_geometry::{Chain, ChainFrames, Convex, DynamicsScratch, Pose, Robot, ShapeError};
 use gensim2_kpam::{Body, Cancel, ObjectJoint, ObjectJointKind, Role};
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray2, PyArray3, ndarray};
@@ -16,6 +16,23 @@ use crate::interrupt::interruptible;
 
 /// Shapes of so many parts are made in pieces, with a look at signals before each.
 pub(crate) const LONG: usize = 8192;
+
+/// Triangles (M, 3, 3) of shapes, and balls (K, 4).
+fn surface<'py>(py: Python<'py>, shapes: &[Convex]) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+    let is_ball = |s: &&Convex| s.points().len() == 1 && s.radius() > 0.0;
+    let balls: Vec<Vec<f64>> =
+        shapes.iter().filter(is_ball).map(|s| vec![s.center().x, s.center().y, s.center().z, s.radius()]).collect();
+    let corners: Vec<f64> = shapes
+        .iter()
+        .filter(|s| !is_ball(s))
+        .flat_map(Convex::triangles)
+        .flatten()
+        .flat_map(|p| [p.x, p.y, p.z])
+        .collect();
+    let triangles = ndarray::Array3::from_shape_vec((corners.len() / 9, 3, 3), corners);
+    let triangles = triangles.map_err(|e| problem_error("surface", e))?;
+    Ok((PyArray3::from_owned_array(py, triangles).into_any(), convert::array2(py, &balls, 4).into_any()))
+}
 
 /// A URDF arm. Pickles.
 #[pyclass(name = "Robot", module = "gensim2_kpam", frozen)]
@@ -66,6 +83,54 @@ impl PyRobot {
     #[getter]
     fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         convert::array1(py, &self.0.joints().iter().map(|j| j.velocity()).collect::<Vec<_>>()).into_any()
+    }
+
+    /// (M, 3, 3) triangles of a link's collision shapes, and (K, 4) centres and radii of its balls, in the link frame (m).
+    fn surface<'py>(&self, py: Python<'py>, link: &str) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let named = self.0.links().iter().find(|l| l.name() == link);
+        let link = named.ok_or_else(|| problem_error("link", format!("{link:?} is not a link of the robot")))?;
+        surface(py, link.shapes())
+    }
+
+    #[getter]
+    fn effort<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
+        convert::array1(py, &self.0.joints().iter().map(|j| j.effort()).collect::<Vec<_>>()).into_any()
+    }
+
+    /// Mass of all links (kg).
+    #[getter]
+    fn mass(&self) -> f64 {
+        self.0.mass()
+    }
+
+    /// Torques (N m; N for sliding joints) that move the links so against gravity: three (n,) -> (n,), three (N, n) ->
+    /// (N, n).
+    #[pyo3(signature = (q, velocity, acceleration, *, gravity = [0.0, 0.0, -9.81]))]
+    fn inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        velocity: &Bound<'py, PyAny>,
+        acceleration: &Bound<'py, PyAny>,
+        gravity: [f64; 3],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let n = self.0.joints().len();
+        let q = JointRows::of(q, n)?;
+        let (velocity, acceleration) = (JointRows::of(velocity, n)?, JointRows::of(acceleration, n)?);
+        if velocity.count != q.count || acceleration.count != q.count {
+            return Err(problem_error("velocity, acceleration", "must have the shape of q"));
+        }
+        let down = Vector3::from(gravity);
+        let (mut scratch, mut one) = (DynamicsScratch::default(), Vec::new());
+        let mut rows = Vec::with_capacity(q.rows().len());
+        for ((q, v), a) in q.rows().zip(velocity.rows()).zip(acceleration.rows()) {
+            self.0.inverse_dynamics([q, v, a], &down, &mut scratch, &mut one).map_err(|e| problem_error("q", e))?;
+            rows.push(one.clone());
+        }
+        match q.count {
+            None => Ok(convert::array1(py, &one).into_any()),
+            Some(_) => Ok(convert::array2(py, &rows, n).into_any()),
+        }
     }
 
     /// Pose of `link` (default: the hand) in the base frame: (n,) -> (4, 4), (N, n) -> (N, 4, 4).
@@ -304,6 +369,11 @@ impl PyBody {
     #[getter]
     fn role(&self) -> &'static str {
         self.0.role().name()
+    }
+
+    /// (M, 3, 3) triangles of its surface, and (K, 4) centres and radii of its balls, in the body frame (m).
+    fn surface<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        surface(py, self.0.shapes())
     }
 
     /// (4, 4) in the base frame, of an attached body in the hand frame.

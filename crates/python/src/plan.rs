@@ -108,13 +108,14 @@ impl PyPlan {
         self.0.cost
     }
 
-    /// Thread CPU time (ms) that planning took: `actuation`, `trajectory`, `total`. Not part of what pickles.
+    /// Thread CPU time (ms) that planning took: `setup`, `actuation`, `trajectory`, `total`. Not part of what pickles.
     #[getter]
     fn cpu_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
+        out.set_item("setup", 1e3 * self.1.setup)?;
         out.set_item("actuation", 1e3 * self.1.actuation)?;
         out.set_item("trajectory", 1e3 * self.1.trajectory)?;
-        out.set_item("total", 1e3 * (self.1.actuation + self.1.trajectory))?;
+        out.set_item("total", 1e3 * (self.1.setup + self.1.actuation + self.1.trajectory))?;
         Ok(out)
     }
 

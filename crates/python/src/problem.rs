@@ -18,7 +18,7 @@ use crate::scene::PyScene;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
 #[pyclass(name = "SolverConfig", module = "gensim2_kpam", frozen)]
-pub(crate) struct PySolverConfig(SolverConfig);
+pub(crate) struct PySolverConfig(pub(crate) SolverConfig);
 
 #[pymethods]
 impl PySolverConfig {

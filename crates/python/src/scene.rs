@@ -13,7 +13,7 @@ use crate::errors::{from_problem, problem_error};
 use crate::geometry::{LONG, PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
-use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, read_options};
+use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, keypoints, read_options};
 use crate::transit::{Asked, PyMotion, limit_set};
 
 /// So many configurations are checked without a thread of their own.
@@ -72,6 +72,27 @@ impl PyScene {
         let bodies = bodies.iter().map(|b| b.0.clone()).collect();
         let joints = joints.iter().map(|j| j.0.clone()).collect();
         Scene::new(Arc::clone(&robot.get().0), bodies, joints).map(Self).map_err(|e| from_problem(&e))
+    }
+
+    /// Which of (N, 3) points lie within `clearance` (m) of the robot at joints `q` (n,), or of what it holds: (N,) bool.
+    #[pyo3(signature = (q, points, clearance = 0.02))]
+    fn own_points<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        points: &Bound<'py, PyAny>,
+        clearance: f64,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        is_reach(clearance, "clearance")?;
+        let q = convert::vector(q, "q", Some(self.0.robot().joints().len()))?;
+        let points = convert::points(points, "points")?;
+        let marks = py.detach(|| self.0.own_points(&q, &points, clearance)).map_err(|e| from_problem(&e))?;
+        Ok(PyArray1::from_vec(py, marks).into_any())
+    }
+
+    #[getter]
+    fn robot(&self) -> PyRobot {
+        PyRobot(Arc::clone(self.0.robot()))
     }
 
     #[getter]
@@ -195,7 +216,7 @@ impl PyScene {
     #[pyo3(signature = (
         q_start, goal, *, link = None, margin = 0.005, samples = 100_000, seed = 0, velocity_scale = 1.0,
         acceleration_scale = 1.0, limits = None, velocity_limits = None, acceleration_limits = None,
-        jerk_limits = None, max_checks = None, deadline_ms = None, cancel = None
+        jerk_limits = None, torque_limits = None, path = None, tool_keypoints = None, max_checks = None, deadline_ms = None, cancel = None
     ))]
     #[allow(clippy::too_many_arguments)]
     fn plan_to(
@@ -213,6 +234,9 @@ impl PyScene {
         velocity_limits: Option<Vec<f64>>,
         acceleration_limits: Option<Vec<f64>>,
         jerk_limits: Option<Vec<f64>>,
+        torque_limits: Option<Vec<f64>>,
+        path: Option<&Bound<'_, PySolverConfig>>,
+        tool_keypoints: Option<&Bound<'_, PyAny>>,
         max_checks: Option<u64>,
         deadline_ms: Option<f64>,
         cancel: Option<&Bound<'_, PyCancel>>,
@@ -223,7 +247,10 @@ impl PyScene {
         options.max_checks = max_checks;
         options.limits = limits.map(limit_set).transpose()?;
         (options.velocity_limits, options.acceleration_limits) = (velocity_limits, acceleration_limits);
-        options.jerk_limits = jerk_limits;
+        (options.jerk_limits, options.torque_limits) = (jerk_limits, torque_limits);
+        options.path = path.map(|config| config.get().0.clone());
+        options.tool_keypoints =
+            tool_keypoints.map(|map| keypoints(map, "tool_keypoints")).transpose()?.unwrap_or_default();
         self.motion_to(py, q_start, Asked { goal, link, deadline_ms, cancel, options })
     }
 

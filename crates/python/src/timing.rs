@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use gensim2_kpam::{Cancel, Limits, Method, RefineOptions, RetimeOptions, Trajectory};
+use gensim2_kpam::{Braking, Cancel, Limits, Method, RefineOptions, RetimeOptions, Trajectory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadwriteArray1, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -142,7 +142,8 @@ fn writable<'py>(array: &Bound<'py, PyArray1<f64>>, field: &str) -> PyResult<PyR
 #[pyfunction]
 #[pyo3(signature = (
     waypoints, velocity_limits, acceleration_limits, jerk_limits, *, stops = Vec::new(), slowest = None,
-    start_velocity = None, start_acceleration = None, start_time = 0.0, position_limits = None, method = "reachability"
+    start_velocity = None, start_acceleration = None, start_time = 0.0, position_limits = None, braking = None,
+    method = "reachability"
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn retime<'py>(
@@ -157,6 +158,7 @@ pub(crate) fn retime<'py>(
     start_acceleration: Option<&Bound<'py, PyAny>>,
     start_time: f64,
     position_limits: Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>,
+    braking: Option<Vec<Option<[f64; 4]>>>,
     method: &str,
 ) -> PyResult<(PyTrajectory, Bound<'py, PyAny>)> {
     let limit = |value: &Bound<'_, PyAny>, field: &str| {
@@ -171,7 +173,15 @@ pub(crate) fn retime<'py>(
         &limit(velocity_limits, "velocity_limits")?,
         &limit(acceleration_limits, "acceleration_limits")?,
         &limit(jerk_limits, "jerk_limits")?,
-    )
+    );
+    let bounds = braking.map(|list| {
+        let one = |[upper, lower, gain, offset]: [f64; 4]| Braking { upper, lower, gain, offset };
+        list.into_iter().map(|b| b.map(one)).collect::<Vec<_>>()
+    });
+    let limits = match bounds {
+        Some(list) => limits.and_then(|l| l.with_braking(&list)),
+        None => limits,
+    }
     .map_err(|e| from_problem(&e))?;
     let (data, shape) = convert::numbers(waypoints, "waypoints")?;
     if shape.len() != 2 || shape[1] != limits.joints() {

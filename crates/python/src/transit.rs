@@ -24,6 +24,7 @@ impl PyMotion {
             Err(NoMotion::StartBlocked(_)) => "start_blocked",
             Err(NoMotion::GoalsBlocked(_)) => "goals_blocked",
             Err(NoMotion::Unreachable) => "unreachable",
+            Err(NoMotion::Untimed) => "untimed",
             Err(NoMotion::Late) => "late",
             Err(NoMotion::Cancelled) => "cancelled",
             Err(_) => "not_found",
@@ -168,7 +169,8 @@ pub(crate) fn deadline(ms: f64) -> PyResult<Duration> {
 pub(crate) fn limit_set(name: &str) -> PyResult<LimitSet> {
     match name {
         "panda" => Ok(LimitSet::Panda),
+        "fr3" => Ok(LimitSet::Fr3),
         "plain" => Ok(LimitSet::Plain),
-        _ => Err(problem_error("limits", format!("must be \"panda\" or \"plain\", not {name:?}"))),
+        _ => Err(problem_error("limits", format!("must be \"panda\", \"fr3\" or \"plain\", not {name:?}"))),
     }
 }

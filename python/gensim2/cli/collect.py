@@ -18,6 +18,21 @@ from gensim2.cli.output import line, report, table
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder of the data set.")
 @options.scenes
 @click.option("--keep-failures", is_flag=True, help="Keep the states of episodes that do not hold, too.")
+@click.option(
+    "--noise",
+    type=click.FloatRange(0, 0.2),
+    default=0.0,
+    show_default=True,
+    metavar="RAD",
+    help="Send the arm elsewhere now and then, by angles of this standard deviation; what was meant is kept as the "
+    "label that `gensim2 train` learns.",
+)
+@click.option(
+    "--strategy",
+    multiple=True,
+    metavar="NAME",
+    help="Do a step that has it in no other way; may be given again, for other steps.",
+)
 @options.processes
 @click.option(
     "--ray",

@@ -45,11 +45,25 @@ from gensim2.cli.output import line, report, table
     help="Of each task and control: blind, clouds of other scenes, an arm that stands still, the planner.",
 )
 @click.option(
+    "--videos", type=click.IntRange(0, 1000), default=3, show_default=True, help="Of each task, for the page's films."
+)
+@click.option(
+    "--objects",
+    type=options.count(100_000),
+    default=None,
+    help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances]",
+)
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
+    "scene then takes ten times as long.",
+)
+@click.option(
     "--test-instances",
-    default="test",
-    show_default=True,
+    default=None,
     metavar="all|train|test|new|ID",
-    help="Objects to evaluate on.",
+    help="Objects to evaluate on.  [default: test where each class has ten or more objects, else new]",
 )
 @options.library
 @options.seed

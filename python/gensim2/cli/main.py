@@ -40,6 +40,7 @@ COMMANDS = {
     "benchmark": "gensim2.cli.benchmark:benchmark",
     "evaluate": "gensim2.cli.evaluate:evaluate",
     "learn": "gensim2.cli.learn:learn",
+    "experiment": "gensim2.cli.experiment:experiment",
     "collect": "gensim2.cli.collect:collect",
     "render": "gensim2.cli.render:render",
     "train": "gensim2.cli.train:train",

@@ -74,6 +74,19 @@ def _option(each: Any) -> dict[str, Any]:
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder of the checkpoint.")
 @options.resume
+@click.option(
+    "--dagger",
+    type=click.IntRange(0, 100),
+    default=0,
+    show_default=True,
+    metavar="ROUNDS",
+    help="Roll the policy out, let the planner label the states that it comes to along the episode's own strategy and "
+    "pose, and train on with these labels, too.",
+)
+@click.option(
+    "--dagger-episodes", type=options.count(), default=20, show_default=True, help="Of each task and round of --dagger."
+)
+@options.workers
 @click.option("--device", default="auto", show_default=True, help="As PyTorch names it.")
 @settings(PolicyConfig, TrainConfig)
 @options.json_file
@@ -85,6 +98,9 @@ def train(
     out: Path,
     resume: bool,
     device: str,
+    dagger: int,
+    dagger_episodes: int,
+    workers: int,
     json_file: str | None,
     **given: Any,
 ) -> None:
@@ -104,6 +120,9 @@ def train(
             out=out,
             resume=resume,
             device=device,
+            dagger=dagger,
+            dagger_episodes=dagger_episodes,
+            workers=workers,
             progress=progress,
         )
         give(result.to_dict())
@@ -113,5 +132,6 @@ def _show(result: dict[str, Any]) -> None:
     policy = result["policy"]
     line(f"{policy['encoder']}, {policy['text']}, {policy['head']}: {result['parameters']} weights")
     tasks = ", ".join(result["tasks"])
-    line(f"{result['steps']} steps on {result['frames']} frames of {result['episodes']} episodes ({tasks})")
+    kinds = f"{result['demonstrations']} demonstrations, {result['noisy_episodes']} episodes with noise"
+    line(f"{result['steps']} steps on {result['frames']} frames ({tasks}): {kinds}, {result['relabels']} relabels")
     line(f"loss {result['loss']:.4f}; {result['cpu_s']:.1f} s of CPU; checkpoint: {result['folder']}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -12,7 +12,7 @@ from gensim2.data.record import DatasetRecord, TaskRecord
 from gensim2.data.status import Listener, NullListener, Status
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.rollout.config import RolloutArguments
-from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, read_task_inputs
+from gensim2.rollout.inputs import TaskInput, check_counts, check_workers, only_strategies, read_task_inputs
 
 SCHEMA_VERSION = 1
 """Of what the command prints."""
@@ -59,6 +59,8 @@ def collect(
     out: Path | str,
     seed: int = 0,
     keep_failures: bool = False,
+    noise: float = 0.0,
+    strategy: Sequence[str] = (),
     workers: int | None = 2,
     ray: str | None = None,
     resume: bool = False,
@@ -76,6 +78,9 @@ def collect(
         out: folder of the data set.
         seed: of the scenes; nothing else draws from the same ones.
         keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
+        noise: standard deviation, rad, of what the arm is sent elsewhere by now and then; what was meant is recorded
+            beside what was sent (:mod:`gensim2.rollout.noise`).
+        strategy: names: a step that has any of them is done in no other way.
         workers: simulator processes, 0 for this one; what they leave does not depend on it. On Ray the most that there
             are at a time; None: one a CPU of the cluster.
         ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
@@ -93,6 +98,7 @@ def collect(
     check_counts(episodes=episodes)
     check_workers(time_limit, jobs_per_worker)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
+    given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
     if ray is not None:
         from gensim2.processes.ray import check_address
 

@@ -76,7 +76,7 @@ def segmentation_ids(recording: Recording, scene: SceneConfig, spec: Observation
 def _observer(recording: Recording, scene: SceneConfig, spec: ObservationSpec) -> Observer:
     return Observer(
         robot_profile(scene.robot),
-        _objects(scene, recording.instances),
+        objects_of(scene, recording.instances),
         spec,
         recording.seed,
         scene.task.description,
@@ -117,7 +117,12 @@ def _pictures(scene: SceneConfig) -> Any:
     return StatePictures(scene)
 
 
-def _objects(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
+def objects_of(scene: SceneConfig, instances: Mapping[str, str]) -> dict[str, ObjectModel]:
+    """The objects of a scene by name, from the ids of their instances.
+
+    Raises:
+        InputError: an object's files cannot be used.
+    """
     library = _library(scene.assets)
     found: dict[str, ObjectModel] = {}
     for name, spec in scene.task.objects.items():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from gensim2.errors import GenSim2Error, InputError
 from gensim2.evaluation.benchmark_table import TaskRow, groups
 from gensim2.evaluation.running import finish_table, run_episodes
+from gensim2.observations import ObservationSpec
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -110,7 +111,7 @@ def evaluate(
             at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
         runs, episodes, seed, out, workers, resume, time_limit, jobs_per_worker, progress, scene: as for
             :func:`~gensim2.evaluation.benchmark`.
-        videos: episodes of each task that are filmed, where this machine can draw pictures.
+        videos: episodes of each task that are filmed by ray casting, beside the cloud that the controller is given.
 
     Raises:
         ControllerError: the controller cannot be made, fails, or gives no action that can be used.
@@ -172,7 +173,7 @@ def evaluate(
             folder.save()
             rows.append(TaskRow(one.spec, runs, tuple(found)))
             if videos:
-                films[one.spec.name] = _film(one, spec, folder, evaluator, seed, progress)
+                films[one.spec.name] = _film(one, spec, about, folder, evaluator, seed, progress)
         result = EvaluationResult(
             str(folder.path), about, asked, versions(), tuple(rows), skipped, speeds, films, evaluator.cpu_s
         )
@@ -226,17 +227,18 @@ def _keep(folder: Path, index: int, episode: Episode, recording: Recording | Non
 def _film(
     given: TaskInput,
     spec: ControllerSpec,
+    about: Mapping[str, Any],
     folder: RunFolder,
     evaluator: PoolEvaluator,
     seed: int,
     progress: Progress,
 ) -> list[str]:
-    """Film the episodes of a task whose states were kept; where no picture can be made, say so and go on."""
+    """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
     from gensim2.data.store import TaskStore
-    from gensim2.data.trajectory import H5_NAME, Provenance, write_trajectory
+    from gensim2.data.trajectory import Provenance, write_trajectory
+    from gensim2.evaluation.films import film_episode, film_path
     from gensim2.processes import Job
     from gensim2.rollout.identity import versions
-    from gensim2.sim import rendering
 
     task, files = given.spec, folder.task(given.spec.name).path
     kept = {each.index: each for each in TaskStore(files).found() if each.row is not None and each.row.recorded}
@@ -254,22 +256,17 @@ def _film(
         controller=spec.target,
     )
     write_trajectory(files, provenance, episodes)
-    if not rendering.can_render():
-        progress.message(f"{task.name}: no video: {rendering.NO_DRIVER}")
-        return []
-    films = [files / f"video_{index:06d}.mp4" for index in sorted(kept)]
-    missing = [Job(n, (files / H5_NAME, n, film)) for n, film in enumerate(films) if not film.exists()]
+    films = [film_path(files, index) for index in sorted(kept)]
+    scene, seen = evaluator.config(task, given.instances).scene, ObservationSpec.of(about["observation"])
+    missing = [
+        Job(n, (path, scene, seen, film))
+        for n, ((path, _), film) in enumerate(zip(episodes, films, strict=True))
+        if not film.exists()
+    ]
     progress.start(f"{task.name}: films", len(missing))
     try:
-        for _ in evaluator.run(_film_episode, missing, f"{task.name}: films"):
+        for _ in evaluator.run(film_episode, missing, f"{task.name}: films"):
             progress.advance()
     except GenSim2Error as error:
         progress.message(f"{task.name}: no video: {error}")
     return [str(film) for film in films if film.exists()]
-
-
-def _film_episode(trajectory: Path, number: int, video: Path) -> int:
-    """Film an episode and return the number of frames; called in a worker."""
-    from gensim2.data.video import Replay, film
-
-    return film(Replay.stored(trajectory, number), video).frames

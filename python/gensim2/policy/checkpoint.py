@@ -46,6 +46,8 @@ class DataRecord(BaseModel):
         tasks: names.
         episodes, frames: counts; of scenes that were planned and not simulated a frame each.
         folders: names of the data sets.
+        noisy: episodes of them in which noise was on what the arm was sent.
+        relabels: frames of the policy's own episodes that the planner labelled, beside the episodes'.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -55,6 +57,8 @@ class DataRecord(BaseModel):
     episodes: int
     frames: int
     folders: tuple[str, ...] = Field(strict=False)
+    noisy: int = 0
+    relabels: int = 0
 
 
 class ActionSpec(BaseModel):

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections import deque
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
 from gensim2.errors import InputError
-from gensim2.observations.columns import CLOUD, STATE, TOOL_POSE
+from gensim2.observations.columns import STATE, TOOL_POSE
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.checkpoint import CheckpointError, PolicyCheckpoint
+from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.frames import SEEN, inputs_of
 from gensim2.policy.network import CLOUD as CLOUD_INPUT
 from gensim2.policy.network import PROPRIO, TEXT
@@ -27,6 +28,7 @@ from gensim2.seeding import rng
 
 if TYPE_CHECKING:
     from gensim2.observations import Observation
+    from gensim2.policy.config import PolicyConfig
 
 Action = npt.NDArray[np.float32]
 
@@ -44,7 +46,7 @@ class PolicyController:
         execute: actions of a chunk that are executed; None: as the policy was configured.
         denoise_steps: of diffusion and flow; None: as configured.
         unknown_sentences: ``refuse`` those that were not trained on, or ``embed`` them by the text encoder.
-        blind: show the policy a cloud of zeros: a control.
+        sees: a control, where it is not ``"all"``.
         threads: of PyTorch.
 
     Raises:
@@ -57,7 +59,7 @@ class PolicyController:
         execute: int | None = None,
         denoise_steps: int | None = None,
         unknown_sentences: str = "refuse",
-        blind: bool = False,
+        sees: Sees = "all",
         threads: int = 1,
     ) -> None:
         torch.set_num_threads(threads)
@@ -75,8 +77,16 @@ class PolicyController:
         if denoise_steps is not None and hasattr(self._policy.network.head, "steps"):
             self._policy.network.head.steps = denoise_steps
         self._profile = robot(self._policy.robot)
-        self._embed, self._blind = unknown_sentences == "embed", blind
+        if sees not in get_args(Sees):
+            raise InputError(f"must be one of {', '.join(get_args(Sees))}, is {sees!r}", field="sees")
+        self._embed, self._sees = unknown_sentences == "embed", sees
+        self._others = Shuffled.of(self._folder) if sees == "other" else None
         self.observation_spec = self._policy.observation
+
+    @property
+    def config(self) -> PolicyConfig:
+        """Of the policy."""
+        return self._policy.config
 
     def reset(self, observation: Observation, seed: int) -> None:
         """Begin an episode.
@@ -91,15 +101,14 @@ class PolicyController:
         else:
             self._row = self._policy.row_of(sentence, self._folder)
         config = self._policy.config
-        self._rng = rng(seed, "policy/act")
+        self._rng, self._seed = rng(seed, "policy/act"), seed
         self._past: deque[dict[str, torch.Tensor]] = deque(maxlen=1 + config.stride * (config.history - 1))
         self._plan: list[Action] = []
 
     def act(self, observation: Observation) -> Action | None:
         """Return the next action, (m + 1,); None: done."""
-        seen = {name: torch.from_numpy(np.array(observation[name], dtype=np.float32)) for name in SEEN}
-        if self._blind:
-            seen[CLOUD] = torch.zeros_like(seen[CLOUD])
+        shown = altered(observation, self._sees, self._others, self._seed)
+        seen = {name: torch.from_numpy(np.array(shown[name], dtype=np.float32)) for name in SEEN}
         self._past.append(seen)
         if not self._plan:
             self._plan = self._actions(observation)

@@ -64,7 +64,8 @@ class DecodedData:
         observation: what was rendered.
         episodes: in order.
         arrays: by column, one row a frame: ``xyz`` (0.1 mm, int16) and ``rgb`` (uint8) of the clouds, proprioception
-            and ``actions`` (float32; the last one of an episode is repeated). Mapped, not read.
+            and ``actions`` (float32; those that were meant where noise was on what was sent; an episode's last one is
+            repeated). Mapped, not read.
         record: for checkpoints.
     """
 
@@ -80,6 +81,7 @@ class _Row:
     store: TaskStore
     row: LoggedEpisode
     language: str
+    noisy: bool
 
 
 def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Progress = NULL_PROGRESS) -> DecodedData:
@@ -121,6 +123,7 @@ def decode(folders: Sequence[Path], tasks: Sequence[str] = (), *, progress: Prog
         episodes=len(episodes),
         frames=last.first + last.steps + 1,
         folders=tuple(each.path.name for each in sets),
+        noisy=sum(each.noisy for each in rows),
     )
     return DecodedData(robot, spec, episodes, arrays, record)
 
@@ -135,8 +138,8 @@ def _rows(sets: Sequence[DataSet], tasks: Sequence[str]) -> Iterator[_Row]:
             if tasks and name not in tasks:
                 continue
             store = each.task(name)
-            language = store.spec().description
-            yield from (_Row(store, row, language) for row in store.rows() if row.held)
+            language, noisy = store.spec().description, each.record.rollout.noise > 0
+            yield from (_Row(store, row, language, noisy) for row in store.rows() if row.held)
 
 
 def _digest(rows: Sequence[_Row], robot: str, spec: ObservationSpec) -> str:
@@ -207,7 +210,7 @@ def _read(each: _Row, spec: ObservationSpec) -> dict[str, Array]:
     found = {name: _finite(seen, stored, path) for name, stored in STORED.items()}
     found[XYZ] = to_steps(_finite(seen, STORED_CLOUD, path))
     found[RGB] = seen.arrays["pointcloud/rgb"]
-    found[ACTIONS] = np.concatenate([recording.actions, recording.actions[-1:]])
+    found[ACTIONS] = np.concatenate([recording.meant, recording.meant[-1:]])
     for name, values in found.items():
         if len(values) != recording.steps + 1:
             message = f"has {len(values)} frames, not {recording.steps + 1}"

@@ -13,6 +13,7 @@ import torch
 from gensim2.observations.cloud import from_steps
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY, cloud_column
 from gensim2.policy.checkpoint import ActionSpec
+from gensim2.policy.control import Shuffled
 from gensim2.policy.decoded import ACTIONS, RGB, XYZ, DecodedData, decode
 from gensim2.policy.heads.actions import ACTION, EXTRA
 from gensim2.policy.source import SENTENCE
@@ -87,6 +88,12 @@ class Demonstrations:
         found[ACTION] = self._chunks(rows)
         found[SENTENCE] = self._sentence[rows]
         return {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in found.items()}
+
+    def some_clouds(self, most: int) -> Shuffled:
+        """Clouds of the first frames of episodes evenly through the data."""
+        firsts = np.unique(self._first)
+        rows = firsts[np.unique(np.linspace(0, len(firsts) - 1, most).astype(np.int64))]
+        return Shuffled(from_steps(self._arrays[XYZ][rows]), np.array(self._arrays[RGB][rows]))
 
     def _chunks(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """(B, H, m + 2) (:mod:`gensim2.policy.heads.actions`)."""

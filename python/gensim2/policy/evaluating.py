@@ -11,7 +11,7 @@ from gensim2.errors import InputError
 from gensim2.evaluation.evaluating import EvaluationResult, evaluate
 from gensim2.policy.checkpoint import PolicyCheckpoint, unknown_sentence
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
-from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
 from gensim2.record_files import SCHEMA_VERSION
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import read_task_inputs, scene_options
@@ -132,8 +132,6 @@ def evaluate_policy(
         if policy.action.kind == "keypose" and one.spec.description not in policy.sentences:
             raise unknown_sentence(policy, one.spec.description, checkpoint)
         policy.row_of(one.spec.description, checkpoint)
-    if "shuffled" in controls and policy.action.kind != "keypose":
-        raise InputError("is for policies with a keypose head", field="controls", remedy="leave it out")
     from gensim2.data.runfolder import default_run_dir
 
     out = default_run_dir() if out is None else out
@@ -143,7 +141,6 @@ def evaluate_policy(
         "resume": resume,
         "time_limit": time_limit,
         "jobs_per_worker": jobs_per_worker,
-        "progress": progress,
         **scene,
     }
     names = list(tasks)
@@ -156,28 +153,23 @@ def evaluate_policy(
         videos=videos,
         episodes=episodes,
         out=out,
+        progress=progress,
         **shared,
     )
     few = {**shared, "episodes": min(episodes, control_episodes)}
     beside: dict[str, tuple[EvaluationResult, ...]] = {}
     for control in controls:
-        folder = out / "controls" / control
+        folder, told = out / "controls" / control, NamedProgress(control, progress)
         if control == "expert":
             beside[control] = tuple(
-                evaluate(chain(one.strategies), name, out=folder / one.spec.name, **few)
+                evaluate(chain(one.strategies), name, out=folder / one.spec.name, progress=told, **few)
                 for name, one in zip(names, given, strict=True)
             )
         else:
             spec = (
                 ControllerSpec(STANDS_STILL, {"arm": policy.action.arm})
                 if control == "no-op"
-                else _altered(checkpoint, policy, control)
+                else policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
             )
-            beside[control] = (evaluate(spec, names, stop=stop, out=folder, **few),)
+            beside[control] = (evaluate(spec, names, stop=stop, out=folder, progress=told, **few),)
     return PolicyResult(found, beside)
-
-
-def _altered(checkpoint: Path, policy: PolicyCheckpoint, control: Control) -> ControllerSpec:
-    if policy.action.kind == "keypose":
-        return policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
-    return policy_controller(checkpoint, blind=True)

@@ -16,11 +16,12 @@ from gensim2.errors import InputError
 from gensim2.files import check_writable, write_json
 from gensim2.observations import ObservationSpec
 from gensim2.policy.config import HEADS, PolicyConfig, TrainConfig
-from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, PolicyResult, evaluate_policy
+from gensim2.policy.evaluating import CONTROL_EPISODES, CONTROLS, Control, PolicyResult, evaluate_policy
 from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
+from gensim2.policy.objects import unseen_instances, with_objects, words
 from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
@@ -43,6 +44,8 @@ PROBES = 3
 """Steps by which the time of one is measured."""
 CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
 """What a policy of action chunks looks at."""
+VIDEOS = 3
+"""Episodes of each task that are filmed."""
 EPISODES, SECONDS_AN_EPISODE = 200, 1.5
 """Demonstrations of each task at most, and what one takes of CPU with its clouds."""
 
@@ -52,6 +55,8 @@ class LearnRecord(BaseModel):
 
     Attributes:
         minutes: of CPU for data and training.
+        objects: of each class to learn from; None: those that ``scene`` says.
+        verify: scenes whose plans physics refutes are left out.
         steps: of each policy that were decided on when its training began, by its folder.
         data_cpu_s: CPU seconds that went into the data of each.
     """
@@ -65,6 +70,8 @@ class LearnRecord(BaseModel):
     multi_task: bool
     seed: int
     scenes: int
+    objects: int | None = None
+    verify: bool = False
     scene: dict[str, Any]
     steps: dict[str, int] = {}
     data_cpu_s: dict[str, float] = {}
@@ -128,7 +135,11 @@ def learn(
     scenes: int = SCENES,
     episodes: int = 50,
     control_episodes: int = CONTROL_EPISODES,
-    test_instances: str = "test",
+    controls: Sequence[Control] | None = None,
+    videos: int = VIDEOS,
+    objects: int | None = None,
+    verify: bool = False,
+    test_instances: str | None = None,
     seed: int = 0,
     out: Path,
     workers: int = 2,
@@ -145,7 +156,13 @@ def learn(
         multi_task: one policy for all tasks; its ``--minutes`` are those of all of them together.
         scenes: most of each task that are planned.
         episodes, control_episodes: of each task that the policy and each control are measured by.
-        test_instances: objects that the policy is measured on; the data are of ``instances``, by default ``train``.
+        controls: which; None: all that the policy has.
+        videos: episodes of each task that are filmed.
+        objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
+            None: ``instances``, by default ``train``.
+        verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
+        test_instances: objects that the policy is measured on; None: ``test`` where all classes have such a split,
+            else ``new``.
         seed: of everything.
         out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
         workers: processes that plan and simulate.
@@ -167,6 +184,12 @@ def learn(
     if skipped:
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
+    if test_instances is None:
+        test_instances = unseen_instances(given)
+    if objects is not None:
+        if policy != "keypose":
+            raise InputError("are drawn for --policy keypose", field="objects")
+        given = [with_objects(one, objects, seed) for one in given]
     out.mkdir(parents=True, exist_ok=True)
     check_writable(out / LEARN_JSON)
     record = LearnRecord(
@@ -176,6 +199,8 @@ def learn(
         multi_task=multi_task,
         seed=seed,
         scenes=scenes,
+        objects=objects,
+        verify=verify,
         scene={**given[0].scene.options.to_record(), "instances": train_on["instances"]},
     )
     record = _begin(out, record, resume)
@@ -189,9 +214,10 @@ def learn(
         measured = evaluate_policy(
             folder,
             words(group, tasks),
-            controls=CONTROLS if policy == "keypose" else tuple(each for each in CONTROLS if each != "shuffled"),
+            controls=CONTROLS if controls is None else controls,
             control_episodes=control_episodes,
             episodes=episodes,
+            videos=videos,
             seed=seed,
             out=folder / "evaluation",
             workers=workers,
@@ -248,12 +274,17 @@ def _teach_by_plans(
                     seed=record.seed,
                     scenes=record.scenes,
                     cpu_limit=limit,
+                    verify=record.verify,
                     progress=progress,
                 )
             )
     source, key = PlannedSource(planned), _key(folder, out)
     record.data_cpu_s[key] = sum(each.cpu_s for each in planned)
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out)
+    for each in planned:
+        count = f"{each.demonstrations} plans in {each.scenes} scenes"
+        left_out = f"{sum(each.failed.values()) - each.refuted} without a plan, {each.refuted} refuted by physics"
+        progress.message(f"{each.record.task}: {count}, {left_out}, {each.cpu_s:.0f} s of CPU")
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, POLICY, TRAINING), out, progress)
     training = TrainConfig.of({**TRAINING.to_dict(), "steps": record.steps[key], "seed": record.seed})
     trained = train_keypose(source, folder, training=training, resume=True, progress=progress)
     return {each.record.task: each.demonstrations for each in planned}, trained
@@ -285,17 +316,21 @@ def _teach_by_episodes(
     policy = PolicyConfig(head=record.policy, text="small" if len(group) > 1 else "none")
     source = Demonstrations.open([data], policy, (), progress=progress)
     training = TrainConfig(seed=record.seed, threads=1)
-    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out)
+    _decide_steps(record, key, len(group), lambda: seconds_a_step(source, policy, training), out, progress)
     training = TrainConfig.of({**training.to_dict(), "steps": record.steps[key]})
     trained = train_policy(source, policy, training, folder, resume=True, device="cpu", progress=progress)
     return {task.name: task.held for task in collected.status.tasks}, trained
 
 
-def _decide_steps(record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path) -> None:
+def _decide_steps(
+    record: LearnRecord, key: str, tasks: int, seconds: Callable[[], float], out: Path, progress: Progress
+) -> None:
     """Gradient steps for the CPU time that is left, once: a run that is gone on with takes as many."""
     if key not in record.steps:
         left = 60.0 * record.minutes - record.data_cpu_s[key]
-        record.steps[key] = max(LEAST_STEPS, min(int(left / seconds()), MOST_STEPS * tasks))
+        each = seconds()
+        record.steps[key] = max(LEAST_STEPS, min(int(left / each), MOST_STEPS * tasks))
+        progress.message(f"training: {record.steps[key]} steps of {1000 * each:.0f} ms of CPU")
     write_json(out / LEARN_JSON, record.model_dump(mode="json"))
 
 
@@ -318,13 +353,6 @@ def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) 
     return 1.15 * float(np.median(taken))  # the optimizer and the averages come on top
 
 
-def words(group: Sequence[TaskInput], tasks: str | Sequence[str]) -> list[str]:
-    """The words that a user gave for tasks: names, or folders."""
-    given = (tasks,) if isinstance(tasks, str) else tuple(tasks)
-    folders = {Path(word).name: word for word in given if Path(word).is_dir()}
-    return [folders.get(one.spec.name, one.spec.name) for one in group]
-
-
 def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
     rows = []
     for row in learned.measured.policy.rows:
@@ -334,7 +362,7 @@ def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
                 "name": name,
                 "policy": policy,
                 "checkpoint": str(learned.folder),
-                "held_mean": told["held_mean"],
+                "held_mean": float(told["held_mean"]),
                 "interval": told["held_interval"],
                 "blind_mean": learned.measured.mean_of("blind", name),
                 "shuffled_mean": learned.measured.mean_of("shuffled", name),

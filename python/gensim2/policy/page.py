@@ -7,15 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gensim2.evaluation.films import film_index
 from gensim2.files import write_atomic
 from gensim2.pages import template
 from gensim2.policy.curves import read_curves
 from gensim2.policy.train import TRAINING
 
 if TYPE_CHECKING:
+    from gensim2.evaluation.benchmark_table import TaskRow
     from gensim2.policy.learning import LearnResult
+    from gensim2.rollout.record import Episode
 
 REPORT = "report.html"
+SEEDS = 5
+"""Seeds of a cause that are named."""
 _WIDTH, _HEIGHT = 400.0, 100.0
 
 
@@ -26,24 +31,17 @@ def write_page(result: LearnResult) -> Path:
         WriteError: the folder cannot be written to.
     """
     out = Path(result.out)
-    curves, failures, films = {}, [], []
+    curves: dict[str, Any] = {}
+    failures: list[dict[str, Any]] = []
+    films: list[dict[str, Any]] = []
     for each in result.learned:
         points = read_curves(each.folder / TRAINING)
         name = ", ".join(each.demonstrations)
         if points:
             curves[name] = _curve([point["loss"] for point in points], points[-1]["step"])
         for row in each.measured.policy.rows:
-            failures += [
-                {
-                    "task": row.task.name,
-                    "seed": episode.seed,
-                    "objects": ", ".join(f"{thing.asset_class}/{thing.id}" for thing in episode.objects.values()),
-                    "cause": "" if episode.cause is None else episode.cause.value,
-                }
-                for episode in row.episodes
-                if not episode.held
-            ]
-        films += [os.path.relpath(film, out) for several in each.measured.policy.videos.values() for film in several]
+            failures += _failures(row)
+            films += _films(row, each.measured.policy.videos.get(row.task.name, ()), out)
     told = result.to_dict()
     controls = [row["episodes"] for each in result.learned for row in each.measured.rows("blind").values()]
     page = template("gensim2.policy", "learned.html.j2").render(
@@ -56,6 +54,47 @@ def write_page(result: LearnResult) -> Path:
     )
     write_atomic(out / REPORT, page)
     return out / REPORT
+
+
+def _failures(row: TaskRow) -> list[dict[str, Any]]:
+    """Episodes of a task that did not hold, by cause, the most frequent first."""
+    found: dict[str, list[Episode]] = {}
+    for episode in row.episodes:
+        if not episode.held:
+            found.setdefault(_cause(episode), []).append(episode)
+    return [
+        {
+            "task": row.task.name,
+            "cause": cause,
+            "count": len(several),
+            "objects": ", ".join(sorted({_objects(each) for each in several})),
+            "seeds": ", ".join(str(each.seed) for each in several[:SEEDS]) + (", ..." if len(several) > SEEDS else ""),
+        }
+        for cause, several in sorted(found.items(), key=lambda pair: -len(pair[1]))
+    ]
+
+
+def _films(row: TaskRow, films: Sequence[str], out: Path) -> list[dict[str, Any]]:
+    """Films of a task with what came of their episodes."""
+    found = []
+    for film in films:
+        episode = row.episodes[film_index(Path(film))]
+        came = "held" if episode.held else _cause(episode)
+        found.append(
+            {
+                "file": os.path.relpath(film, out),
+                "words": f"{row.task.name}, {_objects(episode)}: {came}",
+            }
+        )
+    return found
+
+
+def _cause(episode: Episode) -> str:
+    return "no cause found" if episode.cause is None else episode.cause.value
+
+
+def _objects(episode: Episode) -> str:
+    return " + ".join(f"{thing.asset_class}/{thing.id}" for thing in episode.objects.values())
 
 
 def _curve(losses: Sequence[float], steps: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import torch
 
 from gensim2.observations import ObservationSpec
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
+from gensim2.policy.control import Shuffled
 
 SENTENCE = "sentence"
 """Name of a batch's numbers of sentences, (B,) int64."""
@@ -39,4 +40,8 @@ class Source(Protocol):
         Args:
             rng: draws which samples.
         """
+        ...
+
+    def some_clouds(self, most: int) -> Shuffled:
+        """Clouds of at most so many scenes, evenly through the data."""
         ...

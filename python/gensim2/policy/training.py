@@ -21,6 +21,9 @@ def train(
     start: Path | str | None = None,
     resume: bool = False,
     device: str = "auto",
+    dagger: int = 0,
+    dagger_episodes: int = 20,
+    workers: int = 1,
     progress: Progress = NULL_PROGRESS,
 ) -> Any:
     """Train a policy on the demonstrations of rendered data sets; return a :class:`~gensim2.policy.train.TrainResult`.
@@ -34,6 +37,10 @@ def train(
         start: checkpoint to go on from, with other data or tasks; its architecture where ``settings`` say no other.
         resume: go on where an interrupted training in ``out`` was.
         device: ``auto``, or as PyTorch names it.
+        dagger: rounds in which the policy is rolled out and the planner labels where it came to
+            (:mod:`gensim2.policy.dagger`); each trains on for as many steps.
+        dagger_episodes: of each task and round.
+        workers: simulator processes of these rounds.
 
     Raises:
         InputError: a setting, the data or a checkpoint cannot be used.
@@ -56,6 +63,23 @@ def train(
         )
     folders = [Path(each) for each in ((data,) if isinstance(data, str | Path) else data)]
     source = Demonstrations.open(folders, policy, tasks, progress=progress)
+    if dagger:
+        from gensim2.policy.dagger import train_rounds
+
+        return train_rounds(
+            source,
+            folders,
+            policy,
+            training,
+            Path(out),
+            rounds=dagger,
+            episodes=dagger_episodes,
+            start=begun,
+            resume=resume,
+            device=device,
+            workers=workers,
+            progress=progress,
+        )
     return train_policy(
         source, policy, training, Path(out), start=begun, resume=resume, device=device, progress=progress
     )

@@ -62,12 +62,12 @@ class ChainPlan:
 
     def next_action(self) -> Action:
         """Of a plan that is not over."""
-        action: Action = self._actions[self.ran]
+        action: Action = self.actions[self.ran]
         self.ran += 1
         return action
 
     @cached_property
-    def _actions(self) -> npt.NDArray[np.float32]:
+    def actions(self) -> npt.NDArray[np.float32]:
         """(N, m + 1) commands of the simulated drives that execute the reference."""
         schedule = self.planned.schedule
         assert schedule is not None

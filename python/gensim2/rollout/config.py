@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
+from gensim2.errors import InputError
 from gensim2.scenes.config import SceneArguments, SceneConfig, SceneOptions
 from gensim2.scenes.physics import with_current_physics
 from gensim2.tasks.spec import TaskSpec
@@ -14,6 +15,9 @@ Disturbance = Literal["push", "drop"]
 """Kind of disturbance of an episode, once, at a seeded moment."""
 
 DISTURBANCES: tuple[Disturbance, ...] = get_args(Disturbance)
+
+MOST_NOISE = 0.2
+"""Rad by which targets may be off: more are other motions."""
 
 
 class RolloutArguments(SceneArguments, total=False):
@@ -35,12 +39,21 @@ class RolloutOptions:
         one_plan: each step is planned once, at its turn, by its first strategy; what then goes otherwise, goes so.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment; None: nothing is disturbed.
         attempts: resets to the same start that an episode has at most, until one holds.
+        noise: standard deviation (rad) of what the arm's targets are off by now and then; what was meant is recorded.
+
+    Raises:
+        InputError: the noise is out of range.
     """
 
     open_loop: bool = False
     one_plan: bool = False
     disturbance: Disturbance | None = None
     attempts: int = 1
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.noise <= MOST_NOISE:
+            raise InputError(f"must lie in 0..{MOST_NOISE} rad, is {self.noise}", field="noise")
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> RolloutOptions:
@@ -48,8 +61,8 @@ class RolloutOptions:
         return cls(**{each.name: record[each.name] for each in fields(cls) if each.name in record})
 
     def to_record(self) -> dict[str, Any]:
-        """Fields of a file."""
-        return asdict(self)
+        """Fields of a file; of episodes without noise it says nothing."""
+        return {name: value for name, value in asdict(self).items() if name != "noise" or value}
 
 
 DEFAULT_ROLLOUT = RolloutOptions()

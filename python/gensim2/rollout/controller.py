@@ -62,11 +62,13 @@ class Reference:
         joint_positions, joint_velocities: (m,) of the arm, rad or m, and a second.
         gripper: (2,) distance of the pads that is commanded, m, and the force (N) by which each finger is to press on
             what it holds; NaN: none is meant.
+        action: (m + 1,) that was meant where another was sent; None: what was sent.
     """
 
     joint_positions: npt.NDArray[np.float32]
     joint_velocities: npt.NDArray[np.float32]
     gripper: npt.NDArray[np.float32]
+    action: Action | None = None
 
 
 @dataclass(frozen=True)

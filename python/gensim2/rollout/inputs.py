@@ -5,10 +5,10 @@ First what costs nothing (files, fields, names), then what needs one object of t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
@@ -30,7 +30,7 @@ from gensim2.tasks.library import (
     task_names,
 )
 from gensim2.tasks.spec import TaskSpec
-from gensim2.tasks.strategies import Strategies
+from gensim2.tasks.strategies import Strategies, with_strategies
 
 #: Seconds; no job needs eleven days, and infinity is no time to wait.
 LONGEST_TIME_LIMIT = 1e6
@@ -138,6 +138,29 @@ def read_task_inputs(
     if len({one.spec.name for one in inputs}) < len(inputs):
         raise InputError("a task is named twice", field="tasks")
     return inputs, skipped
+
+
+def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[TaskInput]:
+    """Tasks whose steps are done in no other way than ``names``; steps that have none of these are left alone.
+
+    Raises:
+        InputError: no step has such a strategy.
+    """
+    known = {name for one in given for step in one.spec.steps for name in step.strategies}
+    for name in names:
+        if name not in known:
+            raise InputError(f"no step has {name!r}", field="strategy", remedy=f"some of {', '.join(sorted(known))}")
+    return [_only(one, set(names)) for one in given] if names else list(given)
+
+
+def _only(given: TaskInput, names: set[str]) -> TaskInput:
+    ways: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for step in given.spec.steps:
+        wanted = [name for name in step.strategies if name in names] or list(step.strategies)
+        ways[step.name] = {name: given.strategies[name] for name in wanted}
+    strategies = {name: data for own in ways.values() for name, data in own.items()}
+    task = with_strategies(given.spec, ways)
+    return replace(given, scene=replace(given.scene, task=task), strategies=strategies)
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:

@@ -33,7 +33,8 @@ class Recording:
         terminated, truncated, success: (T,) bool.
         reference: what the actions are made of, (T, ...) float32, where the controller said: ``joint_positions`` and
             ``joint_velocities`` (m) of the arm, ``tool_pose`` (7, base frame), ``gripper`` (2: distance of the pads, m,
-            and force of each finger, N; NaN: none is meant). NaN at steps of which nothing was said; {} where of none.
+            and force of each finger, N; NaN: none is meant), and, where noise was on what was sent, ``action`` (m + 1),
+            which was meant. NaN at steps of which nothing was said; {} where of none.
     """
 
     seed: int
@@ -53,6 +54,16 @@ class Recording:
     def steps(self) -> int:
         """Number of control steps."""
         return len(self.actions)
+
+    @property
+    def meant(self) -> npt.NDArray[np.float32]:
+        """(T, m + 1) actions without the noise on what was sent; what was meant last where nothing was said."""
+        if "action" not in self.reference:
+            return self.actions
+        given = self.reference["action"]
+        said = np.isfinite(given).all(axis=1)
+        newest = np.maximum.accumulate(np.where(said, np.arange(len(given)), -1))
+        return np.where((newest >= 0)[:, None], given[newest], self.actions)
 
 
 class Recorder:
@@ -125,7 +136,12 @@ def _reference(given: list[Reference | None], profile: RobotProfile) -> Tree:
         assert meant is not None
         joints[row, :size] = meant.joint_positions
         found["joint_velocities"][step], found["gripper"][step] = meant.joint_velocities, meant.gripper
-    found["joint_positions"][steps], found["tool_pose"][steps] = joints[:, :size], tool_pose(profile, joints)
+        if meant.action is not None:
+            found.setdefault("action", np.full((len(given), size + 1), np.nan, np.float32))[step] = meant.action
+    found["joint_positions"][steps] = joints[:, :size]
+    known = np.isfinite(joints).all(axis=1)  # a controller that says no more than its action has no joints to tell
+    if known.any():
+        found["tool_pose"][np.array(steps)[known]] = tool_pose(profile, joints[known])
     return found
 
 

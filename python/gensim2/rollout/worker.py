@@ -212,6 +212,7 @@ def _rollout(
 ) -> tuple[Episode, Recording | None]:
     from gensim2.rollout.attempts import Attempt, attempted
     from gensim2.rollout.disturbance import Disturbed
+    from gensim2.rollout.noise import Noisy
     from gensim2.rollout.run import EpisodeResult, run
 
     given = config.rollout
@@ -222,6 +223,9 @@ def _rollout(
         controller = _made(attempt.controller(spec), attempt.task(task), config.scene.robot, which)
         if given.disturbance is not None:
             controller = Disturbed(controller, env, config.task, given.disturbance, seed)
+        if given.noise:
+            profile = env.profile
+            controller = Noisy(controller, profile.control_hz, profile.arm_size, given.noise, seed)
         still = partial(still_episode, config.scene, seed)
         every = env.physics.criteria_steps(env.profile)
         return run(env, controller, seed=seed, record=record, stop=stop, still=still, every=every)

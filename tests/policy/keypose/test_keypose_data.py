@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,25 @@ def test_the_end_looks_otherwise_than_the_beginning(given: TaskInput) -> None:
     assert [int(each["step"]) for each in examples] == [0, 1]
     assert not np.array_equal(examples[0]["points"], examples[1]["points"])  # the lid has gone down
     assert np.array_equal(examples[0]["joints"], examples[1]["joints"])  # the arm looks from where it looked from
+
+
+def test_a_scene_is_left_out_where_physics_refutes_its_plans(given: TaskInput) -> None:
+    seed = next(s for s in range(9) if draw(given.scene, given.strategies, SPEC, s).examples[1:])
+    verified = draw(given.scene, given.strategies, SPEC, seed, verify=True)
+    assert verified.failed is None
+    assert len(verified.examples) == 2
+    # Each motion after the contact goes a tenth of its way: it is planned, and leaves the lid open.
+    short = copy.deepcopy(given.strategies)
+    for strategy in short.values():
+        for motion in strategy["post_actuation_motions"]:
+            if motion[0].endswith("_joint_to"):
+                motion[:] = [motion[0].removesuffix("_to"), -0.1]
+    planned = draw(given.scene, short, SPEC, seed)
+    assert planned.examples[1:]
+    refuted = draw(given.scene, short, SPEC, seed, verify=True)
+    assert refuted.examples == ()
+    assert refuted.failed is not None
+    assert refuted.failed.startswith("refuted: ")
 
 
 def test_a_folder_goes_on_and_refuses_what_is_not_its_own(

@@ -34,6 +34,8 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     low, high = row["interval"]
     assert 0.0 <= low <= row["held_mean"] <= high <= 1.0
     page = (out / "report.html").read_text()
+    assert (out / "evaluation" / "tasks" / "CloseBox" / "video_000000.mp4").exists()
+    assert 'src="evaluation/tasks/CloseBox/video_000000.mp4"' in page
     assert "CloseBox" in page
     assert "<polyline" in page
     policy = PolicyCheckpoint.load(out)

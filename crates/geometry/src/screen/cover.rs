@@ -9,6 +9,8 @@ use crate::{Aabb, Convex};
 pub(crate) struct Ball {
     pub center: Point3<f64>,
     pub radius: f64,
+    /// Radius of a ball about the same middle that lies in the shape; minus infinity where none is known to.
+    pub inner: f64,
 }
 
 /// Most balls of one shape.
@@ -30,13 +32,13 @@ pub(crate) fn ball_around(points: &[Point3<f64>], radius: f64) -> Ball {
             if d > best.0 { (d, *p) } else { best }
         })
     };
-    let mut best = Ball { center, radius: furthest(&center).0.sqrt() };
+    let mut best = Ball { center, radius: furthest(&center).0.sqrt(), inner: f64::NEG_INFINITY };
     for round in 1..=ROUNDS {
         let (_, far) = furthest(&center);
         center += (far - center) / (round + 1) as f64;
         let reach = furthest(&center).0.sqrt();
         if reach < best.radius {
-            best = Ball { center, radius: reach };
+            best = Ball { center, radius: reach, ..best };
         }
     }
     best.radius += radius;
@@ -129,6 +131,9 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
     if let [a, b] = points {
         return along_segment(a, b, shape.radius());
     }
+    if let [p] = points {
+        return vec![Ball { center: *p, radius: shape.radius(), inner: shape.radius() }];
+    }
     let whole = || vec![ball_around(points, shape.radius())];
     if points.len() < 4 {
         return whole();
@@ -170,7 +175,12 @@ pub(crate) fn cover(shape: &Convex) -> Vec<Ball> {
         }
     }
     let radius = shape.radius();
-    cells.iter().map(|c| Ball { center: c.ball.center, radius: c.ball.radius + radius }).collect()
+    let ball = |cell: &Cell| {
+        let height = hull.height(&cell.ball.center);
+        let inner = if height < 0.0 { radius - height } else { f64::NEG_INFINITY };
+        Ball { radius: cell.ball.radius + radius, inner, ..cell.ball }
+    };
+    cells.iter().map(ball).collect()
 }
 
 /// Balls along the segment in the middle of a capsule.
@@ -184,7 +194,7 @@ fn along_segment(a: &Point3<f64>, b: &Point3<f64>, radius: f64) -> Vec<Ball> {
         .map(|k| {
             // The caps lie before the first and beyond the last part.
             let reach = if k == 0 || k + 1 == parts { half + radius } else { half.hypot(radius) };
-            Ball { center: a + (b - a) * ((k as f64 + 0.5) / parts as f64), radius: reach }
+            Ball { center: a + (b - a) * ((k as f64 + 0.5) / parts as f64), radius: reach, inner: radius }
         })
         .collect()
 }

@@ -168,7 +168,7 @@ impl Measure {
                     points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + f32x8::splat(t[i])
                 });
                 let near = piece.solid.distance(&here);
-                if super::all_at_least(near, limit) {
+                if super::survey::all_at_least(near, limit) {
                     return true;
                 }
                 let (near, limit) = (near.to_array(), limit.to_array());

@@ -83,9 +83,10 @@ impl Solid {
         }
     }
 
-    /// Least lower bound of the distance (m) of balls: their middles, and their radii.
+    /// Over balls about some middles: the least lower bound of the distance (m) of each, and that of the balls inside
+    /// them.
     #[inline]
-    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> f32x8 {
+    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [f32x8; 2] {
         match self {
             Self::Cuboid { center, axes, half, radius } => {
                 over(centers, balls, |p| to_cuboid(p, center, axes, half, *radius))
@@ -99,13 +100,35 @@ impl Solid {
             Self::Hull { faces, radius } => over(centers, balls, |p| to_hull(p, faces, *radius)),
         }
     }
+
+    /// By how much (m) the distance of `shape`, which this stands for, may be more than the bound; infinite where that
+    /// is not known.
+    pub fn looseness(&self, shape: &Convex) -> f32 {
+        let rounded = |size: f32| 4.0 * ROUNDING as f32 * (1.0 + size);
+        match self {
+            Self::Cuboid { center, half, .. } => rounded(sum(center) + sum(half)),
+            Self::Capsule { end, length, .. } => rounded(sum(end) + length),
+            Self::Cylinder { center, half, radius, .. } => {
+                // A prism's faces lie inside the cylinder about it.
+                let sides = (shape.points().len() / 2) as f32;
+                radius * (1.0 - (std::f32::consts::PI / sides).cos()) + rounded(sum(center) + half + radius)
+            }
+            Self::Hull { .. } => f32::INFINITY,
+        }
+    }
+}
+
+fn sum(v: &[f32; 3]) -> f32 {
+    v.iter().map(|x| x.abs()).sum()
 }
 
 #[inline(always)]
-fn over(centers: &[Points], balls: &[Sphere], distance: impl Fn(&Points) -> f32x8) -> f32x8 {
-    let mut least = f32x8::splat(f32::MAX);
+fn over(centers: &[Points], balls: &[Sphere], distance: impl Fn(&Points) -> f32x8) -> [f32x8; 2] {
+    let mut least = [f32x8::splat(f32::MAX); 2];
     for (center, ball) in centers.iter().zip(balls) {
-        least = least.fast_min(distance(center) - f32x8::splat(ball.radius));
+        let d = distance(center);
+        least[0] = least[0].fast_min(d - f32x8::splat(ball.radius));
+        least[1] = least[1].fast_min(d - f32x8::splat(ball.inner));
     }
     least
 }

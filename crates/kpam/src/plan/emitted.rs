@@ -10,6 +10,8 @@ use crate::world::{Hit, Way};
 
 /// Between the samples that are swept, a joint is to lie off the straight segment by no more than this (rad or m).
 const OFF: f64 = 2e-5;
+/// The same where far from everything: samples as far apart as this allows are enough to prove most of a motion free.
+const ROUGH: f64 = 2e-4;
 /// Times between samples (s), and how many of them a leg may have at the least and the greatest step: what takes longer
 /// is slower.
 const SHORTEST: f64 = 2e-3;
@@ -19,6 +21,7 @@ const ENOUGH: f64 = 1e3;
 
 /// Samples of a motion, and how far each joint may lie off the straight segment after each of them.
 struct Samples {
+    times: Vec<f64>,
     waypoints: Vec<Row>,
     off: Vec<Row>,
 }
@@ -26,24 +29,26 @@ struct Samples {
 impl Samples {
     /// Of a motion of `joints` variables between two times (s). Within a step `h` whose acceleration is at most `a`, a
     /// joint lies at most `a h^2 / 8` off its chord.
-    fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2]) -> Self {
+    fn of(trajectory: &Trajectory, joints: usize, [begin, end]: [f64; 2], most: f64) -> Self {
         let mut time = begin;
-        let shortest = SHORTEST.max((end - begin) / MOST);
-        let longest = LONGEST.max((end - begin) / ENOUGH);
+        let wider = (most / OFF).sqrt();
+        let shortest = wider * SHORTEST.max((end - begin) / MOST);
+        let longest = wider * LONGEST.max((end - begin) / ENOUGH);
         let [position, _, mut acceleration] = trajectory.moving_with_rates(time);
-        let mut out = Self { waypoints: vec![position], off: Vec::new() };
+        let mut out = Self { times: vec![begin], waypoints: vec![position], off: Vec::new() };
         while time < end {
             let hardest = acceleration[..joints].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
-            let mut step = (8.0 * OFF / hardest).sqrt().clamp(shortest, longest);
+            let mut step = (8.0 * most / hardest).sqrt().clamp(shortest, longest);
             loop {
                 let next = if time + step >= end { end } else { time + step };
                 let mut off = trajectory.hardest([time, next]);
                 off[..joints].iter_mut().for_each(|o| *o *= (next - time).powi(2) / 8.0);
-                if step > shortest && off[..joints].iter().any(|o| *o > 2.0 * OFF) {
+                if step > shortest && off[..joints].iter().any(|o| *o > 2.0 * most) {
                     step = (0.5 * step).max(shortest);
                     continue;
                 }
                 let [position, _, after] = trajectory.moving_with_rates(next);
+                out.times.push(next);
                 out.waypoints.push(position);
                 out.off.push(off);
                 (time, acceleration) = (next, after);
@@ -121,7 +126,19 @@ impl Planner<'_> {
     fn first_hit(&mut self, timed: &Timed, legs: &[Stretch<'_>]) -> Option<(usize, Hit)> {
         let joints = self.model.n();
         legs.iter().zip(&timed.spans).enumerate().find_map(|(k, (leg, span))| {
-            let samples = Samples::of(&timed.trajectory, joints, *span);
+            let mut rest = *span;
+            // Where the object's joint moves, how far it has between samples is told by close ones alone.
+            if leg.travel.windows(2).all(|w| w[0].to_bits() == w[1].to_bits()) {
+                let rough = Samples::of(&timed.trajectory, joints, *span, ROUGH);
+                let travel: Vec<f64> = leg.travel.first().copied().into_iter().collect();
+                let way = Way { waypoints: &rough.waypoints, travel: &travel, off: &rough.off };
+                let proven = self.world.prove_along(way, leg.leg, leg.kept);
+                if proven + 1 == rough.times.len() {
+                    return None;
+                }
+                rest[0] = rough.times[proven];
+            }
+            let samples = Samples::of(&timed.trajectory, joints, rest, OFF);
             let travel = samples.travel(joints, leg);
             let way = Way { waypoints: &samples.waypoints, travel: &travel, off: &samples.off };
             self.world.sweep_along(way, leg.leg, leg.kept).map(|(_, hit)| (k, hit))
@@ -139,7 +156,7 @@ mod tests {
         let limits = Limits::new(&[1.0, 1.5], &[5.0, 8.0], &[500.0, 900.0]).unwrap();
         let waypoints = [vec![0.0, 0.0], vec![0.5, 0.2], vec![0.3, 0.9], vec![-0.4, 0.8]];
         let motion = retime(&waypoints, &limits, &RetimeOptions::default()).unwrap().trajectory;
-        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()]);
+        let samples = Samples::of(&motion, 2, [motion.start(), motion.end()], OFF);
         assert_eq!(samples.off.len() + 1, samples.waypoints.len());
         assert!(samples.off.iter().all(|off| off[..2].iter().all(|o| *o <= 2.5 * OFF)));
         // Some place on the segment is as near as is said in every joint.
@@ -167,6 +184,6 @@ mod tests {
         let limits = Limits::new(&[1e-3], &[1e-3], &[1e-2]).unwrap();
         let motion = retime(&[vec![0.0], vec![40.0]], &limits, &RetimeOptions::default()).unwrap().trajectory;
         assert!(motion.end() > 3e4);
-        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()]).waypoints.len() < 3_000);
+        assert!(Samples::of(&motion, 1, [motion.start(), motion.end()], OFF).waypoints.len() < 3_000);
     }
 }

@@ -13,7 +13,7 @@ use crate::hand_path::Follower;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::timing::{Builder, CannotStop, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
+use crate::timing::{Builder, CannotStop, Dynamics, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
 use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
 
 /// What has been tried, and the best of it.
@@ -112,7 +112,8 @@ impl<'p> Planner<'p> {
             velocity: rates(&options.start_velocity),
             acceleration: rates(&options.start_acceleration),
         };
-        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time);
+        let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
+            .loaded(Dynamics::asked(&problem.robot, model, options));
         let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
         world.measure_start(State::still(&model.start()), world.course.toward(entry));

@@ -57,12 +57,12 @@ pub(crate) fn fastest(grid: &Grid, limits: &Limits, begin: f64, cancel: Option<&
     for cell in 0..cells {
         let twice = 2.0 * grid.step(cell);
         grid.rows(limits, cell, &mut bounds);
-        for &[a, b, most] in &bounds {
-            // |a u + b x| <= most with u = (x_next - x) / 2 Δs.
+        for &[a, b, low, high] in &bounds {
+            // low <= a u + b x <= high with u = (x_next - x) / 2 Δs.
             let (now, next) = (b - a / twice, a / twice);
             let size = now.abs().max(next.abs()) * unit;
             if size > 0.0 {
-                for sign in [1.0, -1.0] {
+                for (sign, most) in [(1.0, high), (-1.0, -low)] {
                     let entries = [(x(cell), sign * now * unit / size), (x(cell + 1), sign * next * unit / size)];
                     rows.push(&entries, most / size);
                 }

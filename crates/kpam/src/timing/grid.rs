@@ -5,6 +5,7 @@
 
 use super::limits::Limits;
 use super::spline::Spline;
+use super::torque::{Buffers, Load, Torque};
 use crate::model::Row;
 
 /// Cells of a path that has few waypoints; more where there are more of those.
@@ -30,6 +31,8 @@ pub(crate) struct Grid {
     pub shares: Vec<[f64; 2]>,
     /// The station of each knot.
     pub station_of: Vec<usize>,
+    /// Torques at the stations, their limits, and the share of what gravity leaves of those that may be used.
+    load: Option<(Vec<Torque>, Row, f64)>,
 }
 
 impl Grid {
@@ -44,8 +47,14 @@ impl Grid {
                 least[path.knot_of(w)] += time;
             }
         }
-        let mut out =
-            Self { joints, stations: Vec::new(), pace: Vec::new(), shares: Vec::new(), station_of: Vec::new() };
+        let mut out = Self {
+            joints,
+            stations: Vec::new(),
+            pace: Vec::new(),
+            shares: Vec::new(),
+            station_of: Vec::new(),
+            load: None,
+        };
         for i in 0..intervals {
             let (from, to) = (path.knots[i], path.knots[i + 1]);
             let parts = ((to - from) / total * CELLS).ceil().max(2.0) as usize;
@@ -71,6 +80,19 @@ impl Grid {
         out
     }
 
+    /// The same with limits on torque; `None` where the joints cannot be held at a station.
+    pub fn loaded(mut self, load: Load<'_>) -> Option<Self> {
+        let Some((dynamics, room)) = load else { return Some(self) };
+        let mut buffers = Buffers::default();
+        let at = |s: &Station| dynamics.along(&s.position, &s.first, &s.second, &mut buffers);
+        let torques: Vec<Torque> = self.stations.iter().map(at).collect();
+        if !torques.iter().all(|t| dynamics.holds(t)) {
+            return None;
+        }
+        self.load = Some((torques, dynamics.most, room));
+        Some(self)
+    }
+
     pub fn cells(&self) -> usize {
         self.pace.len()
     }
@@ -91,6 +113,10 @@ impl Grid {
                 for v in 0..self.joints {
                     speed = speed.min(self.shares[cell][0] * limits.velocity[v] / self.stations[k].first[v].abs());
                 }
+                if let Some(envelope) = &limits.envelope {
+                    let station = &self.stations[k];
+                    speed = speed.min(self.shares[cell][0] * envelope.speed(&station.position, &station.first));
+                }
                 out[k] = out[k].min(speed * speed);
                 pace[k] = pace[k].min(self.pace[cell] * self.pace[cell]);
             }
@@ -103,8 +129,10 @@ impl Grid {
             }
             pace[cell] = least;
             self.rows(limits, cell, &mut rows);
-            let slowing =
-                rows.iter().map(|[a, b, c]| if *a == 0.0 { f64::NEG_INFINITY } else { -b / a * least - c / a.abs() });
+            let slowing = rows.iter().map(|[a, b, low, high]| match *a {
+                0.0 => f64::NEG_INFINITY,
+                a => -b / a * least + if a > 0.0 { low / a } else { high / a },
+            });
             least = (least + 2.0 * self.step(cell) * slowing.fold(f64::NEG_INFINITY, f64::max)).max(0.0);
         }
         out.iter_mut().zip(pace).for_each(|(x, slow)| *x = x.min(slow));
@@ -113,15 +141,24 @@ impl Grid {
         out
     }
 
-    /// Rows (a, b, c) of a cell: |a u + b x| <= c, with x that at its start. They bound the acceleration at both ends.
-    pub fn rows(&self, limits: &Limits, cell: usize, out: &mut Vec<[f64; 3]>) {
+    /// Rows (a, b, low, high) of a cell: low <= a u + b x <= high, with x that at its start. They bound accelerations and
+    /// torques at both ends.
+    pub fn rows(&self, limits: &Limits, cell: usize, out: &mut Vec<[f64; 4]>) {
         out.clear();
         let (from, to) = (&self.stations[cell], &self.stations[cell + 1]);
         let twice = 2.0 * self.step(cell);
         for v in 0..self.joints {
             let most = self.shares[cell][1] * limits.acceleration[v];
-            out.push([from.first[v], from.second[v], most]);
-            out.push([to.first[v] + twice * to.second[v], to.second[v], most]);
+            out.push([from.first[v], from.second[v], -most, most]);
+            out.push([to.first[v] + twice * to.second[v], to.second[v], -most, most]);
+        }
+        let Some((torques, most, room)) = &self.load else { return };
+        let (from, to) = (&torques[cell], &torques[cell + 1]);
+        for v in 0..self.joints {
+            let [low, high] = from.band(v, most[v], *room);
+            out.push([from.of_u[v], from.of_x[v], low, high]);
+            let [low, high] = to.band(v, most[v], *room);
+            out.push([to.of_u[v] + twice * to.of_x[v], to.of_x[v], low, high]);
         }
     }
 }

@@ -6,6 +6,7 @@ use super::limits::Limits;
 use super::motion::{Node, shares};
 use super::reachability;
 use super::spline::Spline;
+use super::torque::Load;
 use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
@@ -26,6 +27,8 @@ const ROUNDS: usize = 6;
 const AIM: f64 = 0.998;
 /// Where the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
+/// A motion that would have to take this many times as long passes a place where a joint may not move on.
+pub(crate) const IMPASSABLE: f64 = 1.5;
 /// Share of a limit that the arithmetic of a cell rounds away, far below [`super::limits::TOLERANCE`].
 pub(crate) const ROUNDING: f64 = 1e-9;
 /// Cells that take less time than this (s) are not told apart.
@@ -40,10 +43,11 @@ pub(crate) fn drive(
     path: &Spline,
     slowest: &[f64],
     velocity: &Row,
+    load: Load<'_>,
     cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Grid)> {
     let joints = limits.joints();
-    let mut grid = Grid::new(joints, path, slowest);
+    let mut grid = Grid::new(joints, path, slowest).loaded(load)?;
     if grid.cells() == 0 || path.length() == 0.0 {
         return (velocity[..joints].iter().all(|v| *v == 0.0)).then(|| (vec![resting(&grid)], grid));
     }
@@ -91,6 +95,9 @@ pub(crate) fn drive(
         return None;
     }
     let factor = worst[0].max(worst[1].sqrt());
+    if limits.envelope.is_some() && factor > IMPASSABLE {
+        return None;
+    }
     stretch(&mut nodes, factor);
     Some((nodes, grid))
 }

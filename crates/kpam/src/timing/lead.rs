@@ -114,7 +114,7 @@ pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &R
         return Ok(vec![Lead::Resting(start.position)]);
     }
     stop::can_stop(&limits, lower, upper, &start.position, &start.velocity, &start.acceleration)?;
-    builder.admit(&start.velocity, &start.acceleration);
+    builder.admit(&start.position, &start.velocity, &start.acceleration);
     let limits = *builder.limits();
     let mut out = Vec::new();
     let nodes = stop::settle(&limits, &start.position, &start.velocity, &start.acceleration);
@@ -130,7 +130,11 @@ pub(crate) fn leads(builder: &mut Builder, start: &Start, lower: &Row, upper: &R
         };
         // A line too short to be a path is left to the stop.
         let long = still(&settled.velocity) || distance(joints, &begin, &brake) > SHORTEST;
-        if long && within(&settled.position) && within(&brake) {
+        let slow = limits.envelope.is_none_or(|envelope| {
+            let kept = |pair: &[Node]| (0..joints).all(|v| envelope.is_kept_between(joints, v, &pair[0], &pair[1]));
+            nodes.windows(2).all(kept)
+        });
+        if long && slow && within(&settled.position) && within(&brake) {
             let lead = if still(&settled.velocity) {
                 Lead::Resting(settled.position)
             } else {

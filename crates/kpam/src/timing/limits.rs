@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::default_limits::default_limits;
+use super::envelope::{Braking, Envelope};
+use crate::default_limits::{braking, default_limits, greatest_velocity};
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::{KeypointProblem, ProblemError};
 
@@ -26,6 +27,8 @@ pub struct Limits {
     pub(crate) acceleration: Row,
     /// rad/s^3 or m/s^3.
     pub(crate) jerk: Row,
+    /// Bounds of the velocity that depend on the position.
+    pub(crate) envelope: Option<Envelope>,
 }
 
 impl Limits {
@@ -60,7 +63,16 @@ impl Limits {
             velocity: row("velocity_limits", velocity)?,
             acceleration: row("acceleration_limits", acceleration)?,
             jerk: row("jerk_limits", jerk)?,
+            envelope: None,
         })
+    }
+
+    /// The limits with velocity limits that depend on the position beside those that do not, one entry a joint.
+    ///
+    /// # Errors
+    /// A list of another length, or numbers that are no bounds, by `braking`.
+    pub fn with_braking(self, list: &[Option<Braking>]) -> Result<Self, ProblemError> {
+        Ok(Self { envelope: Some(Envelope::new(self.joints, list)?), ..self })
     }
 
     /// Those of the problem's moving joints, scaled as its options say.
@@ -71,11 +83,17 @@ impl Limits {
     /// Those of a robot's moving joints, scaled as options say.
     pub(crate) fn asked(model: &Model, o: &crate::Options) -> Self {
         let one = [1.0; MOST_JOINTS];
-        let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one };
+        let envelope = braking(o).map(|list| list.scaled(o.velocity_scale));
+        let mut out = Self { joints: model.n(), velocity: one, acceleration: one, jerk: one, envelope };
         // Limits of mimic joints bind the variables that drive them.
         let given = |list: &Option<Vec<f64>>| list.as_ref().map(|l| model.map().least(|j| l[j]));
         let velocity = given(&o.velocity_limits).unwrap_or(model.velocity);
         let usual = default_limits(o);
+        let velocity = greatest_velocity(o).map_or(velocity, |most| {
+            let mut out = velocity;
+            out.iter_mut().zip(most).for_each(|(own, most)| *own = own.min(most));
+            out
+        });
         let acceleration = given(&o.acceleration_limits).unwrap_or(usual.0);
         let jerk = given(&o.jerk_limits).unwrap_or(usual.1);
         for v in 0..model.n() {
@@ -89,7 +107,9 @@ impl Limits {
     /// Whether they are positive numbers of at most [`MOST_JOINTS`] joints.
     pub(crate) fn is_sound(&self) -> bool {
         let rows = [&self.velocity, &self.acceleration, &self.jerk];
-        (1..=MOST_JOINTS).contains(&self.joints) && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
+        self.envelope.is_none_or(|e| e.is_sound())
+            && (1..=MOST_JOINTS).contains(&self.joints)
+            && rows.iter().all(|row| row.iter().all(|v| *v > 0.0 && v.is_finite()))
     }
 
     /// Number of joints.
@@ -110,8 +130,9 @@ impl Limits {
     }
 
     /// The limits, widened to a start that keeps them up to [`TOLERANCE`], so that a motion from it keeps them exactly.
-    pub(crate) fn admitting(&self, velocity: &Row, acceleration: &Row) -> Self {
+    pub(crate) fn admitting(&self, position: &Row, velocity: &Row, acceleration: &Row) -> Self {
         let mut out = *self;
+        out.envelope = self.envelope.map(|e| e.admitting(position, velocity));
         for v in 0..self.joints {
             let (speed, gain) = (self.settled_speed(v, velocity[v], acceleration[v]), acceleration[v].abs());
             out.velocity[v] = out.velocity[v].max(speed);

@@ -4,9 +4,11 @@
 //! on Clarabel); the motion in time is a chain of cubics whose peaks have a closed form ([`law`], [`motion`]); a moving
 //! average over a short window bounds the jerk ([`limits`]). Where jerk limits are too low for a short window, jerk is
 //! bounded along the path ([`smooth`]): S-curves on straight ones ([`profile`]), a third-order optimum on others
-//! ([`third_order`]). A start under way leaves along its own line ([`lead`], [`stop`]).
+//! ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have limits where the masses
+//! are known ([`torque`]). A start under way leaves along its own line ([`lead`], [`stop`]).
 
 mod conic;
+mod envelope;
 mod grid;
 mod law;
 mod lead;
@@ -20,13 +22,17 @@ mod spline;
 mod stop;
 mod stream;
 mod third_order;
+mod torque;
 mod trajectory;
 
+pub use envelope::Braking;
+pub(crate) use envelope::Envelope;
 pub use law::Method;
 pub(crate) use lead::{Lead, Start, append, leads, turn, unit};
 pub use limits::Limits;
 pub use retime::{RetimeOptions, Retimed, retime};
 pub(crate) use spline::{Spline, distance, length, rounded};
 pub use stop::CannotStop;
+pub(crate) use torque::Dynamics;
 pub(crate) use trajectory::{Builder, Refusal};
 pub use trajectory::{Sample, Trajectory};

@@ -36,6 +36,18 @@ impl Cubic {
         Self(out)
     }
 
+    /// Bernstein coefficients of the position of a joint over the time `h`.
+    fn positions(&self, v: usize, h: f64) -> [f64; 4] {
+        let [p, d, c, e] = [self.0[0][v], h * self.0[1][v], h * h * self.0[2][v], h * h * h * self.0[3][v]];
+        [p, p + d / 3.0, p + (2.0 * d + c) / 3.0, p + d + c + e]
+    }
+
+    /// Bernstein coefficients of its velocity.
+    fn velocities(&self, v: usize, h: f64) -> [f64; 3] {
+        let [d, c, e] = [self.0[1][v], h * self.0[2][v], h * h * self.0[3][v]];
+        [d, d + c, d + 2.0 * c + 3.0 * e]
+    }
+
     /// Position, velocity and acceleration of a joint `t` after the start, averaged over a window of `width` about `t`.
     fn average(&self, v: usize, t: f64, width: f64) -> [f64; 3] {
         let [p, d, c, e] = [self.0[0][v], self.0[1][v], self.0[2][v], self.0[3][v]];
@@ -63,6 +75,9 @@ pub(crate) fn shares(limits: &Limits, a: &Node, b: &Node) -> [f64; 2] {
         let gain = (2.0 * c).abs().max((2.0 * c + 6.0 * e * h).abs());
         out[0] = out[0].max(speed / limits.velocity[v]);
         out[1] = out[1].max(gain / limits.acceleration[v]);
+        if let Some(envelope) = &limits.envelope {
+            out[0] = out[0].max(envelope.share(v, &cubic.positions(v, h), &cubic.velocities(v, h)));
+        }
     }
     out
 }
@@ -133,7 +148,12 @@ fn bernstein(coefficients: &[f64], at: f64) -> f64 {
 pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
     let mut out = [0.0_f64; 3];
     for v in 0..limits.joints() {
-        let rates = Quintic::between(a, b, v).rates();
+        let quintic = Quintic::between(a, b, v);
+        let rates = quintic.rates();
+        if let Some(envelope) = &limits.envelope {
+            let position = quintic.control.map(|c| a.position[v] + c);
+            out[0] = out[0].max(envelope.share(v, &position, &rates[0]));
+        }
         for ((share, list), most) in
             out.iter_mut().zip(&rates).zip([limits.velocity[v], limits.acceleration[v], limits.jerk[v]])
         {
@@ -141,6 +161,12 @@ pub(crate) fn peaks(limits: &Limits, a: &Node, b: &Node) -> [f64; 3] {
         }
     }
     out
+}
+
+/// Bernstein coefficients of the position and the velocity of a joint between two nodes.
+pub(crate) fn curve(joints: usize, v: usize, a: &Node, b: &Node) -> ([f64; 4], [f64; 3]) {
+    let (cubic, h) = (Cubic::between(joints, a, b), b.time - a.time);
+    (cubic.positions(v, h), cubic.velocities(v, h))
 }
 
 /// Least and greatest value of a joint between two nodes.
@@ -269,6 +295,17 @@ impl Piece {
     /// Time of the trajectory (s) at which it is nearest to a node.
     fn time_of(&self, node: usize) -> f64 {
         self.start + (self.times[node] + 0.5 * self.width).clamp(0.0, self.duration())
+    }
+
+    /// Times of the trajectory (s) between which its acceleration is one polynomial: where its window meets nodes.
+    pub fn corners(&self) -> Vec<f64> {
+        let inside = |t: &f64| (0.0..=self.duration()).contains(t);
+        let mut out: Vec<f64> = self.times.iter().flat_map(|t| [*t, t + self.width]).filter(inside).collect();
+        out.extend([0.0, self.duration()]);
+        out.sort_by(f64::total_cmp);
+        out.dedup();
+        out.iter_mut().for_each(|t| *t += self.start);
+        out
     }
 
     /// Times of the trajectory (s) that show its course: at nodes, at most about `spacing` apart unless nodes are, with

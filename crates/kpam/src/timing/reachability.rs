@@ -10,11 +10,12 @@ use super::limits::Limits;
 /// Coefficients of u smaller than this times that of x say nothing of u.
 const FLAT: f64 = 1e-9;
 
-/// Band of u: slope * x - half <= u <= slope * x + half.
+/// Band of u: slope * x + below <= u <= slope * x + above.
 #[derive(Debug, Clone, Copy)]
 struct Band {
     slope: f64,
-    half: f64,
+    below: f64,
+    above: f64,
 }
 
 /// The bands of all cells in one list, and the greatest x by rows that say nothing of u.
@@ -31,11 +32,12 @@ impl Bands {
         for cell in 0..grid.cells() {
             grid.rows(limits, cell, &mut rows);
             let mut cap = f64::INFINITY;
-            for &[a, b, c] in &rows {
+            for &[a, b, low, high] in &rows {
                 if a.abs() > FLAT * b.abs() {
-                    out.bands.push(Band { slope: -b / a, half: c / a.abs() });
+                    let (below, above) = if a > 0.0 { (low / a, high / a) } else { (high / a, low / a) };
+                    out.bands.push(Band { slope: -b / a, below, above });
                 } else if b != 0.0 {
-                    cap = cap.min(c / b.abs());
+                    cap = cap.min(if b > 0.0 { high / b } else { low / b });
                 }
             }
             out.ends.push(out.bands.len());
@@ -54,7 +56,7 @@ impl Bands {
         let (mut low, mut high) = (-turn * x, turn * (next - x));
         for band in self.of(cell) {
             let middle = band.slope * x;
-            let (least, most) = (middle - band.half, middle + band.half);
+            let (least, most) = (middle + band.below, middle + band.above);
             low = if least > low { least } else { low };
             high = if most < high { most } else { high };
         }
@@ -66,8 +68,8 @@ impl Bands {
         let (mut below, mut above) = (-0.5 / step, -0.5 / step);
         for band in self.of(cell) {
             let middle = band.slope * x;
-            below = if middle - band.half >= low { band.slope } else { below };
-            above = if middle + band.half <= high { band.slope } else { above };
+            below = if middle + band.below >= low { band.slope } else { below };
+            above = if middle + band.above <= high { band.slope } else { above };
         }
         above - below
     }

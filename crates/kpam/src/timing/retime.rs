@@ -111,6 +111,11 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     let mut from = 0;
     let refused = |refusal: Refusal| match refusal {
         Refusal::Cancelled => ProblemError::new("retime", "was cancelled"),
+        _ if limits.envelope.is_some() => {
+            let message =
+                "lead past a place where a joint may not move on, or cannot be driven from the start's velocity";
+            ProblemError::new("waypoints", message)
+        }
         _ => ProblemError::new("waypoints", "cannot be driven from the velocity at the start"),
     };
     for stop in stops {

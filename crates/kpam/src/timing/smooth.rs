@@ -1,12 +1,13 @@
 //! From a path to a motion in time that lies on it exactly and keeps limits on velocity, acceleration and jerk: S-curves
 //! along straight paths, a third-order optimum along others. For jerk limits too low for averaging.
 
-use super::law::ROUNDING;
+use super::law::{IMPASSABLE, ROUNDING};
 use super::limits::Limits;
 use super::motion::{Node, peaks};
 use super::profile::{Along, Pace, at_place};
 use super::spline::Spline;
 use super::third_order::{Course, Station, fastest};
+use super::torque::{Buffers, Load};
 use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
@@ -31,6 +32,7 @@ pub(crate) fn drive(
     path: &Spline,
     slowest: &[f64],
     velocity: &Row,
+    load: Load<'_>,
     cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Vec<usize>)> {
     let n = limits.joints();
@@ -45,10 +47,17 @@ pub(crate) fn drive(
     let begin = (velocity[..n].iter().zip(&tangent).map(|(v, t)| v * t).sum::<f64>() / square).max(0.0);
     let paces = paces(path, slowest);
     let straight = path.bend() * path.length() * path.length() < 8.0 * STRAIGHT;
-    if straight && paces.windows(2).all(|pair| pair[0] == pair[1]) {
+    if straight && load.is_none() && !slowed(limits, path) && paces.windows(2).all(|pair| pair[0] == pair[1]) {
         return along_line(limits, path, paces[0], begin);
     }
-    curved(limits, path, &paces, begin, cancel)
+    curved(limits, path, &paces, begin, load, cancel)
+}
+
+/// Whether the position of some joint bounds the speed along a straight path: most at its end.
+fn slowed(limits: &Limits, path: &Spline) -> bool {
+    let slope = path.derivatives(0, 0.0)[1];
+    let end = path.at(path.intervals() - 1, 1.0);
+    limits.envelope.is_some_and(|e| e.speed(&end, &slope) < along(limits, &slope).velocity)
 }
 
 /// Greatest ds/dt on each interval between knots, by the least time that intervals between waypoints may take.
@@ -108,10 +117,15 @@ fn node(joints: usize, path: &Spline, interval: usize, pace: &Pace) -> Node {
 }
 
 /// Places of stations, ever closer towards both ends, and the station of each knot.
-fn stations(limits: &Limits, path: &Spline) -> (Vec<(usize, f64)>, Vec<usize>) {
+fn stations(limits: &Limits, path: &Spline, load: Load<'_>) -> (Vec<(usize, f64)>, Vec<usize>) {
     let whole = path.length();
     let near = |interval: usize, s: f64| {
-        let most = along(limits, &path.derivatives(interval, s)[1]);
+        let [position, first, second] = path.derivatives(interval, s);
+        let mut most = along(limits, &first);
+        if let Some((dynamics, room)) = load {
+            let torque = dynamics.along(&position, &first, &second, &mut Buffers::default());
+            most.acceleration = most.acceleration.min(dynamics.hardest(&torque, room));
+        }
         let ramp = most.acceleration.powi(3) / (6.0 * most.jerk * most.jerk);
         let inside = path.knots[interval + 1] - path.knots[interval];
         (ramp.min(whole / 12.0) / RAMP).min(0.5 * (whole / CELLS).min(inside / LEAST))
@@ -153,31 +167,48 @@ fn curved(
     path: &Spline,
     paces: &[f64],
     begin: f64,
+    load: Load<'_>,
     cancel: Option<&Cancel>,
 ) -> Option<(Vec<Node>, Vec<usize>)> {
     let n = limits.joints();
-    let (places, of_knot) = stations(limits, path);
+    let (places, of_knot) = stations(limits, path, load);
+    let mut buffers = Buffers::default();
     let list: Vec<Station> = places
         .iter()
         .map(|(i, s)| {
-            let [_, first, second] = path.derivatives(*i, *s);
-            Station { s: *s, first, second, third: path.third(*i) }
+            let [position, first, second] = path.derivatives(*i, *s);
+            let torque = load.map(|(dynamics, _)| dynamics.along(&position, &first, &second, &mut buffers));
+            Station { s: *s, first, second, third: path.third(*i), torque }
         })
         .collect();
+    if load.is_some_and(|(dynamics, _)| list.iter().filter_map(|s| s.torque.as_ref()).any(|t| !dynamics.holds(t))) {
+        return None;
+    }
+    let load = load.map(|(dynamics, room)| (&dynamics.most, room));
     // A start that is faster than the pace brakes to it.
     let slowing = 0.5 * along(limits, &list[0].first).acceleration;
-    let pace: Vec<f64> = places
+    let mut pace: Vec<f64> = places
         .iter()
         .map(|(i, s)| {
             let before = if *s == path.knots[*i] && *i > 0 { paces[i - 1] } else { f64::INFINITY };
             paces[*i].min(before).max((begin * begin - 2.0 * slowing * s).max(0.0).sqrt())
         })
         .collect();
+    if let Some(envelope) = &limits.envelope {
+        for (k, (i, s)) in places.iter().enumerate().take(places.len() - 1) {
+            pace[k] = pace[k].min(AIM * envelope.speed(&path.derivatives(*i, *s)[0], &list[k].first));
+        }
+        pace[0] = pace[0].max(begin);
+        // There is no way past a place where a joint may not move on.
+        if pace.iter().any(|p| *p <= 0.0) {
+            return None;
+        }
+    }
     let mut shares = vec![[AIM; 2]; list.len() - 1];
     let mut nodes = Vec::new();
     let mut factor = 1.0;
     for _ in 0..ROUNDS {
-        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin, cancel })?;
+        let found = fastest(&Course { limits, stations: &list, pace: &pace, shares: &shares, begin, load, cancel })?;
         nodes = places.iter().zip(&found).map(|((i, _), pace)| node(n, path, *i, pace)).collect::<Vec<Node>>();
         factor = 1.0_f64;
         let mut kept = true;
@@ -190,7 +221,14 @@ fn curved(
                     kept = false;
                 }
             }
-            kept &= fast <= 1.0 + ROUNDING;
+            if fast > 1.0 + ROUNDING {
+                kept = false;
+                if limits.envelope.is_some() {
+                    let slower = 0.999 / fast;
+                    pace[cell] = if cell == 0 { pace[cell] } else { slower * pace[cell] };
+                    pace[cell + 1] *= slower;
+                }
+            }
         }
         if kept {
             return Some((nodes, of_knot));
@@ -199,7 +237,7 @@ fn curved(
             break;
         }
     }
-    if begin > 0.0 {
+    if begin > 0.0 || (limits.envelope.is_some() && factor > IMPASSABLE) {
         return None;
     }
     super::law::stretch(&mut nodes, factor);
@@ -223,7 +261,7 @@ mod tests {
             let time = |bend: f64| {
                 let waypoints = [row([0.0; 3]), row([0.5, 0.25 + bend, -0.1]), row([1.0, 0.5, -0.2])];
                 let path = Spline::through(3, &waypoints, None);
-                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS], None).unwrap();
+                let (nodes, _) = drive(&limits, &path, &[], &[0.0; MOST_JOINTS], None, None).unwrap();
                 nodes[nodes.len() - 1].time
             };
             let (straight, bent) = (time(0.0), time(1e-4));

@@ -148,12 +148,24 @@ pub(crate) fn can_stop(
         if !Limits::keeps(speed, limits.velocity[v]) {
             return fail(v, format!("its speed comes to {speed:.4}, past its limit {:.4}", limits.velocity[v]));
         }
+        if let Some(most) = limits.envelope.and_then(|e| e.exceeded(v, position[v], velocity[v])) {
+            let reason = format!("its speed {:.4} is past {most:.4}, its limit where it is", velocity[v].abs());
+            return fail(v, reason);
+        }
         if !Limits::keeps(gain, limits.acceleration[v]) {
             let reason = format!("its acceleration {gain:.4} is past its limit {:.4}", limits.acceleration[v]);
             return fail(v, reason);
         }
     }
     let motion = stop(limits, position, velocity, acceleration);
+    if let Some(envelope) = &limits.admitting(position, velocity, acceleration).envelope {
+        for v in 0..limits.joints() {
+            if motion.windows(2).any(|pair| !envelope.is_kept_between(limits.joints(), v, &pair[0], &pair[1])) {
+                let reason = "braking as hard as it can, it is too fast for where it comes to".to_owned();
+                return fail(v, reason);
+            }
+        }
+    }
     for v in 0..limits.joints() {
         // A start outside may not lead further out.
         let (low, high) = (lower[v].min(position[v]), upper[v].max(position[v]));

@@ -187,6 +187,7 @@ impl Trajectory {
 /// The limits that are the wider of two.
 fn wider(a: &Limits, b: &Limits) -> Limits {
     let mut out = *a;
+    out.envelope = a.envelope.zip(b.envelope).map(|(a, b)| a.wider(&b));
     for v in 0..a.joints() {
         out.velocity[v] = out.velocity[v].max(b.velocity[v]);
         out.acceleration[v] = out.acceleration[v].max(b.acceleration[v]);

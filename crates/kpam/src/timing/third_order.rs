@@ -8,6 +8,7 @@
 
 use super::limits::Limits;
 use super::profile::{Along, Pace, at_place};
+use super::torque::Torque;
 use crate::Cancel;
 use crate::model::Row;
 
@@ -18,6 +19,8 @@ pub(crate) struct Station {
     pub first: Row,
     pub second: Row,
     pub third: Row,
+    /// Torques there, where they have limits.
+    pub torque: Option<Torque>,
 }
 
 /// A path of which the greatest speed is sought.
@@ -30,6 +33,8 @@ pub(crate) struct Course<'a> {
     pub shares: &'a [[f64; 2]],
     /// ds/dt at the start; d²s/dt² is 0 there.
     pub begin: f64,
+    /// Torque limits, and the share of what gravity leaves of them that may be used.
+    pub load: Option<(&'a Row, f64)>,
     pub cancel: Option<&'a Cancel>,
 }
 
@@ -58,11 +63,19 @@ impl Form {
     }
 }
 
-/// |row| sqrt(x) <= limit where the station of `x` is given, |row| <= limit otherwise.
+/// |row| sqrt(x) <= limit where the station of `x` is given, |row - middle| <= limit otherwise.
 struct Bound {
     row: Form,
+    middle: f64,
     limit: f64,
     x: Option<usize>,
+}
+
+impl Bound {
+    /// Share of the limit, the root of x left out.
+    fn value(&self, c: &[f64]) -> f64 {
+        (self.row.value(c) - self.middle) / self.limit
+    }
 }
 
 struct Problem {
@@ -144,7 +157,15 @@ impl Problem {
             for v in 0..n {
                 let (first, second) = (stations[k].first[v], stations[k].second[v]);
                 let of = [0, 1, 2].map(|i| first * w.of[i] + second * x.of[i]);
-                self.bounds.push(Bound { row: Form { at: k - 1, of }, limit: share * limits.acceleration[v], x: None });
+                let limit = share * limits.acceleration[v];
+                self.bounds.push(Bound { row: Form { at: k - 1, of }, middle: 0.0, limit, x: None });
+            }
+            let (Some(torque), Some((most, room))) = (&stations[k].torque, course.load) else { continue };
+            for v in 0..n {
+                let [low, high] = torque.band(v, most[v], room);
+                let of = [0, 1, 2].map(|i| torque.of_u[v] * w.of[i] + torque.of_x[v] * x.of[i]);
+                let (middle, limit) = (0.5 * (low + high), 0.5 * (high - low));
+                self.bounds.push(Bound { row: Form { at: k - 1, of }, middle, limit, x: None });
             }
         }
         // Where it starts under way, x and w are known at the start: forms of the first coefficient alone.
@@ -181,7 +202,7 @@ impl Problem {
                     let third = stations[cell].third[v];
                     let of = [0, 1, 2].map(|i| first * change[i] + 3.0 * second * w[i] + third * x[i]);
                     let limit = course.shares[cell][1] * limits.jerk[v];
-                    self.bounds.push(Bound { row: Form { at, of }, limit, x: Some(k) });
+                    self.bounds.push(Bound { row: Form { at, of }, middle: 0.0, limit, x: Some(k) });
                 }
             }
         }
@@ -201,7 +222,7 @@ impl Problem {
             out[0] = out[0].max(self.x[k].value(c) / self.ceilings[k]);
         }
         for bound in &self.bounds {
-            let value = bound.row.value(c).abs() / bound.limit;
+            let value = bound.value(c).abs();
             match bound.x {
                 None => out[1] = out[1].max(value),
                 Some(k) => out[2] = out[2].max(value * self.x[k].value(c).max(0.0).sqrt()),
@@ -236,7 +257,7 @@ impl Problem {
         }
         let roots = self.roots(c);
         for bound in &self.bounds {
-            let value = bound.row.value(c) / bound.limit * bound.x.map_or(1.0, |k| roots[k]);
+            let value = bound.value(c) * bound.x.map_or(1.0, |k| roots[k]);
             if !(log(slack - value) && log(slack + value)) {
                 return None;
             }
@@ -275,7 +296,7 @@ impl Problem {
         let roots = self.roots(c);
         for bound in &self.bounds {
             let at = bound.row.at;
-            let mut value = bound.row.value(c) / bound.limit;
+            let mut value = bound.value(c);
             let mut of = bound.row.of.map(|f| f / bound.limit);
             if let Some(k) = bound.x {
                 let (x, root) = (self.x[k], roots[k]);
@@ -444,7 +465,10 @@ fn begin(problem: &Problem, course: &Course<'_>) -> Option<Vec<f64>> {
         return Some(c);
     }
     let [velocity, acceleration, jerk] = problem.usage(&c);
-    let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0));
+    // Of a band about another middle than 0, what lies between 0 and its nearer end.
+    let load = problem.bounds.iter().filter(|b| b.middle != 0.0);
+    let load = load.map(|b| b.row.value(&c).abs() / (b.limit - b.middle.abs())).fold(0.0, f64::max);
+    let factor = (0.7 / velocity).min(0.7 / acceleration).min((0.7 / jerk).powf(2.0 / 3.0)).min(0.7 / load);
     c.iter_mut().for_each(|c| *c *= factor);
     Some(c)
 }

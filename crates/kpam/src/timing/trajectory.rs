@@ -8,6 +8,7 @@ use super::motion::{Node, Piece};
 use super::smooth;
 use super::spline::Spline;
 use super::stop;
+use super::torque::{Dynamics, SAMPLED};
 use crate::checked::checked_when_read;
 use crate::model::{JointMap, MOST_JOINTS, Row};
 use crate::{Cancel, ProblemError};
@@ -41,6 +42,11 @@ pub struct Sample {
 /// Waypoint times of a trajectory are about this far apart (s), further where its nodes are.
 const WAYPOINT_STEP: f64 = 0.1;
 
+/// Rounds in which a motion that takes too much torque between stations gets a smaller share of it, and what it is to
+/// take less than is found to be just enough.
+const ROUNDS: usize = 8;
+const AIM: f64 = 0.999;
+
 /// Why a path could not be appended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Refusal {
@@ -61,18 +67,36 @@ pub(crate) struct Builder {
     averaged: Option<(f64, Limits)>,
     method: Method,
     cancel: Option<Cancel>,
+    dynamics: Option<Dynamics>,
+    /// Whether what was appended so far takes more torque than there is.
+    overloaded: bool,
     pieces: Vec<Piece>,
     now: f64,
 }
 
 impl Builder {
     pub fn new(limits: Limits, method: Method, start: f64) -> Self {
-        Self { limits, averaged: limits.averaged(), method, cancel: None, pieces: Vec::new(), now: start }
+        Self {
+            limits,
+            averaged: limits.averaged(),
+            method,
+            cancel: None,
+            dynamics: None,
+            overloaded: false,
+            pieces: Vec::new(),
+            now: start,
+        }
     }
 
     /// Gives up where the flag is set.
     pub fn cancelled_by(mut self, cancel: Option<Cancel>) -> Self {
         self.cancel = cancel;
+        self
+    }
+
+    /// Keeps torque limits, too.
+    pub fn loaded(mut self, dynamics: Option<Dynamics>) -> Self {
+        self.dynamics = dynamics;
         self
     }
 
@@ -86,8 +110,8 @@ impl Builder {
     }
 
     /// Widens the limits to a start that keeps them up to rounding.
-    pub fn admit(&mut self, velocity: &Row, acceleration: &Row) {
-        self.limits = self.limits.admitting(velocity, acceleration);
+    pub fn admit(&mut self, position: &Row, velocity: &Row, acceleration: &Row) {
+        self.limits = self.limits.admitting(position, velocity, acceleration);
         self.averaged = self.limits.averaged();
     }
 
@@ -104,7 +128,9 @@ impl Builder {
     /// Appends a motion given in time, which starts at time 0.
     pub fn append_nodes(&mut self, nodes: &[Node]) {
         if nodes.len() > 1 {
-            self.append(Piece::plain(self.now, self.limits.joints(), nodes));
+            let piece = Piece::plain(self.now, self.limits.joints(), nodes);
+            self.overloaded |= self.dynamics.as_ref().is_some_and(|d| d.share(&piece) > SAMPLED);
+            self.append(piece);
         }
     }
 
@@ -140,8 +166,8 @@ impl Builder {
         self.averaged.as_ref().map_or(0.0, |(width, _)| *width)
     }
 
-    /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
-    /// limits allow otherwise. Returns the times at which it passes the waypoints in `marks`.
+    /// Appends a motion along a path that keeps the torque limits, too: where one driven by stations takes too much between
+    /// them, all of it gets a smaller share.
     pub fn push(
         &mut self,
         path: &Spline,
@@ -150,13 +176,47 @@ impl Builder {
         end: Option<f64>,
         marks: &[usize],
     ) -> Result<Vec<f64>, Refusal> {
+        let Some(dynamics) = self.dynamics.take() else {
+            return self.push_within(path, slowest, velocity, end, marks, 1.0);
+        };
+        let mut room = SAMPLED;
+        let mut outcome = Err(Refusal::TooSharp);
+        for _ in 0..if self.overloaded { 0 } else { ROUNDS } {
+            let mut next = self.clone();
+            next.dynamics = Some(dynamics.clone());
+            outcome = next.push_within(path, slowest, velocity, end, marks, room);
+            let Ok(_) = &outcome else { break };
+            let share = next.pieces[self.pieces.len()..].iter().map(|piece| dynamics.share(piece)).fold(0.0, f64::max);
+            if share <= SAMPLED {
+                *self = next;
+                return outcome;
+            }
+            outcome = Err(Refusal::TooSharp);
+            room *= AIM * SAMPLED / share;
+        }
+        self.dynamics = Some(dynamics);
+        outcome
+    }
+
+    /// Appends a motion along a path, from `velocity` to rest. It ends at `end` where that is given, as soon as the
+    /// limits allow otherwise. Returns the times at which it passes the waypoints in `marks`.
+    fn push_within(
+        &mut self,
+        path: &Spline,
+        slowest: &[f64],
+        velocity: &Row,
+        end: Option<f64>,
+        marks: &[usize],
+        room: f64,
+    ) -> Result<Vec<f64>, Refusal> {
+        let load = self.dynamics.as_ref().map(|dynamics| (dynamics, room));
         let (mut nodes, of_knot) = match &self.averaged {
             Some((_, before)) => {
-                let (nodes, grid) = drive(self.method, before, path, slowest, velocity, self.cancel.as_ref())
+                let (nodes, grid) = drive(self.method, before, path, slowest, velocity, load, self.cancel.as_ref())
                     .ok_or_else(|| self.refusal())?;
                 (nodes, grid.station_of)
             }
-            None => smooth::drive(&self.limits, path, slowest, velocity, self.cancel.as_ref())
+            None => smooth::drive(&self.limits, path, slowest, velocity, load, self.cancel.as_ref())
                 .ok_or_else(|| self.refusal())?,
         };
         let width = self.width();

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use gensim2_geometry::{Batch, LANES, Needs, Pose, Suspect};
 
+use super::path::Along;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene};
@@ -33,6 +34,8 @@ pub(super) struct Field<'s> {
     /// How far the robot's furthest points move with each variable, in the mean (m): the metric of the search.
     pub weights: Row,
     pub resolution: f64,
+    /// What holds all along.
+    pub along: Option<Along>,
     /// Configurations looked at.
     pub checks: u64,
     ending: Ending,
@@ -57,6 +60,7 @@ impl<'s> Field<'s> {
             needs,
             weights,
             resolution: RESOLUTION,
+            along: None,
             checks: 0,
             ending,
             batch: Batch::default(),
@@ -81,6 +85,11 @@ impl<'s> Field<'s> {
         self.ending.deadline.is_some_and(|end| Instant::now() >= end)
     }
 
+    /// Takes a configuration to where what holds all along holds; whether that is possible.
+    pub fn pull(&mut self, x: &mut Row) -> bool {
+        self.along.as_mut().is_none_or(|along| along.pull(self.model, x))
+    }
+
     /// Weighted length (m) of a straight edge.
     pub fn length(&self, a: &Row, b: &Row) -> f64 {
         (0..self.model.n()).map(|v| (self.weights[v] * (b[v] - a[v])).powi(2)).sum::<f64>().sqrt()
@@ -89,6 +98,11 @@ impl<'s> Field<'s> {
     /// One of the first `count` rows that is not free, if any.
     fn blocked(&mut self, count: usize) -> Option<usize> {
         self.checks += count as u64;
+        if let Some(along) = &mut self.along
+            && let Some(off) = (0..count).find(|lane| !along.keeps(self.model, &self.rows[*lane]))
+        {
+            return Some(off);
+        }
         let world = self.world;
         for lane in 0..LANES {
             // Lanes that are left over look at what another looks at.
@@ -105,6 +119,10 @@ impl<'s> Field<'s> {
         };
         let mut hit = None;
         world.screen.survey(batch, needs, 0.0, |s| {
+            hit = (0..count).find(|lane| s.most[*lane] < 0.0);
+            if hit.is_some() {
+                return false;
+            }
             suspects.push(*s);
             // What seems to lie deep inside is measured at once.
             let deepest = (0..count).min_by(|a, b| s.gap[*a].total_cmp(&s.gap[*b])).unwrap_or(0);

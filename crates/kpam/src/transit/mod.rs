@@ -3,25 +3,30 @@
 
 mod field;
 mod goal;
+mod path;
 mod rounding;
 mod shorten;
 mod sweep;
 mod tree;
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use gensim2_geometry::{Needs, Other};
+use nalgebra::Vector3;
 
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::options::LimitSet;
-use crate::timing::{Builder, Limits, Method, Spline};
+use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
-use crate::{Cancel, Options, ProblemError, Scene, Trajectory};
+use crate::{Cancel, Options, ProblemError, Scene, SolverConfig, Trajectory};
 
 use field::{Ending, Field, RESOLUTION};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
+use path::Along;
 use rounding::Rounding;
 use sweep::Sweep;
+use tree::Manner;
 
 /// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
@@ -30,6 +35,8 @@ const TRIES: usize = 200;
 /// Samples of the shortest search. How long a search takes has a heavy tail: many short ones, and ever more seldom a
 /// longer one, find what one long search would miss (Luby, Sinclair and Zuckerman, 1993).
 const SHORTEST: usize = 1000;
+/// Samples of the first search, which is plain: most of those that it will do for are found by then.
+const PLAIN: usize = 250;
 /// Edges are looked at this many times finer at the most.
 const FINEST: f64 = 8.0;
 /// How many times finer the edges that are left are looked at once more.
@@ -58,6 +65,13 @@ pub struct TransitOptions {
     pub acceleration_limits: Option<Vec<f64>>,
     /// Jerk limits (rad/s^3 or m/s^3), likewise.
     pub jerk_limits: Option<Vec<f64>>,
+    /// Torque limits (N m; N for sliding joints), one entry a joint; torques are not looked at where there are none.
+    pub torque_limits: Option<Vec<f64>>,
+    /// A config whose axis constraints hold all along the motion: between keypoints of the tool, to fixed directions of the
+    /// base (frame `world`).
+    pub path: Option<SolverConfig>,
+    /// Keypoints of the tool that it names (m, hand frame), beside those of what the hand holds.
+    pub tool_keypoints: BTreeMap<String, Vector3<f64>>,
     /// Ends the search after so many configurations.
     pub max_checks: Option<u64>,
     /// Ends the search after so long; without one, the same question has the same answer.
@@ -78,6 +92,9 @@ impl Default for TransitOptions {
             velocity_limits: None,
             acceleration_limits: None,
             jerk_limits: None,
+            torque_limits: None,
+            path: None,
+            tool_keypoints: BTreeMap::new(),
             max_checks: None,
             deadline: None,
             cancel: None,
@@ -123,6 +140,8 @@ pub enum NoMotion {
     Unreachable,
     /// The samples or checks are spent; there may be a motion. What was in the way of the last that was timed.
     NotFound(Option<Approached>),
+    /// A free way was found, and no motion along it that keeps the limits of velocity, acceleration, jerk and torque.
+    Untimed,
     /// The time is up; there may be a motion.
     Late,
     /// The caller cancelled it.
@@ -140,6 +159,7 @@ impl std::fmt::Display for NoMotion {
             Self::NotFound(Some(a)) => {
                 write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
             }
+            Self::Untimed => write!(f, "a free way was found, and no motion along it keeps the joints' limits"),
             Self::Late => write!(f, "the time was up before a free motion was found"),
             Self::Cancelled => write!(f, "planning was cancelled"),
         }
@@ -164,9 +184,14 @@ pub fn plan_to(
     let model = Model::new(robot, q_start)?;
     let start = model.start();
     within_limits(&model, "q_start", &start)?;
+    let mut along = Along::of(options.path.as_ref(), scene, &options.tool_keypoints)?;
     let goals = goal.joints(scene, &model, q_start, options)?;
     if goals.is_empty() {
         return Ok(Err(NoMotion::Unreachable));
+    }
+    if let Some(along) = &mut along {
+        along.check(&model, "q_start", &start)?;
+        goals.iter().try_for_each(|x| along.check(&model, "goal", x))?;
     }
     let ending = Ending {
         cancel: options.cancel.clone(),
@@ -176,7 +201,8 @@ pub fn plan_to(
     let asked = options.limits();
     asked.check(robot, &model)?;
     let limits = Limits::asked(&model, &asked);
-    Ok(Transit { scene, model: &model, options, start, goals, ending, limits }.plan())
+    let dynamics = Dynamics::asked(robot, &model, &asked);
+    Ok(Transit { scene, model: &model, options, start, goals, ending, limits, dynamics, along }.plan())
 }
 
 struct Transit<'a> {
@@ -187,6 +213,16 @@ struct Transit<'a> {
     goals: Vec<Row>,
     ending: Ending,
     limits: Limits,
+    dynamics: Option<Dynamics>,
+    along: Option<Along>,
+}
+
+/// Why a way that was found became no motion.
+enum Stuck {
+    Near(Approached),
+    /// The curve leaves what holds along the path.
+    Off,
+    Untimed,
 }
 
 /// What an end of a motion is nearer to than the margin: group, what, and distance.
@@ -241,11 +277,15 @@ impl Transit<'_> {
         let all: Vec<&Close> = std::iter::once(&at_start).chain(open.iter().map(|g| &g.2)).collect();
         let goals: Vec<Row> = open.iter().map(|g| g.1).collect();
         let mut field = Field::new(self.scene, self.model, nearer(&all, margin + CURVED), self.ending.clone());
+        field.along.clone_from(&self.along);
         let (mut left, mut breach) = (self.options.samples, None);
         for attempt in 0..TRIES {
-            let samples = left.min(SHORTEST * luby(attempt + 1));
+            let (samples, manner) = match attempt {
+                0 => (left.min(PLAIN), Manner::Plain),
+                _ => (left.min(SHORTEST * luby(attempt)), Manner::Thorough),
+            };
             let seed = self.options.seed + attempt;
-            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed) else {
+            let Some(mut path) = tree::search(&mut field, &self.start, &goals, samples, seed, manner) else {
                 left -= samples;
                 if left == 0 || field.is_over() {
                     break;
@@ -271,7 +311,7 @@ impl Transit<'_> {
                         let corners = path.iter().map(|x| self.full(x)).collect();
                         return Ok(Motion { trajectory, goal: *number, corners, nearer: near, checks: field.checks });
                     }
-                    Err(found) => breach = found.or(breach),
+                    Err(stuck) => breach = Some(stuck),
                 }
             }
             if field.is_over() {
@@ -282,7 +322,11 @@ impl Transit<'_> {
         Err(match () {
             () if field.is_cancelled() => NoMotion::Cancelled,
             () if field.is_late() => NoMotion::Late,
-            () => NoMotion::NotFound(breach),
+            () => match breach {
+                Some(Stuck::Untimed) => NoMotion::Untimed,
+                Some(Stuck::Near(found)) => NoMotion::NotFound(Some(found)),
+                Some(Stuck::Off) | None => NoMotion::NotFound(None),
+            },
         })
     }
 
@@ -314,6 +358,15 @@ impl Transit<'_> {
             .collect()
     }
 
+    /// Whether a motion keeps to what holds along the path.
+    fn stays(&self, trajectory: &Trajectory) -> bool {
+        self.along.clone().is_none_or(|mut along| along.proves(self.model, trajectory))
+    }
+
+    fn builder(&self) -> Builder {
+        Builder::new(self.limits, Method::default(), 0.0).loaded(self.dynamics.clone())
+    }
+
     /// The motion along corners: rounded as widely as it stays free, else stopping at each corner. What is in the way
     /// where neither will do.
     fn timed(
@@ -322,7 +375,7 @@ impl Transit<'_> {
         corners: &[Row],
         needs: &Needs,
         limits: &Limits,
-    ) -> Result<Trajectory, Option<Approached>> {
+    ) -> Result<Trajectory, Stuck> {
         let n = self.model.n();
         let mut acceleration = vec![0.0; self.scene.robot().joints().len()];
         for driven in self.model.map().driven() {
@@ -330,10 +383,10 @@ impl Transit<'_> {
         }
         let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
         let rest = [0.0; MOST_JOINTS];
-        let mut breach = None;
+        let mut breach = Stuck::Untimed;
         let mut rounding = Rounding::new(corners);
         while let Some(path) = rounding.next(field, n, self.model) {
-            let mut builder = Builder::new(*limits, Method::default(), 0.0);
+            let mut builder = self.builder();
             if builder.push(&path, &[], &rest, None, &[]).is_err() {
                 break;
             }
@@ -341,21 +394,26 @@ impl Transit<'_> {
             let found = sweep.breach(&trajectory);
             field.checks += std::mem::take(&mut sweep.checks);
             match found {
-                None => return Ok(trajectory),
-                Some(found) => breach = Some(found),
+                None if self.stays(&trajectory) => return Ok(trajectory),
+                None => breach = Stuck::Off,
+                Some(found) => breach = Stuck::Near(found),
             }
             if corners.len() < 3 {
                 return Err(breach);
             }
             rounding.tighten();
         }
-        let mut builder = Builder::new(*limits, Method::default(), 0.0);
+        let mut builder = self.builder();
         let straight = |edge: &[Row]| Spline::through(n, edge, None);
         if corners.windows(2).all(|edge| builder.push(&straight(edge), &[], &rest, None, &[]).is_ok()) {
             let trajectory = builder.build(self.model.map());
             let found = sweep.breach(&trajectory);
             field.checks += sweep.checks;
-            return found.map_or(Ok(trajectory), |found| Err(Some(found)));
+            return match found {
+                None if self.stays(&trajectory) => Ok(trajectory),
+                None => Err(Stuck::Off),
+                Some(found) => Err(Stuck::Near(found)),
+            };
         }
         Err(breach)
     }
@@ -371,6 +429,7 @@ impl TransitOptions {
             velocity_limits: self.velocity_limits.clone(),
             acceleration_limits: self.acceleration_limits.clone(),
             jerk_limits: self.jerk_limits.clone(),
+            torque_limits: self.torque_limits.clone(),
             ..Options::default()
         }
     }

@@ -1,5 +1,9 @@
 //! RRT-Connect (Kuffner and LaValle, 2000) from one start to several goals at once. Samples come from a counter, so the
 //! same problem gives the same path.
+//!
+//! Where an end lies in a narrow place, most long edges from it are blocked, and what leads out is short and goes few
+//! ways: a thorough search keeps the beginning of a blocked edge where it is free, and draws half of its samples about
+//! the tree. Where long edges will do, a plain one finds shorter ways.
 
 use super::field::Field;
 use crate::free_space::Draws;
@@ -7,6 +11,27 @@ use crate::model::{MOST_JOINTS, Row};
 
 /// Longest edge that a tree grows by (weighted, m).
 const EDGE: f64 = 0.6;
+/// Share of the way that may be left after it where EDGE is all of it.
+const NEARER: f64 = 0.98;
+/// So much of a blocked edge is tried by itself.
+const BEGINNING: f64 = 0.3;
+/// Beginnings shorter than this (weighted, m) are not worth a node.
+const SHORTEST: f64 = 0.03;
+/// Share of the samples that are drawn about a node of the tree that grows, and how far from it each variable may be
+/// (weighted, m).
+const LOCAL: f64 = 0.5;
+const SPREAD: f64 = 0.6;
+/// Variables that move the robot less than this (m a unit) are drawn as if they moved it so much.
+const LIGHTEST: f64 = 0.05;
+
+/// How a search goes about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Manner {
+    /// Whole edges, to samples drawn anywhere.
+    Plain,
+    /// Beginnings of blocked edges too, and samples about the trees.
+    Thorough,
+}
 
 /// Configurations, each with its parent; roots are their own.
 struct Tree {
@@ -73,8 +98,8 @@ pub(super) fn search(
     goals: &[Row],
     samples: usize,
     seed: usize,
+    manner: Manner,
 ) -> Option<Vec<Row>> {
-    let n = field.model.n();
     // The straight ways first, the shortest before the others.
     let mut near: Vec<&Row> = goals.iter().collect();
     near.sort_by(|a, b| field.length(start, a).total_cmp(&field.length(start, b)));
@@ -93,15 +118,14 @@ pub(super) fn search(
         if field.is_over() {
             return None;
         }
-        let mut target = [0.0; MOST_JOINTS];
-        for (v, value) in target.iter_mut().enumerate().take(n) {
-            let (low, high) = field.model.range(v);
-            *value = low + (high - low) * draws.unit();
+        let mut target = sample(field, &trees[active], &mut draws, manner);
+        if !field.pull(&mut target) {
+            continue;
         }
-        if let Some(new) = grow(field, &mut trees[active], &target) {
+        if let Grown::Whole(new) | Grown::Beginning(new) = grow(field, &mut trees[active], &target, manner) {
             let meet = trees[active].nodes[new];
             let other = 1 - active;
-            while let Some(reached) = grow(field, &mut trees[other], &meet) {
+            while let Grown::Whole(reached) = grow(field, &mut trees[other], &meet, manner) {
                 if trees[other].nodes[reached] == meet {
                     let mut path = trees[active].to_root(new);
                     path.reverse();
@@ -119,23 +143,73 @@ pub(super) fn search(
     None
 }
 
-/// Grows a tree one edge towards `target`; the new node, or `None` where it is blocked.
-fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row) -> Option<usize> {
-    let from = tree.nearest(field.model.n(), &scaled(field, target));
+/// A configuration to grow towards: anywhere, or about a node of the tree.
+fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> Row {
+    let node = (manner == Manner::Thorough && draws.unit() < LOCAL).then(|| {
+        let at = (draws.unit() * tree.nodes.len() as f64) as usize;
+        tree.nodes[at.min(tree.nodes.len() - 1)]
+    });
+    let mut target = [0.0; MOST_JOINTS];
+    for (v, value) in target.iter_mut().enumerate().take(field.model.n()) {
+        let (low, high) = field.model.range(v);
+        *value = match &node {
+            None => low + (high - low) * draws.unit(),
+            Some(node) => {
+                let aside = (2.0 * draws.unit() - 1.0) * SPREAD / field.weights[v].max(LIGHTEST);
+                (node[v] + aside).clamp(low, high)
+            }
+        };
+    }
+    target
+}
+
+/// What became of an edge.
+enum Grown {
+    /// It is free: its end.
+    Whole(usize),
+    /// It is blocked, but for its beginning, which ends there.
+    Beginning(usize),
+    Not,
+}
+
+/// Takes the end of an edge to where what holds all along holds; whether that can be done, and leaves it nearer to
+/// `target` than the `length` that its start is away.
+fn pulled(field: &mut Field<'_>, end: &mut Row, target: &Row, length: f64) -> bool {
+    field.along.is_none() || (field.pull(end) && (end == target || field.length(end, target) <= NEARER * length))
+}
+
+/// Grows a tree one edge towards `target`.
+fn grow(field: &mut Field<'_>, tree: &mut Tree, target: &Row, manner: Manner) -> Grown {
+    let n = field.model.n();
+    let from = tree.nearest(n, &scaled(field, target));
     let start = tree.nodes[from];
     let length = field.length(&start, target);
     if length == 0.0 {
-        return None;
+        return Grown::Not;
     }
-    let mut end = *target;
-    if length > EDGE {
-        for v in 0..field.model.n() {
-            end[v] = start[v] + (target[v] - start[v]) * (EDGE / length);
+    let part = |share: f64| {
+        let mut end = *target;
+        for v in 0..n {
+            end[v] = start[v] + (target[v] - start[v]) * share;
         }
+        end
+    };
+    let long = length.min(EDGE);
+    let mut end = if length > EDGE { part(EDGE / length) } else { *target };
+    if !pulled(field, &mut end, target, length) {
+        return Grown::Not;
     }
-    if !field.is_edge_free(&start, &end) {
-        return None;
+    if field.is_edge_free(&start, &end) {
+        tree.push(field, &end, from);
+        return Grown::Whole(tree.nodes.len() - 1);
     }
-    tree.push(field, &end, from);
-    Some(tree.nodes.len() - 1)
+    if manner == Manner::Plain || BEGINNING * long < SHORTEST {
+        return Grown::Not;
+    }
+    let mut end = part(BEGINNING * long / length);
+    if pulled(field, &mut end, target, length) && field.is_edge_free(&start, &end) {
+        tree.push(field, &end, from);
+        return Grown::Beginning(tree.nodes.len() - 1);
+    }
+    Grown::Not
 }

@@ -13,6 +13,7 @@ mod rules;
 mod scene;
 mod sweep;
 mod travel;
+mod way;
 
 use std::time::Instant;
 
@@ -33,8 +34,8 @@ pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
 pub use scene::{Bodies, Scene, SceneJoint};
-pub(crate) use sweep::Way;
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
+pub(crate) use way::Way;
 
 /// No stand-ins for distances.
 const EXACT: f64 = f64::INFINITY;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Deref;
 use std::sync::{Arc, OnceLock};
 
-use gensim2_geometry::{Convex, Obstacles, Pose, Robot};
+use gensim2_geometry::{Convex, Obstacles, Pose, Robot, points_within};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -206,6 +206,23 @@ impl Scene {
     #[must_use]
     pub fn robot(&self) -> &Arc<Robot> {
         &self.robot
+    }
+
+    /// Marks points (base frame, m) that lie within `clearance` of the robot at joints `q`, or of what it holds: what a
+    /// camera sees of them is no obstacle.
+    ///
+    /// # Errors
+    /// `q` has not one entry a joint.
+    pub fn own_points(&self, q: &[f64], points: &[Point3<f64>], clearance: f64) -> Result<Vec<bool>, ProblemError> {
+        let mut poses = Vec::new();
+        self.robot.link_poses(q, &mut poses).map_err(|e| ProblemError::new("q", e.to_string()))?;
+        let links = self.robot.links().iter().zip(&poses);
+        let hand = poses[self.robot.hand()];
+        let held = self.bodies.iter().filter(|b| b.role == Role::Attached);
+        let shapes = links
+            .flat_map(|(link, pose)| link.shapes().iter().map(|s| (*pose, s)))
+            .chain(held.flat_map(|body| body.shapes().iter().map(move |s| (hand * body.pose(), s))));
+        Ok(points_within(points, shapes, clearance))
     }
 
     /// The bodies.

@@ -6,6 +6,7 @@ use super::bubble::{Bubble, Near};
 use super::movers::off_axis;
 use super::query::Seen;
 use super::rules::Carrier;
+use super::way::{Gone, Way};
 use super::{Hit, Leg, Margins, State, World};
 use crate::ObjectJointKind;
 use crate::model::Row;
@@ -20,49 +21,17 @@ const FINEST: f64 = 0.0015;
 /// Shapes whose boxes are further apart than this (m) count as that far apart.
 const COARSE: f64 = 0.02;
 
-/// Waypoints, straight in joint values from one to the next, and the travel of the object's joint at each; none where
-/// it stands still.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Way<'w> {
-    pub waypoints: &'w [Row],
-    pub travel: &'w [f64],
-    /// How far (rad or m) each joint may lie off the straight segment after each waypoint; none where it does not.
-    pub off: &'w [Row],
-}
+/// A proof that gains less than this (waypoints) a bubble is left to a closer look.
+const SLOWEST: f64 = 0.2;
+/// The next bubble is looked for so much of the last one's reach beyond its end: one that does not reach back is wasted.
+const AGAIN: f64 = 0.7;
 
-impl<'w> Way<'w> {
-    /// A way on which the object's joint stands still where it stood.
-    pub fn still(waypoints: &'w [Row]) -> Self {
-        Self { waypoints, travel: &[], off: &[] }
-    }
-
-    fn travel_at(&self, waypoint: usize) -> f64 {
-        self.travel.get(waypoint).or(self.travel.last()).copied().unwrap_or(0.0)
-    }
-
-    /// State at a waypoint.
-    pub fn state(&self, waypoint: usize) -> State<'w> {
-        State { x: &self.waypoints[waypoint], travel: self.travel_at(waypoint) }
-    }
-
-    /// The first waypoints, up to and with number `last`.
-    pub fn until(&self, last: usize) -> Self {
-        Self { waypoints: &self.waypoints[..=last], ..*self }
-    }
-
-    /// Joint values and travel `t` waypoints along.
-    fn at(&self, t: f64) -> (Row, f64) {
-        let last = self.waypoints.len() - 1;
-        let k = (t as usize).min(last.saturating_sub(1));
-        let next = (k + 1).min(last);
-        let part = t - k as f64;
-        let mut x = self.waypoints[k];
-        for (value, end) in x.iter_mut().zip(&self.waypoints[next]) {
-            *value += part * (end - *value);
-        }
-        let (from, to) = (self.travel_at(k), self.travel_at(next));
-        (x, from + part * (to - from))
-    }
+/// Where a sweep goes on (waypoints).
+struct Onwards {
+    /// Up to here all is inside the bubble.
+    proven: f64,
+    /// Here is looked at next: further only by the finest step.
+    next: f64,
 }
 
 impl World<'_> {
@@ -158,7 +127,7 @@ impl World<'_> {
     }
 
     /// How far each joint moves, the object's last.
-    fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
+    pub(super) fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
         let mut steps = std::mem::take(&mut self.steps);
         self.movers.steps(from.0, to.0, &mut steps);
         steps.push((to.1 - from.1).abs());
@@ -183,75 +152,163 @@ impl World<'_> {
     pub fn sweep_along(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> Option<(usize, Hit)> {
         let last = way.waypoints.len() - 1;
         let end = last as f64;
+        let gone = self.gone(&way);
+        // Free up to here, or to be looked at from here.
         let mut t = 0.0;
         let mut reach = REACH;
+        // How far the last bubble reached (waypoints).
+        let mut ahead = 0.0;
         loop {
+            // One bubble that reaches back as well covers nearly twice as much.
+            let at = (t + AGAIN * ahead).floor().min(end);
+            if at > t
+                && let Some(on) = self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach)
+            {
+                if at >= end {
+                    return None;
+                }
+                (t, ahead) = (on.next, on.proven - at);
+                continue;
+            }
             let (x, travel) = way.at(t);
             let bubble = match self.bubble(State { x: &x, travel }, leg, margins, reach) {
                 Ok(bubble) => bubble,
                 Err(hit) => return Some(((t.ceil() as usize).saturating_sub(1), hit)),
             };
-            let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
-            reach = (AHEAD * gap).clamp(NARROW, REACH);
             if t >= end {
                 self.spare = bubble;
                 return None;
             }
-            // Whole segments while their far ends are inside, then a part of the next: a bubble is convex, so what
-            // leads to a point inside is inside.
-            let from = t as usize;
-            let mut k = from;
-            while k < last && self.holds(&bubble, leg, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
-                k += 1;
-            }
-            let mut next = t.max(k as f64);
-            if k < last && k == from {
-                let steps = self.segment(&way, k);
-                let mut times = bubble.times(&self.table(leg).carried, &steps);
-                if let Some(off) = way.off.get(k) {
-                    // What a step uses grows evenly with it: as much less of it as lying off the segment uses.
-                    let mut aside = vec![0.0; steps.len()];
-                    self.add_off(Some(off), &mut aside);
-                    times = (times * (1.0 - 1.0 / bubble.times(&self.table(leg).carried, &aside))).max(0.0);
-                }
-                next = (t + times).min((k + 1) as f64);
-                self.steps = steps;
-            } else if k < last {
-                let (mut low, mut high) = (next, (k + 1) as f64);
-                for _ in 0..6 {
-                    let middle = 0.5 * (low + high);
-                    let (x, travel) = way.at(middle);
-                    if self.holds(&bubble, leg, (&x, travel), way.off.get(k)) {
-                        low = middle;
-                    } else {
-                        high = middle;
-                    }
-                }
-                next = low;
-            }
-            // Where something is close, go on by the finest step, no further than the next waypoint: nothing moves
-            // further than that unseen.
-            let steps = self.segment(&way, (next as usize).min(last.saturating_sub(1)));
-            let fastest = bubble.fastest(&steps);
-            self.steps = steps;
-            let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
-            t = next.max((t + finest).min((next as usize + 1) as f64)).min(end);
+            let on = self.onwards(&bubble, &way, leg, &gone, t, &mut reach);
             self.spare = bubble;
+            (t, ahead) = (on.next, on.proven - t);
         }
     }
 
-    /// Adds how far the joints may lie off a segment to how far they move along it.
-    fn add_off(&self, off: Option<&Row>, steps: &mut [f64]) {
-        let Some(off) = off else { return };
-        for (step, joint) in steps.iter_mut().zip(self.movers.iter()) {
-            *step += (joint.factor * off[joint.variable]).abs();
+    /// Proves a way free from its beginning on, with no step that is not inside a bubble: the number of the last waypoint
+    /// up to which it is.
+    pub fn prove_along(&mut self, way: Way<'_>, leg: Leg, margins: &Margins) -> usize {
+        let last = way.waypoints.len() - 1;
+        let end = last as f64;
+        let gone = self.gone(&way);
+        let (mut t, mut ahead, mut reach) = (0.0, 0.0, REACH);
+        while t < end {
+            let at = (t + AGAIN * ahead).floor().min(end);
+            let leap = if at > t { self.leap_ahead(&way, leg, margins, &gone, t, at, &mut reach) } else { None };
+            let next = match leap {
+                Some(on) => {
+                    ahead = on.proven - at;
+                    on.proven
+                }
+                None => {
+                    let (x, travel) = way.at(t);
+                    let Ok(bubble) = self.bubble(State { x: &x, travel }, leg, margins, reach) else { break };
+                    let on = self.onwards(&bubble, &way, leg, &gone, t, &mut reach);
+                    self.spare = bubble;
+                    ahead = on.proven - t;
+                    on.proven
+                }
+            };
+            let gained = next - t;
+            t = next;
+            if gained < SLOWEST {
+                break;
+            }
         }
+        (t as usize).min(last)
     }
 
-    /// How far each joint moves over the segment after waypoint `k`.
-    fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
-        let (a, b) = (way.state(k), way.state(k + 1));
-        self.steps((a.x, a.travel), (b.x, b.travel))
+    /// As [`World::onwards`], from a place `at` ahead of one that the way is known to be free up to, where the bubble
+    /// there reaches back to that; none where it does not, or something is too near there.
+    #[allow(clippy::too_many_arguments)]
+    fn leap_ahead(
+        &mut self,
+        way: &Way<'_>,
+        leg: Leg,
+        margins: &Margins,
+        gone: &Gone,
+        t: f64,
+        at: f64,
+        reach: &mut f64,
+    ) -> Option<Onwards> {
+        let (x, travel) = way.at(at);
+        let bubble = self.bubble(State { x: &x, travel }, leg, margins, *reach).ok()?;
+        let back = self.holds_between(&bubble, leg, gone, (t as usize, at as usize));
+        let on = back.then(|| self.onwards(&bubble, way, leg, gone, at, reach));
+        self.spare = bubble;
+        on
+    }
+
+    /// How far along a way a bubble about a place `t` (waypoints) reaches, and where to go on; `reach` is set to how far
+    /// is to be looked from there.
+    fn onwards(&mut self, bubble: &Bubble, way: &Way<'_>, leg: Leg, gone: &Gone, t: f64, reach: &mut f64) -> Onwards {
+        let last = way.waypoints.len() - 1;
+        let gap = bubble.pairs.iter().map(|p| p.gap).fold(REACH, f64::min);
+        *reach = (AHEAD * gap).clamp(NARROW, REACH);
+        // Whole segments while all of them are inside, then a part of the next: a bubble is convex, so what leads to a
+        // point inside is inside.
+        let from = t as usize;
+        let mut k = from;
+        let mut stride = 1;
+        while k < last {
+            let next = (k + stride).min(last);
+            if self.holds_between(bubble, leg, gone, (from, next)) {
+                k = next;
+                stride *= 2;
+            } else if stride > 1 {
+                stride /= 2;
+            } else {
+                break;
+            }
+        }
+        // Joints that turn back are nearer than they have gone.
+        while k < last && self.holds(bubble, leg, (&way.waypoints[k + 1], way.travel_at(k + 1)), way.off.get(k)) {
+            k += 1;
+        }
+        let mut next = t.max(k as f64);
+        if k < last && k == from {
+            let steps = self.segment(way, k);
+            let mut times = bubble.times(&self.table(leg).carried, &steps);
+            if let Some(off) = way.off.get(k) {
+                // What a step uses grows evenly with it: as much less of it as lying off the segment uses.
+                let mut aside = vec![0.0; steps.len()];
+                self.add_off(Some(off), &mut aside);
+                times = (times * (1.0 - 1.0 / bubble.times(&self.table(leg).carried, &aside))).max(0.0);
+            }
+            next = (t + times).min((k + 1) as f64);
+            self.steps = steps;
+        } else if k < last {
+            let (mut low, mut high) = (next, (k + 1) as f64);
+            for _ in 0..6 {
+                let middle = 0.5 * (low + high);
+                let (x, travel) = way.at(middle);
+                if self.holds(bubble, leg, (&x, travel), way.off.get(k)) {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            next = low;
+        }
+        // Where something is close, go on by the finest step, no further than the next waypoint: nothing moves
+        // further than that unseen.
+        let steps = self.segment(way, (next as usize).min(last.saturating_sub(1)));
+        let fastest = bubble.fastest(&steps);
+        self.steps = steps;
+        let finest = if fastest > 0.0 { FINEST / fastest } else { 1.0 };
+        let on = next.max((t + finest).min((next as usize + 1) as f64)).min(last as f64);
+        Onwards { proven: next, next: on }
+    }
+
+    /// Whether all of a way between two waypoints is inside a bubble about a place that is between them too.
+    fn holds_between(&mut self, bubble: &Bubble, leg: Leg, gone: &Gone, (from, to): (usize, usize)) -> bool {
+        let mut steps = std::mem::take(&mut self.steps);
+        steps.clear();
+        let n = gone.joints;
+        steps.extend((0..n).map(|j| gone.sums[to * n + j] - gone.sums[from * n + j] + gone.off[j]));
+        let inside = bubble.holds(&self.table(leg).carried, &steps);
+        self.steps = steps;
+        inside
     }
 }
 

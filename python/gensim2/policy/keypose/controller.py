@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,17 +15,14 @@ from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
+from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.keypose.answers import Answer, answers
-from gensim2.policy.keypose.control import Shuffled, altered
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
 from gensim2.robots import robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 Array = npt.NDArray[np.float64]
-
-Sees = Literal["all", "nothing", "other"]
-"""What of the clouds: all, points at the origin, or the cloud of another scene."""
 
 MOST_LOOKS = 8
 """Times that the policy looks in one episode, for every step of its task that it was taught."""

@@ -47,6 +47,7 @@ class PlannedRecord(BaseModel):
         observation: what is seen.
         seed: of the run.
         identity: digest of task, strategies and objects.
+        verified: scenes whose plans physics refutes are left out.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -61,6 +62,7 @@ class PlannedRecord(BaseModel):
     observation: dict[str, Any]
     seed: int
     identity: str
+    verified: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class Planned:
         record: what it is of.
         arrays: by the names of :func:`~gensim2.policy.keypose.examples.example`, one row an example.
         scenes: that were drawn.
-        failed: scenes in which a step could not be planned, by what the planner said.
+        failed: scenes in which a step could not be planned, or whose plans physics refuted, by what was said.
         cpu_s: CPU seconds that they took.
     """
 
@@ -80,6 +82,11 @@ class Planned:
     scenes: int
     failed: Mapping[str, int]
     cpu_s: float
+
+    @property
+    def refuted(self) -> int:
+        """Scenes that physics refuted."""
+        return sum(count for why, count in self.failed.items() if why.startswith("refuted"))
 
     @property
     def demonstrations(self) -> int:
@@ -96,6 +103,7 @@ def plan_scenes(
     seed: int,
     scenes: int,
     cpu_limit: float | None = None,
+    verify: bool = False,
     progress: Progress = NULL_PROGRESS,
 ) -> Planned:
     """Draw and plan scenes of a task, going on with what the folder holds.
@@ -108,6 +116,7 @@ def plan_scenes(
         seed: of the run.
         scenes: most, rounded up to whole shards.
         cpu_limit: CPU seconds after which no shard is begun.
+        verify: leave out scenes whose plans physics refutes; a scene then takes ten times as long.
         progress: is advanced a shard.
 
     Raises:
@@ -117,7 +126,7 @@ def plan_scenes(
     from gensim2.processes import Job, results
 
     folder.mkdir(parents=True, exist_ok=True)
-    _begin(folder, record_of(given, spec, seed))
+    _begin(folder, record_of(given, spec, seed, verify))
     shards = -(-scenes // SHARD)
     seeds = scene_seeds(seed, given.spec.name, PURPOSE, shards * SHARD)
     missing = [number for number in range(shards) if not _shard(folder, number).exists()]
@@ -127,7 +136,15 @@ def plan_scenes(
     jobs = (
         Job(
             number,
-            (given.scene, given.strategies, spec, seeds[number * SHARD : (number + 1) * SHARD], str(folder), number),
+            (
+                given.scene,
+                given.strategies,
+                spec,
+                seeds[number * SHARD : (number + 1) * SHARD],
+                str(folder),
+                number,
+                verify,
+            ),
         )
         for number in missing
     )
@@ -145,7 +162,13 @@ def plan_scenes(
 
 
 def make_shard(
-    scene: SceneConfig, strategies: Strategies, spec: ObservationSpec, seeds: list[int], folder: str, number: int
+    scene: SceneConfig,
+    strategies: Strategies,
+    spec: ObservationSpec,
+    seeds: list[int],
+    folder: str,
+    number: int,
+    verify: bool = False,
 ) -> float:
     """Make one shard and write it; called in a worker. Returns CPU seconds."""
     from gensim2.policy.keypose.examples import draw
@@ -154,7 +177,7 @@ def make_shard(
     examples: list[dict[str, npt.NDArray[Any]]] = []
     failed = Counter[str]()
     for seed in seeds:
-        drawn = draw(scene, strategies, spec, seed)
+        drawn = draw(scene, strategies, spec, seed, verify=verify)
         examples += drawn.examples
         if drawn.failed is not None:
             failed[drawn.failed] += 1
@@ -168,7 +191,7 @@ def make_shard(
     return cpu_s
 
 
-def record_of(given: TaskInput, spec: ObservationSpec, seed: int) -> PlannedRecord:
+def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False) -> PlannedRecord:
     """What a folder says of scenes that are planned so."""
     from gensim2.rollout.identity import digest, listing
 
@@ -184,6 +207,7 @@ def record_of(given: TaskInput, spec: ObservationSpec, seed: int) -> PlannedReco
         observation=spec.to_dict(),
         seed=seed,
         identity=digest(parts),
+        verified=verify,
     )
 
 

@@ -38,7 +38,8 @@ class Drawn:
 
     Attributes:
         examples: arrays by the names of :func:`example`, one dict a step that was planned, and one of the end.
-        failed: why a step was left out: the planner's status; None where all were planned.
+        failed: why a step was left out, or the whole scene: the planner's status, or what physics said; None where all
+            were planned.
     """
 
     examples: tuple[Example, ...]
@@ -51,6 +52,7 @@ def draw(
     spec: ObservationSpec,
     seed: int,
     only: Mapping[str, Sequence[str]] | None = None,
+    verify: bool = False,
 ) -> Drawn:
     """Draw a scene, and plan its steps one after the other on what the plans before them foresee.
 
@@ -60,6 +62,7 @@ def draw(
         spec: what is seen.
         seed: of the scene.
         only: strategies that are planned with, by step; others are left alone. None: all.
+        verify: execute the plans in physics, and leave the scene out where the task is not held then.
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, _other_openness(scene, seed))
@@ -71,13 +74,15 @@ def draw(
     planner, ways = StepPlanner(profile), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
     examples: list[Example] = []
+    taken: dict[str, str] = {}
     for number in range(begin, len(task.steps)):
         step = task.steps[number]
         names = [name for name in step.strategies if only is None or name in only.get(step.name, ())]
-        found = _planned(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
+        found = planned_way(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
         if found is None:
             return Drawn(tuple(examples), f"{step.name}: no plan")
         name, planned = found
+        taken[step.name] = name
         seen = _seen(env, observer, profile, now)
         way = step.strategies.index(name)
         examples.append(example(seen, planned, profile, number, way, seed))
@@ -85,7 +90,30 @@ def draw(
         now = _rested(planned.after, profile)
     seen = _seen(env, observer, profile, now)
     examples.append(example(seen, None, profile, len(task.steps), -1, seed))
-    return Drawn(tuple(examples))
+    cause = refuted(scene, strategies, taken, seed) if verify and taken else None
+    return Drawn(tuple(examples)) if cause is None else Drawn((), f"refuted: {cause}")
+
+
+def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str], seed: int) -> str | None:
+    """Why the plans of a scene do not do its task in physics, each executed once; None where they do.
+
+    Args:
+        taken: the strategy of each step.
+    """
+    from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.run import run
+    from gensim2.rollout.still import StillResult
+    from gensim2.tasks.strategies import with_strategies
+
+    env = simulator(scene)
+    ways = {step.name: {taken[step.name]: strategies[taken[step.name]]} for step in scene.task.steps}
+    chosen = {name: data for own in ways.values() for name, data in own.items()}
+    controller = ChainController(with_strategies(scene.task, ways), chosen, robot(scene.robot), one_plan=True)
+    # Whether the goal comes by itself says nothing of a plan.
+    still = StillResult(success=False, stable=True, start=env.measure(), end=env.measure())
+    options = _other_openness(scene, seed)
+    episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
+    return None if episode.held else "no cause found" if episode.cause is None else episode.cause.value
 
 
 def example(
@@ -129,7 +157,7 @@ def criterion_is_of_joint(criterion: Any) -> bool:
     return str(criterion.type).startswith("articulated_")
 
 
-def _planned(
+def planned_way(
     planner: StepPlanner, scene: Scene, step: Step, ways: Mapping[str, Strategy], following: Sequence[Any]
 ) -> tuple[str, StepPlan] | None:
     """The strategy that the chain of steps would take, and its plan; None where none is whole."""

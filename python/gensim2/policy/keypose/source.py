@@ -14,6 +14,7 @@ from gensim2.observations import ObservationSpec
 from gensim2.observations.columns import CLOUD, GRIPPER, STATE, TOOL_POSE, VELOCITY
 from gensim2.observations.proprioception import tool_pose
 from gensim2.policy.checkpoint import ActionSpec, DataRecord
+from gensim2.policy.control import Shuffled
 from gensim2.policy.frames import turn_matrix
 from gensim2.policy.heads.keypose import FORCE, POSITIONS, ROTATIONS, SECONDS, WAY
 from gensim2.policy.heads.keypose import GRIPPER as FINGERS
@@ -123,11 +124,12 @@ class PlannedSource:
             FORCE: torch.from_numpy(found["force"]),
         }
 
-    def some_clouds(self, most: int) -> np.ndarray:
-        """(S, N, 3) float32 m: clouds of scenes evenly through the data."""
+    def some_clouds(self, most: int) -> Shuffled:
+        """Clouds of scenes evenly through the data; they have no colours."""
         points = self._arrays["points"]
         rows = np.unique(np.linspace(0, len(points) - 1, most).astype(np.int64))
-        return points[rows].astype(np.float32) * np.float32(RESOLUTION)
+        found = points[rows].astype(np.float32) * np.float32(RESOLUTION)
+        return Shuffled(found, np.zeros(found.shape, np.uint8))
 
     def _sentence(self, task: int) -> int:
         return self.sentences.index(self.planned[task].record.language)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from gensim2.files import write_atomic, write_json
+from gensim2.files import write_json
 from gensim2.policy.config import PolicyConfig, TrainConfig
-from gensim2.policy.keypose.control import CLOUDS, MOST_CLOUDS
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.train import TrainResult, train_policy
 from gensim2.progress import NULL_PROGRESS, Progress
@@ -78,9 +75,6 @@ def train_keypose(
     ways = [Way(language=language, step=step, name=name) for language, step, name in source.ways.tasks]
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / WAYS_JSON, WaysRecord(ways=ways).model_dump(mode="json"))
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, points=source.some_clouds(MOST_CLOUDS))
-    write_atomic(out / CLOUDS, buffer.getvalue())
     return train_policy(source, config, training, out, resume=resume, device="cpu", progress=progress)
 
 

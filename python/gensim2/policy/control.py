@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import InputError
+from gensim2.files import write_atomic
 from gensim2.observations import Observation
 from gensim2.seeding import rng
 
 CLOUDS = "clouds.npz"
 """Clouds of scenes that were trained on, beside a checkpoint."""
 MOST_CLOUDS = 64
+
+Sees = Literal["all", "nothing", "other"]
+"""What of the clouds: all, points at the origin, or the cloud of another scene."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +29,11 @@ class Shuffled:
 
     Attributes:
         points: (S, N, 3) m in the base frame.
+        colours: (S, N, 3).
     """
 
     points: npt.NDArray[np.float32]
+    colours: npt.NDArray[np.uint8]
 
     @staticmethod
     def of(folder: Path) -> Shuffled:
@@ -36,12 +44,22 @@ class Shuffled:
         """
         try:
             with np.load(folder / CLOUDS, allow_pickle=False) as archive:
-                return Shuffled(archive["points"])
+                return Shuffled(archive["points"], archive["colours"])
         except (OSError, ValueError, KeyError) as error:
             raise InputError("holds no clouds of other scenes", file=folder, remedy="train the policy again") from error
 
+    def save(self, folder: Path) -> None:
+        """Write them beside a checkpoint.
 
-def altered(observation: Observation, sees: str, others: Shuffled | None, seed: int) -> Observation:
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, points=self.points, colours=self.colours)
+        write_atomic(folder / CLOUDS, buffer.getvalue())
+
+
+def altered(observation: Observation, sees: Sees, others: Shuffled | None, seed: int) -> Observation:
     """The observation with what the control lets be seen: the cloud with all points at the base's origin, or that of a
     scene that the episode's seed draws.
     """
@@ -49,7 +67,8 @@ def altered(observation: Observation, sees: str, others: Shuffled | None, seed: 
         return observation
     cloud = observation.cloud
     assert cloud is not None
-    points = np.zeros_like(cloud.xyz)
+    points, colours = np.zeros_like(cloud.xyz), np.zeros_like(cloud.rgb)
     if others is not None:
-        points = others.points[int(rng(seed, "keypose/other").integers(len(others.points)))]
-    return replace(observation, cloud=replace(cloud, xyz=points.astype(np.float32)))
+        drawn = int(rng(seed, "policy/other").integers(len(others.points)))
+        points, colours = others.points[drawn].astype(np.float32), others.colours[drawn]
+    return replace(observation, cloud=replace(cloud, xyz=points, rgb=colours))

@@ -1,0 +1,125 @@
+//! What stands between C and the solver: pointers are looked at, panics end here, errors become a status and a sentence.
+
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// How a call ended.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum kpam_status {
+    /// As asked.
+    KPAM_OK = 0,
+    /// There is no such motion, or none was found: the sentence says why.
+    KPAM_NO_MOTION = 1,
+    /// An argument does not fit: the sentence names it.
+    KPAM_INVALID = 2,
+    /// A file cannot be used: the sentence names file and field.
+    KPAM_FILE = 3,
+    /// The solver failed; nothing was written. A mistake of the solver's that should be reported.
+    KPAM_PANIC = 4,
+}
+
+thread_local! {
+    static LAST: RefCell<CString> = RefCell::new(CString::default());
+}
+
+/// Sentence of the last call on this thread that did not return `KPAM_OK`; empty before there was one. Valid until the
+/// next such call on this thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn kpam_last_error() -> *const c_char {
+    LAST.with(|last| last.borrow().as_ptr())
+}
+
+/// Why a call did not do what it was asked.
+pub(crate) struct Fault(pub kpam_status, pub String);
+
+impl Fault {
+    pub fn invalid(message: impl ToString) -> Self {
+        Self(kpam_status::KPAM_INVALID, message.to_string())
+    }
+}
+
+/// Runs what a function of the interface does.
+pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Fault>) -> kpam_status {
+    let Fault(status, sentence) = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(())) => return kpam_status::KPAM_OK,
+        Ok(Err(fault)) => fault,
+        Err(cause) => {
+            let said = cause.downcast_ref::<&str>().map(|s| (*s).to_owned());
+            let said = said.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();
+            Fault(kpam_status::KPAM_PANIC, format!("the solver failed: {said}"))
+        }
+    };
+    // A sentence from a file name may hold a zero.
+    let sentence = CString::new(sentence.replace('\0', " ")).unwrap_or_default();
+    LAST.with(|last| *last.borrow_mut() = sentence);
+    status
+}
+
+/// Text of an argument.
+///
+/// # Safety
+/// `text` is null or a string that ends with a zero.
+pub(crate) unsafe fn text<'a>(text: *const c_char, name: &str) -> Result<&'a str, Fault> {
+    if text.is_null() {
+        return Err(Fault::invalid(format!("{name} is null")));
+    }
+    // SAFETY: as this function's.
+    unsafe { CStr::from_ptr(text) }.to_str().map_err(|_| Fault::invalid(format!("{name} is not UTF-8")))
+}
+
+/// Numbers of an argument.
+///
+/// # Safety
+/// `data` is null or points at `length` numbers.
+pub(crate) unsafe fn numbers<'a>(data: *const f64, length: usize, name: &str) -> Result<&'a [f64], Fault> {
+    if data.is_null() {
+        return Err(Fault::invalid(format!("{name} is null")));
+    }
+    // SAFETY: as this function's.
+    Ok(unsafe { std::slice::from_raw_parts(data, length) })
+}
+
+/// What a handle stands for.
+///
+/// # Safety
+/// `handle` is null or one that this library made and has not freed.
+pub(crate) unsafe fn held<'a, T>(handle: *const T, name: &str) -> Result<&'a T, Fault> {
+    // SAFETY: as this function's.
+    unsafe { handle.as_ref() }.ok_or_else(|| Fault::invalid(format!("{name} is null")))
+}
+
+/// Gives a value away through a pointer.
+///
+/// # Safety
+/// `out` is null or may be written.
+pub(crate) unsafe fn give<T>(out: *mut *mut T, value: impl FnOnce() -> Result<T, Fault>) -> Result<(), Fault> {
+    if out.is_null() {
+        return Err(Fault::invalid("out is null"));
+    }
+    let value = Box::into_raw(Box::new(value()?));
+    // SAFETY: as this function's.
+    unsafe { *out = value };
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn last() -> String {
+        // SAFETY: always a string.
+        unsafe { CStr::from_ptr(kpam_last_error()) }.to_string_lossy().into_owned()
+    }
+
+    #[test]
+    #[allow(clippy::panic, reason = "what is tested")]
+    fn panics_end_here() {
+        assert_eq!(guarded(|| panic!("oh {}", 7)), kpam_status::KPAM_PANIC);
+        assert!(last().contains("oh 7"));
+        assert_eq!(guarded(|| Err(Fault::invalid("a\0b"))), kpam_status::KPAM_INVALID);
+        assert_eq!(last(), "a b");
+        assert_eq!(guarded(|| Ok(())), kpam_status::KPAM_OK);
+    }
+}

@@ -1,0 +1,166 @@
+//! Motions in time: samples for control loops, the fastest stop, going over to another motion.
+
+use gensim2_kpam::{Limits, RetimeOptions, Trajectory, retime};
+
+use crate::guard::{Fault, give, guarded, held, kpam_status, numbers};
+
+/// A timed motion of all joints.
+pub struct kpam_trajectory(pub(crate) Trajectory);
+
+/// Time of the start (s); not a number for null.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_start(trajectory: *const kpam_trajectory) -> f64 {
+    // SAFETY: as this function's.
+    unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.start())
+}
+
+/// Time of the end (s); not a number for null.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_end(trajectory: *const kpam_trajectory) -> f64 {
+    // SAFETY: as this function's.
+    unsafe { trajectory.as_ref() }.map_or(f64::NAN, |t| t.0.end())
+}
+
+/// Number of entries of a joint vector; 0 for null.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_joints(trajectory: *const kpam_trajectory) -> usize {
+    // SAFETY: as this function's.
+    unsafe { trajectory.as_ref() }.map_or(0, |t| t.0.joints())
+}
+
+/// Writes position, velocity and acceleration at time `t` (s), `kpam_trajectory_joints` numbers each: as at the start
+/// before it, at rest after the end. Allocates nothing where it returns `KPAM_OK`, and takes no lock.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed; the others are null or have room for that many numbers, and do
+/// not overlap.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_sample_into(
+    trajectory: *const kpam_trajectory,
+    t: f64,
+    position: *mut f64,
+    velocity: *mut f64,
+    acceleration: *mut f64,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: as this function's.
+        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
+        if !t.is_finite() {
+            return Err(Fault::invalid(format!("t: {t} is not finite")));
+        }
+        if position.is_null() || velocity.is_null() || acceleration.is_null() {
+            return Err(Fault::invalid("position, velocity and acceleration: one is null"));
+        }
+        let n = motion.joints();
+        // SAFETY: likewise.
+        let room = |data: *mut f64| unsafe { std::slice::from_raw_parts_mut(data, n) };
+        motion.sample_into(t, room(position), room(velocity), room(acceleration)).map_err(Fault::invalid)
+    })
+}
+
+/// Makes the fastest stop within the limits from the state at time `t` on, along the motion's own path. It begins at `t`.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed; `out` may be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_brake(
+    trajectory: *const kpam_trajectory,
+    t: f64,
+    out: *mut *mut kpam_trajectory,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: as this function's.
+        let motion = &unsafe { held(trajectory, "trajectory") }?.0;
+        // SAFETY: likewise.
+        unsafe { give(out, || motion.brake(t).map(kpam_trajectory).map_err(Fault::invalid)) }
+    })
+}
+
+/// Makes the motion that is `trajectory` until time `t` and `next` from there on. Both are in the same state at `t`, to
+/// 1e-6 in position, velocity and acceleration.
+///
+/// # Safety
+/// `trajectory` and `next` are null or motions that were not freed; `out` may be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_splice(
+    trajectory: *const kpam_trajectory,
+    next: *const kpam_trajectory,
+    t: f64,
+    out: *mut *mut kpam_trajectory,
+) -> kpam_status {
+    guarded(|| {
+        // SAFETY: as this function's.
+        let (motion, next) = unsafe { (&held(trajectory, "trajectory")?.0, &held(next, "next")?.0) };
+        // SAFETY: likewise.
+        unsafe { give(out, || motion.splice(next, t).map(kpam_trajectory).map_err(Fault::invalid)) }
+    })
+}
+
+/// Makes the fastest motion found through waypoints (`count` rows of `joints` numbers) within velocity, acceleration and
+/// jerk limits (`joints` numbers each). It begins at `start_time` with `start_velocity` and `start_acceleration`; null is
+/// at rest.
+///
+/// # Safety
+/// All pointers but `out` are null or point at as many numbers; `out` may be written.
+#[unsafe(no_mangle)]
+#[allow(clippy::too_many_arguments, reason = "an interface in C has no other way to name them")]
+pub unsafe extern "C" fn kpam_retime(
+    waypoints: *const f64,
+    count: usize,
+    joints: usize,
+    velocity_limits: *const f64,
+    acceleration_limits: *const f64,
+    jerk_limits: *const f64,
+    start_velocity: *const f64,
+    start_acceleration: *const f64,
+    start_time: f64,
+    out: *mut *mut kpam_trajectory,
+) -> kpam_status {
+    guarded(|| {
+        if !(1..=1_000_000).contains(&count) || !(1..=gensim2_kpam::MOST_JOINTS).contains(&joints) {
+            return Err(Fault::invalid(format!("count, joints: {count} waypoints of {joints} joints cannot be timed")));
+        }
+        // SAFETY: as this function's.
+        let list = |data, name| unsafe { numbers(data, joints, name) };
+        // SAFETY: likewise.
+        let rows = unsafe { numbers(waypoints, count * joints, "waypoints") }?;
+        let limits = Limits::new(
+            list(velocity_limits, "velocity_limits")?,
+            list(acceleration_limits, "acceleration_limits")?,
+            list(jerk_limits, "jerk_limits")?,
+        )
+        .map_err(Fault::invalid)?;
+        let optional = |data: *const f64, name| {
+            if data.is_null() { Ok(None) } else { list(data, name).map(|l| Some(l.to_vec())) }
+        };
+        let mut options = RetimeOptions::default();
+        options.start_velocity = optional(start_velocity, "start_velocity")?;
+        options.start_acceleration = optional(start_acceleration, "start_acceleration")?;
+        options.start_time = start_time;
+        let rows: Vec<Vec<f64>> = rows.chunks_exact(joints).map(<[f64]>::to_vec).collect();
+        let make = || retime(&rows, &limits, &options).map(|r| kpam_trajectory(r.trajectory)).map_err(Fault::invalid);
+        // SAFETY: likewise.
+        unsafe { give(out, make) }
+    })
+}
+
+/// Frees a motion; null is nothing.
+///
+/// # Safety
+/// `trajectory` is null or a motion that was not freed.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kpam_trajectory_free(trajectory: *mut kpam_trajectory) {
+    if !trajectory.is_null() {
+        // SAFETY: as this function's.
+        drop(unsafe { Box::from_raw(trajectory) });
+    }
+}

@@ -1,0 +1,275 @@
+//! Velocity limits that depend on the position: the nearer a joint is to the end of its range, the slower it may move
+//! towards it. Franka publishes them for its Research 3 as `v <= -o + sqrt(k (u - q))`, a joint that could still be braked.
+
+use serde::{Deserialize, Serialize};
+
+use super::limits::TOLERANCE;
+use super::motion::{Node, curve};
+use crate::ProblemError;
+use crate::model::{MOST_JOINTS, Row};
+
+/// Velocities towards an end below this (rad/s or m/s) are none: rounding.
+const STILL: f64 = 1e-9;
+/// What the square of a velocity may exceed its bound by (rad^2/s^2): rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// How fast a joint may move towards either end of its range: `-offset + sqrt(gain (upper - q))` upwards and
+/// `offset - sqrt(gain (q - lower))` downwards, beside its constant limit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Braking {
+    /// Where the upper bound would be `-offset` (rad or m).
+    pub upper: f64,
+    /// Where the lower bound would be `offset` (rad or m).
+    pub lower: f64,
+    /// Twice the deceleration that the bound allows for (rad/s^2 or m/s^2), above 0.
+    pub gain: f64,
+    /// What is taken off (rad/s or m/s), 0 at the least.
+    pub offset: f64,
+}
+
+impl Braking {
+    /// Whether its numbers make sense.
+    pub(crate) fn is_sound(&self) -> bool {
+        let finite = [self.upper, self.lower, self.gain, self.offset].iter().all(|v| v.is_finite());
+        finite && self.gain > 0.0 && self.offset >= 0.0 && self.lower < self.upper
+    }
+
+    /// Room to the end in the direction of a side (1 up, -1 down), and how fast the joint may move there; negative where
+    /// it may not.
+    fn most(&self, side: f64, q: f64) -> f64 {
+        (self.gain * self.room(side, q)).max(0.0).sqrt() - self.offset
+    }
+
+    fn room(&self, side: f64, q: f64) -> f64 {
+        if side > 0.0 { self.upper - q } else { q - self.lower }
+    }
+}
+
+/// The bounds of all joints; none for a joint that has only its constant limit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Envelope([Option<Braking>; MOST_JOINTS]);
+
+impl Envelope {
+    pub fn new(joints: usize, list: &[Option<Braking>]) -> Result<Self, ProblemError> {
+        if list.len() != joints {
+            let message = format!("has {} entries, velocity_limits {joints}", list.len());
+            return Err(ProblemError::new("braking", message));
+        }
+        let mut out = [None; MOST_JOINTS];
+        for (j, braking) in list.iter().enumerate() {
+            if braking.is_some_and(|b| !b.is_sound()) {
+                let message = "needs finite numbers, a gain above 0, an offset of 0 at the least and lower below upper";
+                return Err(ProblemError::new(format!("braking[{j}]"), message));
+            }
+            out[j] = *braking;
+        }
+        Ok(Self(out))
+    }
+
+    pub fn is_sound(&self) -> bool {
+        self.0.iter().flatten().all(Braking::is_sound)
+    }
+
+    /// The bounds times `share`.
+    pub fn scaled(mut self, share: f64) -> Self {
+        for braking in self.0.iter_mut().flatten() {
+            braking.gain *= share * share;
+            braking.offset *= share;
+        }
+        self
+    }
+
+    /// The bounds that are the wider of two of each joint.
+    pub fn wider(&self, other: &Self) -> Self {
+        let mut out = *self;
+        for (own, other) in out.0.iter_mut().zip(&other.0) {
+            *own = own.zip(*other).map(|(a, b)| Braking {
+                upper: a.upper.max(b.upper),
+                lower: a.lower.min(b.lower),
+                gain: a.gain.max(b.gain),
+                offset: a.offset.min(b.offset),
+            });
+        }
+        out
+    }
+
+    /// Greatest ds/dt at a place of a path.
+    pub fn speed(&self, position: &Row, slope: &Row) -> f64 {
+        let mut out = f64::INFINITY;
+        for (v, braking) in self.0.iter().enumerate() {
+            if let Some(braking) = braking
+                && slope[v].abs() > STILL
+            {
+                out = out.min(braking.most(slope[v], position[v]).max(0.0) / slope[v].abs());
+            }
+        }
+        out
+    }
+
+    /// Whether joint `v` keeps its bounds on the cubic between two nodes, up to [`TOLERANCE`].
+    pub fn is_kept_between(&self, joints: usize, v: usize, a: &Node, b: &Node) -> bool {
+        let (position, velocity) = curve(joints, v, a, b);
+        let wider = self.scaled(1.0 + TOLERANCE);
+        wider.share(v, &position, &velocity) <= 1.0
+    }
+
+    /// The velocity towards an end that a joint may not exceed where it is, if it does, up to [`TOLERANCE`].
+    pub fn exceeded(&self, v: usize, q: f64, velocity: f64) -> Option<f64> {
+        let most = self.0[v]?.most(velocity, q).max(0.0);
+        (velocity.abs() > most * (1.0 + TOLERANCE) + TOLERANCE).then_some(most)
+    }
+
+    /// The bounds, moved outwards so far that a state that exceeds them by rounding keeps them.
+    pub fn admitting(mut self, position: &Row, velocity: &Row) -> Self {
+        for (v, braking) in self.0.iter_mut().enumerate() {
+            let Some(braking) = braking else { continue };
+            let room = (velocity[v].abs() + braking.offset).powi(2) / braking.gain;
+            if velocity[v] > STILL {
+                braking.upper = braking.upper.max(position[v] + room);
+            } else if velocity[v] < -STILL {
+                braking.lower = braking.lower.min(position[v] - room);
+            }
+        }
+        self
+    }
+
+    /// Share of the bounds of joint `v` that a motion takes, given by the Bernstein coefficients of its position and of
+    /// its velocity: at most 1 where it keeps them all along.
+    ///
+    /// With `c` the room times the gain, `v <= -o + sqrt(c)` is `(v + o)^2 <= c` where v moves that way: a polynomial that
+    /// must not be negative, and is not where its Bernstein coefficients are not.
+    pub fn share(&self, v: usize, position: &[f64], velocity: &[f64]) -> f64 {
+        let Some(braking) = self.0[v] else { return 0.0 };
+        let mut out = 0.0_f64;
+        for side in [1.0, -1.0] {
+            let fastest = velocity.iter().fold(f64::NEG_INFINITY, |m, x| m.max(side * x));
+            if fastest <= STILL {
+                continue;
+            }
+            let nearest = position.iter().map(|q| braking.room(side, *q)).fold(f64::INFINITY, f64::min);
+            let slowest = (braking.gain * nearest).max(0.0).sqrt() - braking.offset;
+            if fastest <= slowest {
+                out = out.max(fastest / slowest);
+                continue;
+            }
+            let mut shifted = [0.0; LONG];
+            shifted.iter_mut().zip(velocity).for_each(|(s, x)| *s = side * x + braking.offset);
+            let mut room = [0.0; LONG];
+            room.iter_mut().zip(position).for_each(|(r, q)| *r = braking.gain * braking.room(side, *q));
+            let degree = velocity.len() - 1;
+            let square = product(&shifted[..=degree], &shifted[..=degree]);
+            let raised = product(&room[..position.len()], &ONES[..=2 * degree + 1 - position.len()]);
+            let kept = (0..=2 * degree).all(|i| raised[i] - square[i] >= -ROUNDING);
+            out = out.max(if kept { 1.0 } else { (fastest / slowest.max(STILL)).max(1.0 + 1e-4) });
+        }
+        out
+    }
+}
+
+/// Coefficients of the longest product: the square of a polynomial of degree 4.
+const LONG: usize = 9;
+const ONES: [f64; LONG] = [1.0; LONG];
+
+/// Bernstein coefficients of the product of two polynomials that are given by theirs.
+fn product(a: &[f64], b: &[f64]) -> [f64; LONG] {
+    let (m, n) = (a.len() - 1, b.len() - 1);
+    let mut out = [0.0; LONG];
+    for (i, x) in a.iter().enumerate() {
+        for (j, y) in b.iter().enumerate() {
+            out[i + j] += choose(m, i) * choose(n, j) / choose(m + n, i + j) * x * y;
+        }
+    }
+    out
+}
+
+fn choose(n: usize, k: usize) -> f64 {
+    (0..k).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::timing::{Limits, RetimeOptions, retime};
+    use proptest::prelude::*;
+
+    fn value(coefficients: &[f64], t: f64) -> f64 {
+        let n = coefficients.len() - 1;
+        let term = |(i, c): (usize, &f64)| c * choose(n, i) * t.powi(i as i32) * (1.0 - t).powi((n - i) as i32);
+        coefficients.iter().enumerate().map(term).sum()
+    }
+
+    proptest! {
+        #[test]
+        fn products_are_products(
+            a in prop::collection::vec(-2.0..2.0f64, 5), b in prop::collection::vec(-2.0..2.0f64, 4), t in 0.0..1.0f64,
+        ) {
+            let both = product(&a, &b);
+            prop_assert!((value(&both[..8], t) - value(&a, t) * value(&b, t)).abs() < 1e-9);
+        }
+
+        #[test]
+        fn motions_keep_bounds_that_depend_on_where_they_are(
+            waypoints in prop::collection::vec(prop::collection::vec(-1.9..1.9f64, 2), 2..7),
+            (gain, offset) in (3.0..30.0f64, 0.0..0.4f64),
+            (acceleration, jerk) in prop_oneof![Just((10.0, 5000.0)), Just((5.0, 50.0)), Just((10.0, 300.0))],
+        ) {
+            let braking = Braking { upper: 2.0, lower: -2.0, gain, offset };
+            prop_assume!(braking.most(1.0, 1.9) > 0.02);
+            let limits = Limits::new(&[2.5; 2], &[acceleration; 2], &[jerk; 2]).unwrap();
+            let limits = limits.with_braking(&[Some(braking), None]).unwrap();
+            let motion = match retime(&waypoints, &limits, &RetimeOptions::default()) {
+                Ok(out) => out.trajectory,
+                // A spline may swing out beyond where the bound is zero.
+                Err(e) => {
+                    prop_assert!(e.to_string().contains("waypoints"), "{e}");
+                    return Ok(());
+                }
+            };
+            for k in 0..=4000 {
+                let now = motion.sample(motion.end() * f64::from(k) / 4000.0);
+                let (q, v) = (now.position[0], now.velocity[0]);
+                let most = |room: f64| ((gain * room).max(0.0).sqrt() - offset).max(0.0);
+                let (up, down) = (most(2.0 - q), most(q + 2.0));
+                prop_assert!(v <= up * (1.0 + 1e-6) + 1e-8 && -v <= down * (1.0 + 1e-6) + 1e-8, "{v} {up} {down}");
+                prop_assert!(now.velocity.iter().all(|v| v.abs() <= 2.5 * (1.0 + 1e-6)));
+                prop_assert!(now.acceleration.iter().all(|a| a.abs() <= acceleration * (1.0 + 1e-6)));
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_cost_time_where_they_bind_and_nothing_elsewhere() {
+        let plain = Limits::new(&[2.62], &[10.0], &[5000.0]).unwrap();
+        let braking = Braking { upper: 2.7501, lower: -2.7501, gain: 12.0, offset: 0.3 };
+        let bound = plain.with_braking(&[Some(braking)]).unwrap();
+        let time = |limits: &Limits, from: f64, to: f64| {
+            retime(&[vec![from], vec![to]], limits, &RetimeOptions::default()).unwrap().trajectory.end()
+        };
+        assert!((time(&bound, -1.0, 1.0) - time(&plain, -1.0, 1.0)).abs() < 1e-12);
+        assert!(time(&bound, 1.0, 2.7) > 1.05 * time(&plain, 1.0, 2.7));
+        // Away from the end nothing binds.
+        assert!((time(&bound, 2.7, 1.0) - time(&plain, 2.7, 1.0)).abs() < 2e-3);
+        // Within a hundredth of the end the bound is zero: there is no way there, and one out.
+        let line = |from: f64, to: f64| retime(&[vec![from], vec![to]], &bound, &RetimeOptions::default());
+        assert!(line(2.0, 2.745).is_err());
+        assert!(line(2.745, 2.0).is_ok());
+    }
+
+    #[test]
+    fn a_start_faster_than_its_place_allows_is_refused() {
+        let limits = Limits::new(&[2.62], &[10.0], &[5000.0]).unwrap();
+        let braking = Braking { upper: 2.7501, lower: -2.7501, gain: 12.0, offset: 0.3 };
+        let limits = limits.with_braking(&[Some(braking)]).unwrap();
+        let from = |q: f64, v: f64| {
+            let options = RetimeOptions { start_velocity: Some(vec![v]), ..RetimeOptions::default() };
+            retime(&[vec![q], vec![0.0]], &limits, &options)
+        };
+        let most = braking.most(1.0, 2.5);
+        assert!(from(2.5, most * 1.01).unwrap_err().to_string().contains("start_velocity"));
+        assert!(from(2.5, 0.98 * most).is_ok());
+        // At its limit and not braking yet, it is past it before its jerk limit lets it brake.
+        assert!(from(2.5, most).unwrap_err().to_string().contains("braking"));
+        assert!(from(2.5, -2.0).is_ok());
+        assert!(limits.with_braking(&[Some(Braking { gain: 0.0, ..braking })]).is_err());
+    }
+}

@@ -1,0 +1,94 @@
+//! Ways through joint space, and how far the joints go along them.
+
+use super::{State, World};
+use crate::model::Row;
+
+/// Waypoints, straight in joint values from one to the next, and the travel of the object's joint at each; none where
+/// it stands still.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Way<'w> {
+    pub waypoints: &'w [Row],
+    pub travel: &'w [f64],
+    /// How far (rad or m) each joint may lie off the straight segment after each waypoint; none where it does not.
+    pub off: &'w [Row],
+}
+
+impl<'w> Way<'w> {
+    /// A way on which the object's joint stands still where it stood.
+    pub fn still(waypoints: &'w [Row]) -> Self {
+        Self { waypoints, travel: &[], off: &[] }
+    }
+
+    pub(super) fn travel_at(&self, waypoint: usize) -> f64 {
+        self.travel.get(waypoint).or(self.travel.last()).copied().unwrap_or(0.0)
+    }
+
+    /// State at a waypoint.
+    pub fn state(&self, waypoint: usize) -> State<'w> {
+        State { x: &self.waypoints[waypoint], travel: self.travel_at(waypoint) }
+    }
+
+    /// The first waypoints, up to and with number `last`.
+    pub fn until(&self, last: usize) -> Self {
+        Self { waypoints: &self.waypoints[..=last], ..*self }
+    }
+
+    /// Joint values and travel `t` waypoints along.
+    pub(super) fn at(&self, t: f64) -> (Row, f64) {
+        let last = self.waypoints.len() - 1;
+        let k = (t as usize).min(last.saturating_sub(1));
+        let next = (k + 1).min(last);
+        let part = t - k as f64;
+        let mut x = self.waypoints[k];
+        for (value, end) in x.iter_mut().zip(&self.waypoints[next]) {
+            *value += part * (end - *value);
+        }
+        let (from, to) = (self.travel_at(k), self.travel_at(next));
+        (x, from + part * (to - from))
+    }
+}
+
+/// How far each joint has gone along a way (rad or m), the object's last: no place of it is further from another.
+pub(super) struct Gone {
+    pub joints: usize,
+    /// Sums up to each waypoint, one row each.
+    pub sums: Vec<f64>,
+    /// The most that each joint may lie off any segment.
+    pub off: Vec<f64>,
+}
+
+impl World<'_> {
+    /// How far the joints have gone along a way at each waypoint.
+    pub(super) fn gone(&mut self, way: &Way<'_>) -> Gone {
+        let joints = self.movers.len() + 1;
+        let mut out = Gone { joints, sums: vec![0.0; joints], off: vec![0.0; joints] };
+        for k in 0..way.waypoints.len() - 1 {
+            let steps = self.segment(way, k);
+            for (j, step) in steps.iter().enumerate() {
+                out.sums.push(out.sums[k * joints + j] + step);
+            }
+            self.steps = steps;
+        }
+        let mut aside = vec![0.0; joints];
+        for off in way.off {
+            aside.fill(0.0);
+            self.add_off(Some(off), &mut aside);
+            out.off.iter_mut().zip(&aside).for_each(|(most, off)| *most = most.max(*off));
+        }
+        out
+    }
+
+    /// Adds how far the joints may lie off a segment to how far they move along it.
+    pub(super) fn add_off(&self, off: Option<&Row>, steps: &mut [f64]) {
+        let Some(off) = off else { return };
+        for (step, joint) in steps.iter_mut().zip(self.movers.iter()) {
+            *step += (joint.factor * off[joint.variable]).abs();
+        }
+    }
+
+    /// How far each joint moves over the segment after waypoint `k`.
+    pub(super) fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
+        let (a, b) = (way.state(k), way.state(k + 1));
+        self.steps((a.x, a.travel), (b.x, b.travel))
+    }
+}

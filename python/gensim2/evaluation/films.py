@@ -1,0 +1,132 @@
+"""Films of recorded episodes by ray casting, the point cloud that the controller is given beside the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data.episode_file import read_episode
+from gensim2.data.observing import objects_of
+from gensim2.data.video import write_video
+from gensim2.errors import InputError
+from gensim2.files import replacing
+from gensim2.observations import Camera, EmptyCloudError, ObservationSpec, View
+from gensim2.raycast.observer import Observer
+from gensim2.raycast.scene import RaycastScene
+from gensim2.robots import OPEN, RobotProfile, robot
+from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneConfig
+
+Frame = npt.NDArray[np.uint8]
+
+SIZE = 384
+"""Pixels of a picture's sides; the cloud's are the same."""
+FRAMES_PER_SECOND = 10
+EYE, TARGET = (-0.45, -1.15, 0.75), (-0.13, -0.07, 0.2)
+"""m in the world: the camera stands to the right, from where the inside of most open doors is seen."""
+FIELD_OF_VIEW = float(np.deg2rad(40))
+SKY, PAPER = (235, 238, 242), (24, 26, 30)
+LIGHT = (0.3, -0.5, 0.8)
+AMBIENT = 0.45
+DOT = 2
+"""Pixels from a point's middle to the edge of its square."""
+
+
+def film_path(folder: Path, index: int) -> Path:
+    """Where the film of an episode lies in its task's folder."""
+    return folder / f"video_{index:06d}.mp4"
+
+
+def film_index(film: Path) -> int:
+    """Number of the episode that a film of :func:`film_path` shows."""
+    return int(film.stem.removeprefix("video_"))
+
+
+def film_episode(episode: Path, scene: SceneConfig, spec: ObservationSpec, video: Path) -> int:
+    """Film a recorded episode and return the number of frames; called in a worker.
+
+    Needs no renderer and no graphics driver. Frames are ten a second of the episode's time.
+
+    Args:
+        episode: its file, with states.
+        scene: that it was recorded in.
+        spec: of the controller; its cloud is shown beside the picture, where it has one.
+        video: file to write, atomically.
+
+    Raises:
+        InputError: the file is damaged or holds no states, or an object's files cannot be used.
+    """
+    recording = read_episode(episode).recording
+    if recording is None:
+        raise InputError("holds no states", file=episode)
+    profile = robot(scene.robot)
+    stride = max(1, round(profile.control_hz / FRAMES_PER_SECOND))
+    frames = list(_frames(recording, scene, profile, spec, stride))
+    with replacing(video) as path:
+        write_video(path, frames, profile.control_hz / stride)
+    return len(frames)
+
+
+def _frames(
+    recording: Recording, scene: SceneConfig, profile: RobotProfile, spec: ObservationSpec, stride: int
+) -> Iterator[Frame]:
+    objects = objects_of(scene, recording.instances)
+    turn, base = profile.T_world_base[:3, :3].T, np.array(profile.base_position)
+    place, target = turn @ (EYE - base), turn @ (TARGET - base)
+    camera = Camera.looking("film", place, target, width=SIZE, height=SIZE, fov=FIELD_OF_VIEW)
+    solid = RaycastScene(profile, objects, [camera])
+    sees = "pointcloud" in spec.modalities
+    observer = Observer(profile, objects, spec, recording.seed, scene.task.description) if sees else None
+    poses = solid.poses(recording.env_states)
+    commands = [OPEN, *map(float, recording.actions[:, -1])]
+    last = len(commands) - 1
+    for step in sorted({*range(0, last + 1, stride), last}):
+        picture = shaded(solid.see(poses[step])[0])
+        if observer is None:
+            yield picture
+            continue
+        try:
+            cloud = observer.observe(_row(recording.env_states, step), step, commands[step]).cloud
+        except EmptyCloudError:
+            cloud = None
+        points = np.zeros((0, 3)) if cloud is None else cloud.xyz
+        colours = np.zeros((0, 3), np.uint8) if cloud is None else cloud.rgb
+        yield np.concatenate([picture, dotted(points, colours, camera)], axis=1)
+
+
+def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:
+    return {kind: {name: rows[step : step + 1] for name, rows in group.items()} for kind, group in states.items()}
+
+
+def shaded(view: View) -> Frame:
+    """(H, W, 3) picture of a view: its colours, darker the more a surface turns away from the light."""
+    camera, depth = view.camera, view.depth.astype(np.float64)
+    points = depth[..., None] * camera.rays
+    right, down = np.diff(points, axis=1, append=points[:, -1:]), np.diff(points, axis=0, append=points[-1:])
+    normal = np.cross(down, right)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True).clip(min=1e-12)
+    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
+    share = AMBIENT + (1.0 - AMBIENT) * np.abs(normal @ light)
+    picture = view.colors_at(np.arange(depth.size)).reshape(*depth.shape, 3) * share[..., None]
+    return np.where(depth[..., None] > 0, picture, SKY).astype(np.uint8)
+
+
+def dotted(points: npt.NDArray[Any], colours: npt.NDArray[np.uint8], camera: Camera) -> Frame:
+    """(H, W, 3) picture of points (N, 3) m in the base frame as squares of their (N, 3) colours, near ones in front."""
+    picture = np.empty((camera.height, camera.width, 3), np.uint8)
+    picture[:] = PAPER
+    seen = np.c_[points, np.ones(len(points))] @ camera.projection.T
+    order = np.argsort(-seen[:, 2])
+    seen, colours = seen[order], colours[order]
+    ahead = seen[:, 2] > 0
+    pixels = np.floor(seen[ahead, :2] / seen[ahead, 2:]).astype(np.int64)
+    # From dark paper dark colours would not stand out.
+    shown = (96 + 0.62 * colours[ahead]).astype(np.uint8)
+    for (column, row), colour in zip(pixels, shown, strict=True):
+        if 0 <= column < camera.width and 0 <= row < camera.height:
+            picture[max(row - DOT + 1, 0) : row + DOT, max(column - DOT + 1, 0) : column + DOT] = colour
+    return picture

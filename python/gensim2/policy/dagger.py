@@ -1,0 +1,111 @@
+"""Rounds of training: roll the policy out, let the planner label where it came to, train on with these labels too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gensim2.data.dataset import DataSet
+from gensim2.errors import InputError
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.config import PolicyConfig, TrainConfig
+from gensim2.policy.demonstrations import Demonstrations
+from gensim2.policy.relabels import RelabelledSource, Relabels, relabel_episode
+from gensim2.policy.train import TrainResult, train_policy
+from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.rollout.inputs import TaskInput, read_task_inputs
+from gensim2.seeding import scene_seeds
+
+PURPOSE = "policy/relabels"
+"""Of the scenes' seeds, which so are those of no demonstration and no evaluation."""
+ROUNDS = "rounds"
+"""Folder of the policies before the last one, and of the labels."""
+EPISODES = 20
+"""Of each task and round."""
+
+
+def train_rounds(
+    source: Demonstrations,
+    folders: Sequence[Path],
+    policy: PolicyConfig,
+    training: TrainConfig,
+    out: Path,
+    *,
+    rounds: int,
+    episodes: int = EPISODES,
+    start: PolicyCheckpoint | None = None,
+    resume: bool = False,
+    device: str = "auto",
+    workers: int = 1,
+    progress: Progress = NULL_PROGRESS,
+) -> TrainResult:
+    """Train on demonstrations, then in each round on, from the weights before, with relabels beside them.
+
+    Args:
+        source: demonstrations.
+        folders: of the data sets that they are of: scenes of the same tasks and objects are drawn, of other seeds.
+        policy, training: as for :func:`~gensim2.policy.train.train_policy`; every round takes all steps.
+        out: folder of the last checkpoint; ``rounds/`` holds those before it and the labels.
+        rounds: how many.
+        episodes: of each task and round that the policy is rolled out in.
+        start, resume, device: as there.
+        workers: simulator processes.
+        progress: listener.
+
+    Raises:
+        InputError: a task has several steps or no joint, or as there.
+        NotRunError: some episodes could not be run.
+    """
+    given = [one for folder in folders for one in _inputs(DataSet.open(folder), source.record.tasks)]
+    for one in given:
+        step = one.spec.steps[0]
+        if len(one.spec.steps) > 1 or one.library.kind(one.spec.objects[step.object].asset_class) != "articulated":
+            message = f"{one.spec.name} is not one step on one joint, and has no relabels"
+            raise InputError(message, field="dagger", remedy="leave the task out, or train without --dagger")
+    found: list[Relabels] = []
+    mixed: Demonstrations | RelabelledSource = source
+    for number in range(rounds):
+        folder = out / ROUNDS / str(number)
+        told = NamedProgress(f"round {number}", progress)
+        train_policy(mixed, policy, training, folder, start=start, resume=resume, device=device, progress=told)
+        start = PolicyCheckpoint.load(folder)
+        for one in given:
+            found.append(_relabel(one, folder, training.seed, number, episodes, workers, told))
+        mixed = RelabelledSource(source, found)
+        progress.message(f"round {number}: {mixed.record.relabels} relabels in all")
+    return train_policy(mixed, policy, training, out, start=start, resume=resume, device=device, progress=progress)
+
+
+def _relabel(
+    given: TaskInput, folder: Path, seed: int, number: int, episodes: int, workers: int, progress: Progress
+) -> Relabels:
+    """Labels of one task and round, made once."""
+    from gensim2.processes import Job, results
+    from gensim2.rollout.evaluator import PoolEvaluator
+
+    path = folder / "relabels" / f"{given.spec.name}.npz"
+    if path.exists():
+        return Relabels.load(path)
+    seeds = scene_seeds(seed, given.spec.name, f"{PURPOSE}/{number}", episodes)
+    jobs = [Job(n, (given.scene, given.strategies, str(folder), each)) for n, each in enumerate(seeds)]
+    progress.start(f"{given.spec.name}: relabels", len(jobs))
+    made: dict[int, Any] = {}
+    with PoolEvaluator(given.scene.options, workers, progress) as evaluator:
+        for index, arrays in results(evaluator.executor.map_unordered(relabel_episode, jobs), "relabels", None):
+            made[index] = arrays
+            progress.advance()
+    relabels = Relabels.of(given.spec.description, [made[index] for index in sorted(made)])
+    relabels.save(path)
+    return relabels
+
+
+def _inputs(dataset: DataSet, tasks: Sequence[str]) -> list[TaskInput]:
+    """The tasks of a data set with the strategies that its episodes were made by."""
+    record, found = dataset.record, []
+    for name in dataset.tasks:
+        if name in tasks:
+            scene: dict[str, Any] = {**record.scene.to_record(), "instances": record.tasks[name].instances}
+            given, _ = read_task_inputs([str(dataset.task(name).folder)], seed=record.seed, **scene)
+            found += given
+    return found

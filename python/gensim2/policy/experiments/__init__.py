@@ -1,0 +1,6 @@
+"""Experiments: several policies from configurations, measured on seen and unseen objects, on one page."""
+
+from gensim2.policy.experiments.config import NAMES, Arm, ExperimentConfig, Name, config_of, read_experiment
+from gensim2.policy.experiments.running import run_experiment
+
+__all__ = ["NAMES", "Arm", "ExperimentConfig", "Name", "config_of", "read_experiment", "run_experiment"]

@@ -1,0 +1,98 @@
+"""Configurations of experiments: which policies are taught on what, and what they are measured on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gensim2.errors import InputError
+
+Name = Literal["generalization", "scaling"]
+NAMES: tuple[Name, ...] = get_args(Name)
+
+CONFIGS = Path(__file__).parent / "configs"
+
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+
+
+class Arm(BaseModel):
+    """One policy of an experiment, trained once a seed.
+
+    Attributes:
+        name: of its folder.
+        objects: ``"generated"``, or ``"real"``: those of the folder that the run is given.
+        count: of objects of each class that it is taught on, of generated ones; None: the training split's.
+        tasks: names of library tasks, one policy for all of them.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,60}$")]
+    objects: Literal["generated", "real"]
+    count: Count | None = None
+    tasks: Annotated[tuple[str, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _counted_are_generated(self) -> Arm:
+        if self.count is not None and self.objects == "real":
+            raise ValueError("count is of generated objects")
+        return self
+
+
+class ExperimentConfig(BaseModel):
+    """An experiment.
+
+    Attributes:
+        title, about: words of its page.
+        seeds: trainings of each arm.
+        minutes_a_task: of CPU for data and training of a policy, for each of its tasks.
+        scenes: most that are planned of each task.
+        episodes, control_episodes: of each task that a policy and its blind control are measured by.
+        unseen: word for the objects that no training saw.
+        arms: in the order of the page.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str
+    about: str
+    seeds: Annotated[int, Field(ge=1, le=100)] = 1
+    minutes_a_task: Annotated[float, Field(gt=0, le=1e4)]
+    scenes: Count
+    episodes: Count
+    control_episodes: Count
+    unseen: Literal["test", "new"] = "test"
+    arms: Annotated[tuple[Arm, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> ExperimentConfig:
+        if len({arm.name for arm in self.arms}) < len(self.arms):
+            raise ValueError("two arms have one name")
+        return self
+
+
+def config_of(name: Name, *, small: bool = False) -> ExperimentConfig:
+    """The configuration that comes with the package.
+
+    Args:
+        small: that of a few minutes.
+    """
+    return read_experiment(CONFIGS / f"{name}{'_small' if small else ''}.yaml")
+
+
+def read_experiment(path: Path) -> ExperimentConfig:
+    """A configuration from a YAML file.
+
+    Raises:
+        InputError: it cannot be read, or a field is unknown or cannot be so; names file and field.
+    """
+    from gensim2.yaml_files import read_yaml
+
+    try:
+        return ExperimentConfig.model_validate(read_yaml(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or None
+        raise InputError(str(first["msg"]).lower(), file=path, field=field) from error

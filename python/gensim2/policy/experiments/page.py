@@ -1,0 +1,59 @@
+"""``report.html`` of an experiment: its figures with error bars and its tables, from its JSON alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import log10
+from pathlib import Path
+from typing import Any
+
+from gensim2.files import write_atomic
+from gensim2.pages import template
+
+REPORT = "report.html"
+WIDTH, HEIGHT, LEFT, BOTTOM = 640.0, 240.0, 40.0, 40.0
+COLOURS = {"seen": "#8aa0b8", "unseen": "#2f6fc4"}
+
+
+def write_page(told: Mapping[str, Any]) -> Path:
+    """Write the page of a result as :meth:`ExperimentResult.to_dict` gives it, and return its path.
+
+    Raises:
+        WriteError: the folder cannot be written to.
+    """
+    arms = told["arms"]
+    page = template("gensim2.policy.experiments", "experiment.html.j2").render(told=told, figure=figure(arms))
+    path = Path(told["out"]) / REPORT
+    write_atomic(path, page)
+    return path
+
+
+def figure(arms: list[dict[str, Any]]) -> dict[str, Any]:
+    """Corners of the figure: a point with its interval for each arm and kind of objects, shares from 0 to 1 upwards.
+
+    Arms that say how many objects they were taught on stand on a logarithmic axis of that number, others side by side.
+    """
+    counts = [arm["count"] for arm in arms]
+    counted = all(count is not None for count in counts) and len(set(counts)) > 1
+    places = [log10(count) for count in counts] if counted else [float(n) for n in range(len(arms))]
+    low, span = min(places), max(max(places) - min(places), 1e-9)
+    room = (WIDTH - LEFT) / (len(arms) + 1)
+    marks, names = [], []
+    for arm, place in zip(arms, places, strict=True):
+        share = (place - low) / span if len(arms) > 1 else 0.5
+        x = LEFT + room + share * (WIDTH - LEFT - 2 * room)
+        names.append({"x": round(x, 1), "words": f"{arm['count']} objects" if counted else arm["name"]})
+        for kind, shift in (("seen", -5.0), ("unseen", 5.0)):
+            mean, interval = arm[f"{kind}_mean"], arm[f"{kind}_interval"]
+            if mean is not None:
+                ends = [round(_up(value), 1) for value in interval]
+                mark = {"x": round(x + shift, 1), "y": round(_up(mean), 1), "low": ends[0], "high": ends[1]}
+                marks.append({**mark, "colour": COLOURS[kind], "words": f"{arm['name']}, {kind}: {mean:.2f}"})
+    grid = [{"y": round(_up(share), 1), "words": f"{share:.1f}"} for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    return {"width": WIDTH, "height": HEIGHT, "left": LEFT, "marks": marks, "names": names, "grid": grid}
+
+
+def _up(share: float) -> float:
+    """Height in the picture, whose rows count downwards."""
+    top = 10.0
+    return top + (1.0 - share) * (HEIGHT - BOTTOM - top)

@@ -1,0 +1,229 @@
+"""Runs an experiment: arms are learned by :func:`~gensim2.policy.learning.learn` and measured on seen objects, too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from gensim2.errors import InputError
+from gensim2.evaluation.evaluating import EvaluationResult
+from gensim2.files import check_writable, write_json
+from gensim2.objects import open_library
+from gensim2.objects.library.catalogue import BUILTIN
+from gensim2.policy.evaluating import evaluate_policy
+from gensim2.policy.experiments.config import Arm, ExperimentConfig
+from gensim2.policy.experiments.figures import Rate, TaskFigures, summary
+from gensim2.policy.learning import Learned, learn
+from gensim2.progress import NULL_PROGRESS, NamedProgress, Progress
+from gensim2.record_files import SCHEMA_VERSION, read_record
+
+EXPERIMENT_JSON, RESULT_JSON = "experiment.json", "result.json"
+
+
+class ExperimentRecord(BaseModel):
+    """``experiment.json``: what a run that is gone on with must keep to.
+
+    Attributes:
+        config: of the experiment.
+        seed: of the first training of each arm.
+        assets: folder of the real objects, or ``"builtin"``: there are none.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    schema_version: Literal[1] = 1
+    config: ExperimentConfig
+    seed: int
+    assets: str
+
+
+@dataclass(frozen=True)
+class ArmResult:
+    """One arm.
+
+    Attributes:
+        arm: its configuration.
+        tasks: figures of its tasks.
+        checkpoints: folders, one a seed.
+        demonstrations: plans that the policies were taught by, all seeds.
+        cpu_s: CPU seconds of data and training, all seeds.
+    """
+
+    arm: Arm
+    tasks: tuple[TaskFigures, ...]
+    checkpoints: tuple[str, ...]
+    demonstrations: int
+    cpu_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **self.arm.model_dump(mode="json"),
+            **summary(self.tasks),
+            "checkpoints": list(self.checkpoints),
+            "demonstrations": self.demonstrations,
+            "cpu_s": round(self.cpu_s, 3),
+        }
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What an experiment comes to.
+
+    Attributes:
+        out: folder.
+        record: what was run.
+        arms: in the order of the configuration, those that could be run.
+        skipped: arms that could not be, with the reason.
+    """
+
+    out: str
+    record: ExperimentRecord
+    arms: tuple[ArmResult, ...]
+    skipped: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data: means over all tasks of all arms, ``tasks`` with a row a task and arm, ``arms``."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "out": self.out,
+            **self.record.model_dump(mode="json", exclude={"schema_version", "config"}),
+            "title": self.record.config.title,
+            "about": self.record.config.about,
+            "seeds": self.record.config.seeds,
+            **summary([task for each in self.arms for task in each.tasks]),
+            "tasks": [task.to_dict(each.arm.name) for each in self.arms for task in each.tasks],
+            "arms": [each.to_dict() for each in self.arms],
+            "skipped": dict(self.skipped),
+            "cpu_s": round(sum(each.cpu_s for each in self.arms), 3),
+        }
+
+
+def run_experiment(
+    config: ExperimentConfig,
+    *,
+    out: Path,
+    seed: int = 0,
+    assets: str | Path | None = None,
+    workers: int = 2,
+    resume: bool = False,
+    progress: Progress = NULL_PROGRESS,
+) -> ExperimentResult:
+    """Teach and measure every arm of an experiment, and write its page.
+
+    Args:
+        config: what is run.
+        out: folder; ``<arm>/seed-<n>`` is a policy's, with what :func:`~gensim2.policy.learning.learn` leaves.
+        seed: of the first training of each arm; the others follow.
+        assets: folder of real objects; None: ``GENSIM2_ASSETS``. Without one the arms of real objects are left out.
+        workers: processes that plan and simulate.
+        resume: go on with what the folder holds.
+        progress: listener.
+
+    Raises:
+        InputError: an argument cannot be used, the folder holds something else, or no arm can be run.
+        NotRunError: some scenes or episodes could not be run.
+    """
+    library = open_library(assets)
+    record = ExperimentRecord(config=config, seed=seed, assets=str(library.location))
+    runnable = [arm for arm in config.arms if arm.objects == "generated" or record.assets != BUILTIN]
+    reason = "needs a folder of real objects: --assets"
+    skipped = {arm.name: reason for arm in config.arms if arm not in runnable}
+    if not runnable:
+        raise InputError("no arm can be run without a folder of real objects", field="assets")
+    out.mkdir(parents=True, exist_ok=True)
+    check_writable(out / EXPERIMENT_JSON)
+    _begin(out, record, resume)
+    found = []
+    for number, arm in enumerate(runnable, 1):
+        progress.message(f"arm {number} of {len(runnable)}: {arm.name}")
+        found.append(_run_arm(arm, record, out, workers, progress))
+    result = ExperimentResult(str(out), record, tuple(found), skipped)
+    told = result.to_dict()
+    write_json(out / RESULT_JSON, told)
+    from gensim2.policy.experiments.page import write_page
+
+    write_page(told)
+    return result
+
+
+def _begin(out: Path, record: ExperimentRecord, resume: bool) -> None:
+    path = out / EXPERIMENT_JSON
+    if not path.exists():
+        write_json(path, record.model_dump(mode="json"))
+        return
+    if not resume:
+        raise InputError("holds an experiment already", file=out, remedy="choose another --out, or add --resume")
+    there = read_record(path, ExperimentRecord, "choose another --out")
+    for name in ExperimentRecord.model_fields:
+        if getattr(there, name) != getattr(record, name):
+            raise InputError(
+                "the experiment was another", file=path, field=name, remedy="give the same, or another --out"
+            )
+
+
+def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progress: Progress) -> ArmResult:
+    config = record.config
+    assets = BUILTIN if arm.objects == "generated" else record.assets
+    policies: list[Learned] = []
+    seen: list[EvaluationResult] = []
+    for number in range(config.seeds):
+        folder, seed = out / arm.name / f"seed-{record.seed + number}", record.seed + number
+        learned = learn(
+            arm.tasks,
+            minutes=config.minutes_a_task * len(arm.tasks),
+            multi_task=True,
+            scenes=config.scenes,
+            objects=arm.count,
+            episodes=config.episodes,
+            control_episodes=config.control_episodes,
+            controls=("blind",),
+            videos=0,
+            test_instances=config.unseen,
+            seed=seed,
+            out=folder,
+            workers=workers,
+            resume=True,
+            progress=progress,
+            assets=assets,
+        )
+        policies += learned.learned
+        if arm.count is None:  # an evaluation draws from a split, and counted objects are none
+            measured = evaluate_policy(
+                folder,
+                arm.tasks,
+                controls=(),
+                episodes=config.episodes,
+                seed=seed,
+                out=folder / "seen",
+                workers=workers,
+                resume=True,
+                progress=NamedProgress("seen objects", progress),
+                assets=assets,
+                instances="train",
+            )
+            seen.append(measured.policy)
+    return ArmResult(
+        arm,
+        tuple(
+            TaskFigures(
+                name,
+                _rate(seen, name),
+                _rate([each.measured.policy for each in policies], name),
+                _rate([table for each in policies for table in each.measured.controls["blind"]], name),
+            )
+            for name in arm.tasks
+        ),
+        tuple(str(each.folder) for each in policies),
+        sum(sum(each.demonstrations.values()) for each in policies),
+        sum(each.cpu_s for each in policies),
+    )
+
+
+def _rate(tables: Sequence[EvaluationResult], task: str) -> Rate:
+    episodes = [each for table in tables for row in table.rows if row.task.name == task for each in row.episodes]
+    return Rate(sum(each.held for each in episodes), len(episodes))

@@ -1,0 +1,272 @@
+"""Relabels: states that a policy comes to, each with what the planner would do there, along the episode's own way.
+
+At an episode's start the planner says by which strategy and with which pose of the hand the step is done. As long as
+the object stands as it did, every so many control steps that plan is made again from where the policy has brought the
+arm; what keeps to strategy and pose is a label. On the last way to the contact, and behind it, a new plan would back
+off and come again, against what demonstrations do: there are no labels there.
+"""
+
+from __future__ import annotations
+
+import io
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+import gensim2_kpam as kpam
+from gensim2.errors import InputError
+from gensim2.files import write_atomic
+from gensim2.observations import EmptyCloudError, Observation
+from gensim2.planning import StepPlan, StepPlanner
+from gensim2.policy.controller import PolicyController
+from gensim2.policy.demonstrations import Demonstrations
+from gensim2.policy.frames import SEEN
+from gensim2.policy.heads.actions import ACTION, EXTRA
+from gensim2.policy.keypose.examples import planned_way
+from gensim2.policy.source import SENTENCE
+from gensim2.robots import RobotProfile, robot
+from gensim2.rollout.chain_state import ChainPlan
+from gensim2.rollout.worker import parsed, simulator
+from gensim2.scenes.config import SceneConfig
+from gensim2.tasks.strategies import Strategies
+
+if TYPE_CHECKING:
+    from gensim2.sim.headless import HeadlessEnv
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+EVERY = 8
+"""Control steps from one label to the next."""
+MOVED = 0.02
+"""Openness by which the object stands elsewhere than at the start: it was touched."""
+NEAR, TURNED = 0.03, 0.3
+"""m and rad by which the hand's pose at the contact may differ from the one that the episode began with."""
+LAST = 0.5
+"""Share of the way from the approach to the contact within which the hand is on that way, wherever it came from."""
+SLOW = 0.02
+"""m/s of a finger below which it has come to where it was sent."""
+STILL = 1e-3
+"""rad, and of a gripper's command: what stands within it stands still."""
+SHARE = 0.3
+"""Of a batch's samples that are relabels, where there are some."""
+
+
+def relabel_episode(scene: SceneConfig, strategies: Strategies, checkpoint: str, seed: int) -> Arrays:
+    """Roll the policy out on one scene and return its labels; called in a worker.
+
+    Columns are those of batches: ``frames.SEEN`` (S, T, ...) and ``action`` (S, H, m + 2); {} where there are none.
+
+    Raises:
+        InputError: the checkpoint cannot be used.
+    """
+    env, profile, step = simulator(scene), robot(scene.robot), scene.task.steps[0]
+    controller = PolicyController(checkpoint)
+    config, ways = controller.config, parsed(strategies)
+    env.reset(seed)
+    planner = StepPlanner(profile)
+    found = planned_way(planner, env.scene_state(), step, {name: ways[name] for name in step.strategies}, ())
+    if found is None:
+        return {}
+    way, began = found
+    stood = env.measure().openness[step.object]
+    past: deque[Arrays] = deque(maxlen=1 + config.stride * (config.history - 1))
+    samples: list[Arrays] = []
+    for number in range(profile.steps(scene.task.max_seconds)):
+        measured = env.measure()
+        if abs(measured.openness[step.object] - stood) > MOVED or _is_on_last_way(began, profile, env.q):
+            break
+        try:
+            observation = env.observe(controller.observation_spec)
+        except EmptyCloudError:
+            break
+        if number == 0:
+            controller.reset(observation, seed)
+        past.append({name: np.asarray(observation[name], dtype=np.float32) for name in SEEN})
+        if number and number % EVERY == 0:
+            label = _label(env, planner, way, began, ways, profile, observation, config.horizon)
+            if label is not None:
+                newest = len(past) - 1
+                back = range(config.history - 1, -1, -1)
+                frames = [past[max(0, newest - config.stride * each)] for each in back]
+                samples.append({name: np.stack([frame[name] for frame in frames]) for name in SEEN} | {ACTION: label})
+        action = controller.act(observation)
+        if action is None:
+            break
+        env.step(action)
+    return {name: np.stack([each[name] for each in samples]) for name in samples[0]} if samples else {}
+
+
+def _label(
+    env: HeadlessEnv,
+    planner: StepPlanner,
+    way: str,
+    began: StepPlan,
+    ways: Mapping[str, Any],
+    profile: RobotProfile,
+    observation: Observation,
+    horizon: int,
+) -> npt.NDArray[np.float32] | None:
+    """(H, m + 2): what the planner does from here by the same strategy and pose; None where it would not."""
+    scene = env.scene_state()
+    try:
+        planned = planner.plan(scene, env.task.steps[0], ways[way], former=began.plan)
+    except kpam.ProblemError:
+        return None
+    if planned.rank > 0 or not same_pose(began, planned):
+        return None
+    arm = profile.arm_size
+    actions = _from_fingers_on(ChainPlan(way, planned, scene, 0, "", profile).actions, observation, profile)
+    rows = np.minimum(np.arange(horizon), len(actions) - 1)
+    chunk = np.empty((horizon, arm + EXTRA), np.float32)
+    chunk[:, :arm] = actions[rows, :arm] - observation.joint_positions[:arm]
+    chunk[:, arm] = actions[rows, arm]
+    chunk[:, arm + 1] = np.where(np.arange(horizon) >= len(actions), 1.0, -1.0)
+    return chunk
+
+
+def _from_fingers_on(
+    actions: npt.NDArray[np.float32], observation: Observation, profile: RobotProfile
+) -> npt.NDArray[np.float32]:
+    """The actions of a plan without the wait for the fingers, where these are commanded so already and stand still."""
+    arm = profile.arm_size
+    fingers = observation.joint_velocities[list(profile.gripper_columns)]
+    if abs(observation.gripper_command - float(actions[0, arm])) > STILL or np.abs(fingers).max() > SLOW:
+        return actions
+    moved = np.abs(actions[:, :arm] - actions[0, :arm]).max(axis=1) > STILL
+    return actions[int(moved.argmax()) :]
+
+
+def same_pose(one: StepPlan, other: StepPlan) -> bool:
+    """Whether two plans bring the hand to the same pose at the contact."""
+    first, second = (_actuation(each) for each in (one, other))
+    if first is None or second is None:
+        return False
+    near = float(np.linalg.norm(first[:3, 3] - second[:3, 3])) <= NEAR
+    cosine = 0.5 * (float(np.trace(first[:3, :3].T @ second[:3, :3])) - 1.0)
+    return near and float(np.arccos(np.clip(cosine, -1.0, 1.0))) <= TURNED
+
+
+def _is_on_last_way(began: StepPlan, profile: RobotProfile, q: npt.NDArray[np.float64]) -> bool:
+    """Whether the hand is where a plan approaches the contact from, or nearer to it: another plan would back off."""
+    actuation, approach = _actuation(began), _keyframe(began, "pre_0")
+    if actuation is None or approach is None:
+        return False
+    hand = profile.model.forward_kinematics(q)[:3, 3]
+    length = float(np.linalg.norm(approach[:3, 3] - actuation[:3, 3]))
+    near = float(np.linalg.norm(hand - actuation[:3, 3])) < LAST * length
+    return near or float(np.linalg.norm(hand - approach[:3, 3])) < NEAR
+
+
+def _actuation(planned: StepPlan) -> npt.NDArray[np.float64] | None:
+    return _keyframe(planned, "actuation")
+
+
+def _keyframe(planned: StepPlan, label: str) -> npt.NDArray[np.float64] | None:
+    frames = () if planned.plan is None else planned.plan.keyframes
+    return next((np.asarray(each["T_base_hand"]) for each in frames if each["label"] == label), None)
+
+
+@dataclass(frozen=True)
+class Relabels:
+    """Labels of one task.
+
+    Attributes:
+        language: its sentence.
+        arrays: by the columns of :func:`relabel_episode`.
+    """
+
+    language: str
+    arrays: Arrays
+
+    def __len__(self) -> int:
+        return len(self.arrays[ACTION]) if self.arrays else 0
+
+    @staticmethod
+    def of(language: str, episodes: Sequence[Arrays]) -> Relabels:
+        """Those of several episodes."""
+        found = [each for each in episodes if each]
+        arrays = {name: np.concatenate([each[name] for each in found]) for name in found[0]} if found else {}
+        return Relabels(language, arrays)
+
+    def save(self, path: Path) -> None:
+        """Write them, whole or not at all.
+
+        Raises:
+            WriteError: the folder cannot be written to.
+        """
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, language=np.array(self.language), **self.arrays)  # type: ignore[arg-type]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, buffer.getvalue())
+
+    @staticmethod
+    def load(path: Path) -> Relabels:
+        """Read them.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                language = str(archive["language"])
+                return Relabels(language, {name: archive[name] for name in archive.files if name != "language"})
+        except Exception as error:
+            if (
+                not isinstance(error, OSError | ValueError | KeyError | EOFError)
+                and type(error).__module__ != "zipfile"
+            ):
+                raise
+            raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
+
+
+class RelabelledSource:
+    """Demonstrations with relabels of the same tasks beside them.
+
+    Args:
+        demonstrations: what there was before.
+        relabels: by task; their sentences are the demonstrations'.
+    """
+
+    def __init__(self, demonstrations: Demonstrations, relabels: Sequence[Relabels]) -> None:
+        self._demonstrations = demonstrations
+        self._relabels = [each for each in relabels if len(each)]
+        self.robot, self.action = demonstrations.robot, demonstrations.action
+        self.observation, self.sentences = demonstrations.observation, demonstrations.sentences
+        count = sum(len(each) for each in self._relabels)
+        self.record = demonstrations.record.model_copy(update={"relabels": count, "digest": self._digest()})
+
+    def draw(self, rng: np.random.Generator, size: int) -> dict[str, torch.Tensor]:
+        """Return a batch: ``SHARE`` of it relabels, evenly by task, the rest demonstrations."""
+        few = round(SHARE * size) if self._relabels else 0
+        found = self._demonstrations.draw(rng, size - few)
+        if not few:
+            return found
+        which = rng.integers(len(self._relabels), size=few)
+        rows = [int(rng.integers(len(self._relabels[task]))) for task in which]
+        pairs = list(zip(which, rows, strict=True))
+        for name in (*SEEN, ACTION):
+            drawn = np.stack([self._relabels[task].arrays[name][row] for task, row in pairs])
+            found[name] = torch.cat([found[name], torch.from_numpy(drawn)])
+        sentences = [self.sentences.index(self._relabels[task].language) for task in which]
+        found[SENTENCE] = torch.cat([found[SENTENCE], torch.tensor(sentences, dtype=found[SENTENCE].dtype)])
+        return found
+
+    def some_clouds(self, most: int) -> Any:
+        """Clouds of the demonstrations."""
+        return self._demonstrations.some_clouds(most)
+
+    def _digest(self) -> str:
+        import hashlib
+
+        found = hashlib.sha256(self._demonstrations.record.digest.encode())
+        for each in self._relabels:
+            found.update(each.language.encode())
+            for name, values in sorted(each.arrays.items()):
+                found.update(name.encode() + np.ascontiguousarray(values).tobytes())
+        return found.hexdigest()

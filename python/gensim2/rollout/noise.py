@@ -1,0 +1,68 @@
+"""Noise on what is commanded while what was meant is recorded: demonstrations of how a motion is gone back to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.rollout.controller import Action, Controller, Reference, is_privileged
+from gensim2.rollout.wrapped import WrappedController
+from gensim2.seeding import rng
+
+PERIOD = 0.6
+"""Seconds of one push off the way and back."""
+SHARE = 0.5
+"""Of the periods in which there is one."""
+
+
+class Noisy(WrappedController):
+    """A controller whose arm is sent a little elsewhere now and then; it is not told, and goes on as it meant to.
+
+    In each period each joint's target is off by a drawn angle times a half wave that begins and ends at zero. What was
+    meant is recorded as ``reference/action``.
+
+    Args:
+        controller: decides all actions.
+        control_hz: rate of actions.
+        arm: number of the arm's joints.
+        noise: standard deviation of the angles, rad.
+        seed: of the episode.
+    """
+
+    def __init__(self, controller: Controller, control_hz: int, arm: int, noise: float, seed: int) -> None:
+        self._controller, self._noise, self._arm, self._seed = controller, noise, arm, seed
+        self.privileged = is_privileged(controller)
+        self._steps = max(2, round(PERIOD * control_hz))
+
+    def reset(self, observation: object, seed: int) -> None:
+        """Begin an episode."""
+        self._rng = rng(self._seed, "noise")
+        self._at, self._angles = 0, np.zeros(self._arm)
+        self._meant: Action | None = None
+        self._controller.reset(observation, seed)
+
+    def act(self, observation: object) -> Action | None:
+        """The controller's action, its arm a little elsewhere."""
+        given = self._controller.act(observation)
+        self._meant = None if given is None else np.asarray(given, dtype=np.float32)
+        if self._meant is None:
+            return None
+        phase = self._at % self._steps
+        if phase == 0:
+            drawn: npt.NDArray[np.float64] = self._rng.normal(0.0, self._noise, self._arm)
+            self._angles = drawn * float(self._rng.random() < SHARE)
+        self._at += 1
+        sent = self._meant.copy()
+        sent[: self._arm] += (np.sin(np.pi * phase / self._steps) * self._angles).astype(np.float32)
+        return sent
+
+    @property
+    def reference(self) -> Reference | None:
+        """The controller's, with the action that was meant."""
+        told = super().reference
+        if told is None and self._meant is not None:
+            nothing = np.full(self._arm, np.nan, np.float32)
+            told = Reference(nothing, nothing, np.full(2, np.nan, np.float32))
+        return None if told is None else replace(told, action=self._meant)

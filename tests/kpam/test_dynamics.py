@@ -1,0 +1,158 @@
+"""Limits that depend on the state: Franka's velocity limits by position, and torques by inverse dynamics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import gensim2_kpam as kpam
+
+Array = npt.NDArray[np.float64]
+UR5 = Path(__file__).parents[2] / "examples" / "robots" / "ur5.urdf"
+#: Franka's page of the Research 3: greatest velocity, factor under the root, what is taken off, and both ends (rad).
+FR3 = (
+    np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]),
+    np.array([12.0, 5.17, 7.0, 8.0, 34.0, 11.0, 34.0]),
+    np.array([0.3, 0.2, 0.2, 0.3, 0.35, 0.35, 0.35]),
+    np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196]),
+    np.array([-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196]),
+)
+
+
+def allowed(q: Array) -> tuple[Array, Array]:
+    """Velocity limits of the Research 3 at (N, 7) positions: upwards and downwards, both positive."""
+    greatest, gain, offset, upper, lower = FR3
+    up = np.minimum(greatest, np.maximum(0.0, -offset + np.sqrt(np.maximum(0.0, gain * (upper - q)))))
+    down = np.minimum(greatest, np.maximum(0.0, -offset + np.sqrt(np.maximum(0.0, gain * (q - lower)))))
+    return up, down
+
+
+@pytest.fixture(scope="module")
+def ur5() -> kpam.Robot:
+    return kpam.Robot.from_urdf(str(UR5), hand_link="flange")
+
+
+def test_torques_are_pinocchios(ur5: kpam.Robot, panda: kpam.Robot) -> None:
+    pin = pytest.importorskip("pinocchio")
+    from gensim2.robots import robot
+
+    draw = np.random.default_rng(5)
+    for ours, urdf in ((ur5, UR5), (panda, robot("panda").urdf)):
+        model = pin.buildModelFromUrdf(str(urdf))
+        data = model.createData()
+        names = [str(name) for name in model.names[1:]]
+        order = [names.index(name) for name in ours.joint_names]
+        n = len(names)
+        assert ours.mass == pytest.approx(pin.computeTotalMass(model) + rooted(pin, model), rel=1e-9)
+        for _ in range(50):
+            q, v, a = draw.uniform(-2, 2, n), draw.normal(0, 2, n), draw.normal(0, 5, n)
+            theirs = pin.rnea(model, data, q, v, a)
+            found = ours.inverse_dynamics(q[order], v[order], a[order])
+            np.testing.assert_allclose(found, theirs[order], rtol=1e-9, atol=1e-9)
+
+
+def rooted(pin: object, model: object) -> float:
+    """Mass of what no joint carries, which Pinocchio keeps with the universe."""
+    return float(model.inertias[0].mass)  # type: ignore[attr-defined]
+
+
+def test_torques_of_many_states_come_together(ur5: kpam.Robot) -> None:
+    draw = np.random.default_rng(6)
+    q, v, a = draw.uniform(-1, 1, (3, 4, 6))
+    together = ur5.inverse_dynamics(q, v, a)
+    assert together.shape == (4, 6)
+    np.testing.assert_array_equal(together[2], ur5.inverse_dynamics(q[2], v[2], a[2]))
+    weightless = ur5.inverse_dynamics(q[0], 0 * v[0], 0 * a[0], gravity=(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(weightless, 0.0, atol=1e-12)
+    with pytest.raises(kpam.ProblemError, match="shape of q"):
+        ur5.inverse_dynamics(q, v[0], a)
+
+
+def test_plans_keep_torque_limits_by_pinocchio(ur5: kpam.Robot) -> None:
+    pin = pytest.importorskip("pinocchio")
+    model = pin.buildModelFromUrdf(str(UR5))
+    data = model.createData()
+    draw = np.random.default_rng(7)
+    scene = kpam.Scene(ur5)
+    slower = 0
+    for _ in range(12):
+        a, b = draw.uniform(-1, 1, (2, 6)) + np.array([0, -1.2, 1.2, 0, 0, 0])
+        held = np.max([np.abs(pin.rnea(model, data, q, np.zeros(6), np.zeros(6))) for q in (a, b)], axis=0)
+        limits = np.maximum(1.35 * held, [20, 20, 20, 2, 2, 2])
+        free = scene.plan_to(a, b, velocity_limits=[3.0] * 6)
+        bound = scene.plan_to(a, b, velocity_limits=[3.0] * 6, torque_limits=list(limits))
+        if bound.trajectory is None or free.trajectory is None:
+            assert bound.status in (kpam.MotionStatus.UNTIMED, free.status)
+            continue
+        slower += bound.trajectory.duration > 1.02 * free.trajectory.duration
+        times = np.linspace(0.0, bound.trajectory.duration, 20_000)
+        for q, v, gain in zip(*bound.trajectory.sample(times), strict=True):
+            assert (np.abs(pin.rnea(model, data, q, v, gain)) <= limits * (1 + 1e-6)).all()
+    assert slower >= 3
+
+
+def test_what_cannot_be_held_has_no_motion(ur5: kpam.Robot) -> None:
+    stretched, up = np.zeros(6), np.array([0, -np.pi / 2, 0, 0, 0, 0])
+    load = np.abs(ur5.inverse_dynamics(stretched, np.zeros(6), np.zeros(6)))
+    motion = kpam.Scene(ur5).plan_to(up, stretched, torque_limits=list(0.9 * load + 1.0), samples=2000)
+    assert motion.status == "untimed"
+    assert motion.trajectory is None
+
+
+def test_torque_limits_need_masses(panda: kpam.Robot) -> None:
+    text = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="prismatic"><parent link="a"/>'
+    text += '<child link="b"/><axis xyz="1 0 0"/><limit lower="0" upper="1" velocity="1" effort="7"/></joint></robot>'
+    light = robot_of(text)
+    assert list(light.effort) == [7.0]
+    with pytest.raises(kpam.ProblemError, match=r"torque_limits.*masses"):
+        kpam.Scene(light).plan_to([0.1], [0.9], torque_limits=[5.0])
+
+
+def robot_of(text: str) -> kpam.Robot:
+    import tempfile
+
+    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+        file.write(text)
+        file.flush()
+        return kpam.Robot.from_urdf(file.name, hand_link="b")
+
+
+def test_the_research_3_keeps_its_limits_by_position() -> None:
+    greatest, gain, offset, upper, lower = FR3
+    draw = np.random.default_rng(8)
+    braking = list(zip(upper, lower, gain, offset, strict=True))
+    bound = 0
+    for _ in range(60):
+        near = offset**2 / gain + 0.02
+        ends = draw.uniform(lower + near, upper - near, (2, 7))
+        middle = 0.5 * (ends[0] + ends[1]) + draw.normal(0, 0.05, 7)
+        motion, _ = kpam.retime([ends[0], middle, ends[1]], greatest, [10.0] * 7, [5000.0] * 7, braking=braking)
+        plain, _ = kpam.retime([ends[0], middle, ends[1]], greatest, [10.0] * 7, [5000.0] * 7)
+        bound += motion.duration > 1.005 * plain.duration
+        q, v, a = motion.sample(np.linspace(0.0, motion.duration, 20_000))
+        up, down = allowed(q)
+        assert (v <= up * (1 + 1e-6) + 1e-8).all()
+        assert (-v <= down * (1 + 1e-6) + 1e-8).all()
+        assert (np.abs(a) <= 10.0 * (1 + 1e-6)).all()
+    assert bound >= 10
+
+
+def test_motions_of_an_arm_of_seven_joints_keep_the_research_3s_limits(panda: kpam.Robot) -> None:
+    draw = np.random.default_rng(9)
+    scene = kpam.Scene(panda)
+    low, high = np.maximum(panda.lower[:7], FR3[4]) + 0.05, np.minimum(panda.upper[:7], FR3[3]) - 0.05
+    seen = 0
+    for _ in range(10):
+        a, b = (np.append(draw.uniform(low, high), [0.04, 0.04]) for _ in range(2))
+        motion = scene.plan_to(a, b, limits="fr3", samples=2000, velocity_limits=[10.0] * 9)
+        if motion.trajectory is None:
+            continue
+        seen += 1
+        q, v, _ = motion.trajectory.sample(np.linspace(0.0, motion.trajectory.duration, 10_000))
+        up, down = allowed(q[:, :7])
+        assert (v[:, :7] <= up * (1 + 1e-6) + 1e-8).all()
+        assert (-v[:, :7] <= down * (1 + 1e-6) + 1e-8).all()
+    assert seen >= 3

@@ -1,0 +1,60 @@
+"""``gensim2 experiment`` at toy size: every arm is learned and measured, and a second run does nothing again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gensim2.cli.main import run
+from gensim2.policy import learning
+from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.keypose import data
+
+CONFIG = """
+title: Toy
+about: Two arms.
+minutes_a_task: 0.001
+scenes: 2
+episodes: 1
+control_episodes: 1
+unseen: new
+arms:
+  - {name: split, objects: generated, tasks: [CloseBox]}
+  - {name: counted, objects: generated, count: 2, tasks: [CloseBox]}
+  - {name: real, objects: real, tasks: [CloseBox]}
+"""
+
+
+def test_every_arm_is_learned_and_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(data, "SHARD", 2)
+    monkeypatch.setattr(learning, "LEAST_STEPS", 2)
+    config, out, told = tmp_path / "toy.yaml", tmp_path / "out", tmp_path / "told.json"
+    config.write_text(CONFIG)
+    words = ["experiment", "generalization", "--config", str(config), "--assets", "builtin", "--workers", "1"]
+    words += ["--seed", "3", "--out", str(out), "--json", str(told)]
+    assert run(words) == 0
+    found = json.loads(told.read_text())
+    assert [(row["arm"], row["name"]) for row in found["tasks"]] == [("split", "CloseBox"), ("counted", "CloseBox")]
+    split, counted = found["tasks"]
+    assert (split["episodes"], counted["episodes"], found["episodes"]) == (2, 1, 3)
+    assert counted["seen_mean"] is None
+    for name in ("seen", "unseen"):
+        low, high = found[f"{name}_interval"]
+        assert 0.0 <= low <= found[f"{name}_mean"] <= high <= 1.0
+    assert found["skipped"] == {"real": "needs a folder of real objects: --assets"}
+    assert "Toy" in (out / "report.html").read_text()
+    assert PolicyCheckpoint.load(out / "counted" / "seed-3").data.tasks == ("CloseBox",)
+    capfd.readouterr()
+    assert run(words) == 2
+    assert "--resume" in capfd.readouterr().err
+    before = {path: path.read_bytes() for path in out.rglob("weights-*")}
+    assert run([*words, "--resume"]) == 0
+    assert {path: path.read_bytes() for path in out.rglob("weights-*")} == before
+    assert json.loads(told.read_text())["tasks"] == found["tasks"]
+    config.write_text(CONFIG.replace("episodes: 1", "episodes: 2"))
+    assert run([*words, "--resume"]) == 2
+    assert "config" in capfd.readouterr().err

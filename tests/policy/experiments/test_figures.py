@@ -1,0 +1,104 @@
+"""Figures of experiments against published ones, their configurations, and the page that is made of the JSON alone."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.policy.experiments import NAMES, config_of, read_experiment
+from gensim2.policy.experiments.figures import Rate, TaskFigures, difference, summary
+from gensim2.policy.experiments.page import figure, write_page
+from gensim2.tasks.library import load_task
+
+
+def test_the_interval_of_a_difference_is_newcombes() -> None:
+    gap, (low, high) = difference(Rate(56, 70), Rate(48, 80))  # Newcombe 1998, table II, example (a), method 10
+    assert gap == pytest.approx(0.2)
+    assert (low, high) == pytest.approx((0.0524, 0.3339), abs=1e-4)
+    with pytest.raises(ValueError, match="no episodes"):
+        difference(Rate(1, 2), Rate(0, 0))
+
+
+def test_what_is_lost_is_seen_less_unseen_over_all_episodes() -> None:
+    tasks = [
+        TaskFigures("OpenBox", Rate(10, 10), Rate(8, 10), Rate(0, 5)),
+        TaskFigures("CloseBox", Rate(9, 10), Rate(9, 10), Rate(1, 5)),
+    ]
+    told = summary(tasks)
+    assert (told["seen_mean"], told["unseen_mean"], told["blind_mean"]) == (0.95, 0.85, 0.1)
+    assert told["lost_mean"] == pytest.approx(0.1)
+    assert told["episodes"] == 40
+    for name in ("seen", "unseen"):
+        low, high = told[f"{name}_interval"]
+        assert low < told[f"{name}_mean"] < high
+    unseen_only = summary([TaskFigures("OpenBox", Rate(0, 0), Rate(8, 10), Rate(0, 5))])
+    assert (unseen_only["seen_mean"], unseen_only["seen_interval"], unseen_only["lost_mean"]) == (None, None, None)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("small", [False, True])
+def test_every_configuration_is_of_tasks_that_there_are(name: Any, small: bool) -> None:
+    config = config_of(name, small=small)
+    for arm in config.arms:
+        for task in arm.tasks:
+            assert load_task(task).is_single_step
+
+
+def test_the_paper_s_arms_have_five_and_fifteen_tasks() -> None:
+    arms = {arm.name: len(arm.tasks) for arm in config_of("generalization").arms}
+    assert arms == {"generated-5": 5, "generated-15": 15, "real-5": 5, "real-15": 15}
+    counts = [arm.count for arm in config_of("scaling").arms]
+    assert (counts[0], counts[-1], len(counts)) == (10, 1000, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("minutes: 3", "minutes"),
+        ("episodes: 0", "episodes"),
+        ("arms: [{name: a, objects: real, count: 3, tasks: [OpenBox]}]", "arms.0"),
+        ("arms: [{name: A b, objects: real, tasks: [OpenBox]}]", "arms.0.name"),
+    ],
+)
+def test_a_field_that_cannot_be_so_is_named(tmp_path: Path, text: str, field: str) -> None:
+    base = {"title": "a", "about": "a", "minutes_a_task": "1", "scenes": "1", "episodes": "1", "control_episodes": "1"}
+    base["arms"] = "[{name: a, objects: generated, tasks: [OpenBox]}]"
+    lines = [f"{name}: {value}" for name, value in base.items() if not text.startswith(f"{name}:")]
+    path = tmp_path / "arms.yaml"
+    path.write_text("\n".join([*lines, text]))
+    with pytest.raises(InputError) as caught:
+        read_experiment(path)
+    assert caught.value.field == field
+
+
+def _arm(name: str, count: int | None, mean: float) -> dict[str, Any]:
+    task = TaskFigures("OpenBox", Rate(0, 0) if count else Rate(9, 10), Rate(round(10 * mean), 10), Rate(0, 5))
+    about = {"name": name, "count": count, "tasks": ["OpenBox"], "demonstrations": 7, "cpu_s": 3.0}
+    return {**about, **summary([task]), "rows": [task.to_dict(name)]}
+
+
+def test_the_page_shows_every_arm_with_its_error_bar(tmp_path: Path) -> None:
+    arms = [_arm("few", 10, 0.5), _arm("many", 1000, 0.9), _arm("middle", 100, 0.8)]
+    drawn = figure(arms)
+    x = {name["words"]: name["x"] for name in drawn["names"]}
+    assert x["100 objects"] - x["10 objects"] == pytest.approx(x["1000 objects"] - x["100 objects"], abs=0.2)
+    assert len(drawn["marks"]) == 3  # nothing was measured on seen objects
+    for mark in drawn["marks"]:
+        assert mark["high"] < mark["y"] < mark["low"]  # rows count downwards
+    tasks = [row for arm in arms for row in arm["rows"]]
+    told = {"out": str(tmp_path), "title": "Few & many", "about": "", "seed": 0, "seeds": 1, **summary([])}
+    page = write_page({**told, "arms": arms, "tasks": tasks, "skipped": {"real": "needs a folder"}}).read_text()
+    assert "Few &amp; many" in page
+    assert len(re.findall("<circle", page)) == 3
+    assert "needs a folder" in page
+    both = figure([_arm("a", None, 0.5), _arm("b", None, 0.9)])
+    assert [mark["words"] for mark in both["marks"]] == [
+        "a, seen: 0.90",
+        "a, unseen: 0.50",
+        "b, seen: 0.90",
+        "b, unseen: 0.90",
+    ]

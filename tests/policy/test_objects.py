@@ -1,0 +1,41 @@
+"""Objects to learn from and to be measured on: those that a training sees are none of the others."""
+
+from __future__ import annotations
+
+import pytest
+
+from gensim2.errors import InputError
+from gensim2.policy.objects import unseen_instances, with_objects
+from gensim2.rollout.inputs import only_strategies, read_task_input
+
+
+def test_unseen_objects_are_of_the_test_split_where_every_class_has_one() -> None:
+    many, few = (read_task_input(name, assets="builtin") for name in ("OpenDrawer", "CloseSuitcaseLid"))
+    assert unseen_instances([many]) == "test"
+    assert unseen_instances([many, few]) == "new"
+
+
+def test_counted_objects_are_neither_listed_nor_new() -> None:
+    given = read_task_input("OpenDrawer", assets="builtin")
+    ids = with_objects(given, 40, seed=1).scene.instances
+    assert isinstance(ids, tuple)
+    assert len(set(ids)) == 40
+    library = given.library
+    assert not set(ids) & {*library.choose("drawer", "all"), *library.choose("drawer", "new")}
+    assert ids == with_objects(given, 40, seed=1).scene.instances
+    assert ids != with_objects(given, 40, seed=2).scene.instances
+    with pytest.raises(InputError, match="one articulated class"):
+        with_objects(read_task_input("PlaceGolfBallIntoDrawer", assets="builtin"), 4, seed=0)
+
+
+def test_only_named_strategies_are_left_to_a_step_that_has_them() -> None:
+    given = read_task_input("OpenDrawer", assets="builtin")
+    first, *others = given.spec.steps[0].strategies
+    assert others
+    (one,) = only_strategies([given], [first])
+    assert one.spec.steps[0].strategies == (first,)
+    assert tuple(one.strategies) == (first,)
+    assert only_strategies([given], []) == [given]
+    with pytest.raises(InputError, match="no step has 'pray'") as caught:
+        only_strategies([given], ["pray"])
+    assert first in str(caught.value)
