@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -11,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
 from gensim2.observations import Observation
+from gensim2.policy.array_file import read_arrays, write_arrays
 from gensim2.seeding import rng
 
 CLOUDS = "clouds.npz"
@@ -43,9 +42,9 @@ class Shuffled:
             InputError: there are none.
         """
         try:
-            with np.load(folder / CLOUDS, allow_pickle=False) as archive:
-                return Shuffled(archive["points"], archive["colours"])
-        except (OSError, ValueError, KeyError) as error:
+            arrays = read_arrays(folder / CLOUDS)
+            return Shuffled(arrays["points"], arrays["colours"])
+        except (InputError, KeyError) as error:
             raise InputError("holds no clouds of other scenes", file=folder, remedy="train the policy again") from error
 
     def save(self, folder: Path) -> None:
@@ -54,9 +53,7 @@ class Shuffled:
         Raises:
             WriteError: the folder cannot be written to.
         """
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, points=self.points, colours=self.colours)
-        write_atomic(folder / CLOUDS, buffer.getvalue())
+        write_arrays(folder / CLOUDS, {"points": self.points, "colours": self.colours})
 
 
 def altered(observation: Observation, sees: Sees, others: Shuffled | None, seed: int) -> Observation:

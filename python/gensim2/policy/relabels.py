@@ -8,7 +8,6 @@ off and come again, against what demonstrations do: there are no labels there.
 
 from __future__ import annotations
 
-import io
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,9 +20,9 @@ import torch
 
 import gensim2_kpam as kpam
 from gensim2.errors import InputError
-from gensim2.files import write_atomic
 from gensim2.observations import EmptyCloudError, Observation
 from gensim2.planning import StepPlan, StepPlanner
+from gensim2.policy.array_file import read_arrays, write_arrays
 from gensim2.policy.controller import PolicyController
 from gensim2.policy.demonstrations import Demonstrations
 from gensim2.policy.frames import SEEN
@@ -200,10 +199,7 @@ class Relabels:
         Raises:
             WriteError: the folder cannot be written to.
         """
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, language=np.array(self.language), **self.arrays)  # type: ignore[arg-type]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, buffer.getvalue())
+        write_arrays(path, {"language": np.array(self.language), **self.arrays})
 
     @staticmethod
     def load(path: Path) -> Relabels:
@@ -212,17 +208,10 @@ class Relabels:
         Raises:
             InputError: the file is damaged.
         """
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                language = str(archive["language"])
-                return Relabels(language, {name: archive[name] for name in archive.files if name != "language"})
-        except Exception as error:
-            if (
-                not isinstance(error, OSError | ValueError | KeyError | EOFError)
-                and type(error).__module__ != "zipfile"
-            ):
-                raise
-            raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
+        arrays = read_arrays(path)
+        if "language" not in arrays:
+            raise InputError("is damaged: has no language", file=path, remedy="remove it and make it again")
+        return Relabels(str(arrays.pop("language")), arrays)
 
 
 class RelabelledSource:

@@ -5,10 +5,10 @@ First what costs nothing (files, fields, names), then what needs one object of t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from gensim2.errors import InputError, brief
 from gensim2.objects import Instance, Library, open_library
@@ -154,7 +154,7 @@ def only_strategies(given: Sequence[TaskInput], names: Sequence[str]) -> list[Ta
 
 
 def _only(given: TaskInput, names: set[str]) -> TaskInput:
-    ways: dict[str, dict[str, Mapping[str, Any]]] = {}
+    ways: dict[str, Strategies] = {}
     for step in given.spec.steps:
         wanted = [name for name in step.strategies if name in names] or list(step.strategies)
         ways[step.name] = {name: given.strategies[name] for name in wanted}

@@ -154,7 +154,7 @@ class HeadlessEnv(SceneAccessMixin):
 
     def pressing_force(self) -> float:
         """Force (N) with which everything else pressed on the robot in the last step of the physics, all in all."""
-        links = {link.entity for link in self._require_arm().reader.articulation.links}
+        links = {link.entity for link in self._require_arm().articulation.links}
         total = np.zeros(3)
         for contact in self._system.get_contacts():
             first, second = (body.entity in links for body in contact.bodies)

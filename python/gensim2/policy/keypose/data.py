@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from collections import Counter
@@ -16,8 +15,9 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
 from gensim2.errors import InputError
-from gensim2.files import write_atomic, write_json
+from gensim2.files import write_json
 from gensim2.observations import ObservationSpec
+from gensim2.policy.array_file import read_arrays, write_arrays
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import read_record
 from gensim2.rollout.inputs import TaskInput
@@ -185,9 +185,7 @@ def make_shard(
     names = list(examples[0]) if examples else []
     arrays: dict[str, Any] = {name: np.stack([each[name] for each in examples]) for name in names}
     about = json.dumps({"scenes": len(seeds), "failed": failed, "cpu_s": cpu_s})
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, about=np.array(about), **arrays)
-    write_atomic(_shard(Path(folder), number), buffer.getvalue())
+    write_arrays(_shard(Path(folder), number), {"about": np.array(about), **arrays})
     return cpu_s
 
 
@@ -251,13 +249,8 @@ def _cpu_of(path: Path) -> float:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    arrays = read_arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            about = json.loads(str(archive["about"]))
-            return about, {name: archive[name] for name in archive.files if name != "about"}
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
-    except Exception as error:  # zipfile's own
-        if type(error).__module__ not in ("zipfile", "zlib"):
-            raise
+        return json.loads(str(arrays.pop("about"))), arrays
+    except (KeyError, ValueError) as error:
         raise InputError(f"is damaged: {error}", file=path, remedy="remove it and make it again") from error
