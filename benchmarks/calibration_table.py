@@ -1,0 +1,76 @@
+"""Table of docs/calibration.md, from the JSON of `gensim2 benchmark --method original-configs --json FILE`.
+
+    python benchmarks/calibration_table.py FILE...       # takes the figures of these runs in, and writes the table
+    python benchmarks/calibration_table.py               # writes the table from the figures that there are
+
+The figures stand in ``calibration.json`` beside this file, one run for each way of drawing scenes: rows without their
+episodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from gensim2.files import write_atomic, write_json
+from gensim2.rollout.tally import interval
+
+FIGURES = Path(__file__).with_suffix("").with_name("calibration.json")
+PAGE = Path(__file__).parents[1] / "docs" / "calibration.md"
+BEGIN, END = "<!-- calibration: begin -->\n", "<!-- calibration: end -->\n"
+ROW = ("name", "paper", "release", "p_value", "causes", "instances")
+
+
+def figures_of(found: dict[str, Any]) -> dict[str, Any]:
+    """Return a run's figures: rows and sums, without episodes and without folders of the machine that it ran on."""
+    provenance = dict(found["provenance"])
+    provenance["command"] = re.sub(r" --(out|resume|workers|json)( [^-]\S*)?", "", provenance["command"])
+    provenance["command"] = re.sub(r"\S*/(\S+)", r"\1", provenance["command"])
+    rows = [{name: task.get(name) for name in ROW} for task in found["tasks"]]
+    return {"provenance": provenance, "rows": rows, "in_all": found["in_all"], "left_out": len(found["left_out"])}
+
+
+def share(counted: dict[str, Any] | None) -> str:
+    """Return a count with its rate and interval; nothing where nothing was counted."""
+    if counted is None:
+        return ""
+    low, high = interval(counted["count"], counted["of"])
+    return f"{counted['count']}/{counted['of']} ({low:.2f} to {high:.2f})"
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the tables of all runs as Markdown."""
+    parts = []
+    for scenes, found in sorted(figures.items(), reverse=True):
+        told = found["provenance"]
+        parts.append(f"**Scenes {scenes}**, commit {told['commit'][:7]}, {told['date']}: `{told['command']}`\n")
+        parts.append("| task | here (95 %) | its release (95 %) | p | what ours failed at |\n|---|---|---|---|---|")
+        for row in found["rows"]:
+            causes = ", ".join(f"{cause} {count}" for cause, count in row["causes"].items())
+            p = "" if row["p_value"] is None else f"{row['p_value']:.2f}"
+            parts.append(f"| {row['name']} | {share(row['paper'])} | {share(row['release'])} | {p} | {causes} |")
+        sums = found["in_all"]
+        here, there = share(sums["paper"]), share(sums["release"])
+        parts.append(f"| **tasks of one step** | {here} | {there} | {sums['p_value']:.2f} | |\n")
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Take runs in, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    figures = json.loads(FIGURES.read_text()) if FIGURES.exists() else {}
+    for file in parser.parse_args().files:
+        found = json.loads(file.read_text())
+        figures[found["arguments"]["scenes"]] = figures_of(found)
+    write_json(FIGURES, figures)
+    page = PAGE.read_text()
+    begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
+    write_atomic(PAGE, page[:begin] + table(figures) + page[end:])
+
+
+if __name__ == "__main__":
+    main()
