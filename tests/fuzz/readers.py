@@ -298,15 +298,16 @@ class Tally:
 def run(
     count: int, seed: int, commands: bool, folder: Path, say: Callable[[str], object], only: str | None = None
 ) -> Tally:
-    """Try ``count`` inputs, kinds in turn; faults are said and counted."""
+    """Try ``count`` inputs, kinds in turn and of each its files in turn; faults are said and counted."""
     tally = Tally(Counter())
-    chosen = [
-        subject
-        for subject in subjects()
-        if (subject.command is not None or not commands) and (only is None or subject.name.startswith(only))
-    ]
+    kinds: dict[str, list[Subject]] = {}
+    for subject in subjects():
+        if (subject.command is not None or not commands) and (only is None or subject.name.startswith(only)):
+            kinds.setdefault(subject.name, []).append(subject)
+    chosen = list(kinds.values())
     for number in range(count):
-        subject = chosen[number % len(chosen)]
+        files = chosen[number % len(chosen)]
+        subject = files[number // len(chosen) % len(files)]
         generator = np.random.default_rng([seed, number])
         try:
             if commands:

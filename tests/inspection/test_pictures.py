@@ -17,6 +17,7 @@ from gensim2.inspection.gallery import build_gallery
 from gensim2.objects import Instance, Library, RigidObject, open_library
 from gensim2.objects.library.articulated import GeneratedShelf
 from gensim2.objects.library.rigid import GeneratedRigidShelf
+from gensim2.objects.types import Hulls
 from gensim2.sim.rendering import can_render
 
 needs_driver = pytest.mark.skipif(not can_render(), reason="no Vulkan driver works on this machine")
@@ -88,11 +89,11 @@ class FewShelf(GeneratedRigidShelf):
         """Nothing more."""
         return asset_class
 
-    def load_rigid(self, asset_class: str) -> RigidObject:
+    def load_rigid(self, asset_class: str, hulls: Hulls = "default") -> RigidObject:
         """Refuse the broken one."""
         if asset_class == "broken":
             raise InputError("no mesh", field="broken", remedy="mend it")
-        return super().load_rigid(asset_class)
+        return super().load_rigid(asset_class, hulls)
 
 
 def test_rigid_objects_stand_beside_the_others(library: Library, tmp_path: Path, pretend: None) -> None:

@@ -11,6 +11,7 @@ import pytest
 from jobs import HALFWAY, ROLE, Actions, hold, push
 
 from gensim2.errors import InputError
+from gensim2.objects.types import Hulls
 from gensim2.planning.scene import Scene
 from gensim2.rollout.record import Cause, StrictMiss
 from gensim2.rollout.run import run
@@ -95,7 +96,7 @@ def test_an_object_that_moves_by_itself_shows_with_a_still_arm() -> None:
         def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
             return self.instances(asset_class)
 
-        def load(self, asset_class: str, instance_id: str, /) -> Any:
+        def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> Any:
             instance = library.load(asset_class, instance_id)
             assert instance.joint is not None
             return dataclasses.replace(instance, joint=dataclasses.replace(instance.joint, friction=1e-4, damping=0.0))

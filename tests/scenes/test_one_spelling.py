@@ -80,7 +80,8 @@ def test_keywords_options_and_fields_are_the_same_words() -> None:
     assert {each.name for each in command.params} == {*get_type_hints(RolloutArguments), "seed", "redraw"}
     run = {each.name for each in fields(RolloutOptions)}
     assert set(FIXED_ARGUMENTS) >= {*SCENE_FIELDS, *run}
-    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets"} | run
+    # Noise is for collections alone: no figure has any.
+    assert set(Condition.model_fields) == {"objects"} | set(SCENE_FIELDS) - {"assets"} | run - {"noise"}
 
 
 def test_it_pickles_and_finds_its_like() -> None:

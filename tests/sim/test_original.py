@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from gensim2.errors import InputError
 from gensim2.objects import RigidObject, open_library
-from gensim2.objects.types import Instance
+from gensim2.objects.types import Hulls, Instance
 from gensim2.robots import robot
 from gensim2.scenes.default_pose import DefaultPose, released_pose
 from gensim2.sim import original
@@ -234,7 +234,7 @@ class _Renamed:
     def choose(self, asset_class: str, which: str, /) -> tuple[str, ...]:
         return (self._instance.id,)
 
-    def load(self, asset_class: str, instance_id: str, /) -> Instance:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default", /) -> Instance:
         return self._instance
 
 
