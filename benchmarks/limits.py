@@ -79,8 +79,8 @@ def hostile(count: int, draw: np.random.Generator, start: Array) -> Iterator[Arr
 
 
 def commands(count: int, seed: int, speed: float) -> tuple[Array, Counter[str], float]:
-    """What the limits let through of hostile targets: (N, 7) positions one cycle apart, what was clipped or refused,
-    and CPU seconds a command."""
+    """Return what the limits let through of hostile targets: (N, 7) positions one cycle apart, what was clipped or
+    refused, and CPU seconds a command."""
     limits = ArmLimits.of(robot("panda"), speed=speed)
     start = np.array(robot("panda").reset_qpos[:7])
     sent, told = begin(start, limits), Counter[str]()

@@ -52,7 +52,7 @@ def short(rows: Sequence[Figure]) -> str:
 
 
 def switches(rows: Sequence[Figure]) -> str:
-    """What each switch of the physics costs or gives, turned to the original's alone, on the same scenes.
+    """Table of what each switch of the physics costs or gives, turned to the original's alone, on the same scenes.
 
     A row of the table is of the tasks that were measured under the default and with that switch, of as many episodes of
     the same seed on the same objects. Points are those of the mean over tasks; the interval is that of the mean of the
@@ -79,7 +79,7 @@ def switches(rows: Sequence[Figure]) -> str:
 
 
 def _scenes(row: Figure) -> tuple[str, Condition, int, int]:
-    """What a row's scenes follow from, physics apart."""
+    """Return what a row's scenes follow from, physics apart."""
     return row.task, row.condition.model_copy(update={"physics": ""}), row.seed, row.episodes
 
 

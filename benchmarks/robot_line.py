@@ -41,7 +41,7 @@ SECONDS = 60.0
 
 
 def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
-    """What ``gensim2 robot run`` says."""
+    """Run ``gensim2 robot run`` and return its JSON."""
     out = folder / "result.json"
     command = [sys.executable, "-m", "gensim2.cli", "robot", "run", *words, "--minutes", str(minutes)]
     subprocess.run([*command, "--json", str(out), "--out", str(folder / "log")], check=False, stdout=subprocess.DEVNULL)
