@@ -84,7 +84,7 @@ def show(
     if len(path) > 1:
         segments = np.stack([path[:-1], path[1:]], axis=1).astype(np.float32)
         server.scene.add_line_segments("/path", segments, (40, 90, 220), thickness=0.003)
-    _add_clock(server, trajectory, pose_at)
+    add_clock(server, trajectory, pose_at)
     return server
 
 
@@ -148,7 +148,7 @@ def _quaternion(turn: Array) -> Array:
     return np.asarray(q / np.linalg.norm(q))
 
 
-def _add_clock(server: Any, trajectory: Trajectory, pose_at: Any) -> None:
+def add_clock(server: Any, trajectory: Trajectory, pose_at: Any) -> None:
     """Add a slider over the motion's time, and a button that plays it."""
     start, end = float(trajectory.times[0]), float(trajectory.times[-1])
     pose_at(trajectory.sample(start)[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import time
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,12 @@ import gensim2_kpam as kpam
 from gensim2.errors import MissingExtraError
 from gensim2.planning.scene import Scene, SceneBody
 from gensim2.robots import RobotProfile
+from gensim2_kpam.show import STEP, add_clock
 
 Array = npt.NDArray[np.float64]
 
 #: Colours, RGB: of what is no object, of what stands of an object, of what its joint moves, of rigid objects.
 FIXTURE, STANDING, MOVING, RIGID = (205, 190, 170), (120, 150, 190), (230, 150, 60), (120, 180, 120)
-#: Seconds between two pictures while a motion plays, and between two points of the path that is drawn.
-STEP = 0.04
 
 
 def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "localhost", port: int = 8080) -> Any:
@@ -66,22 +64,10 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
 
     trajectory = plan.trajectory
     server.gui.add_markdown(f"**{plan.status}**: {plan.reason}")
-    pose_at(scene.q if trajectory is None else trajectory.positions[0])
     if trajectory is None:
+        pose_at(scene.q)
         return server
-    start, end = float(trajectory.times[0]), float(trajectory.times[-1])
-    slider = server.gui.add_slider("time [s]", min=start, max=end, step=STEP / 4, initial_value=start)
-
-    def move(_: Any) -> None:
-        pose_at(trajectory.sample(slider.value)[0])
-
-    def play(_: Any) -> None:
-        for t in np.append(np.arange(start, end, STEP), end):
-            slider.value = float(t)
-            time.sleep(STEP)
-
-    slider.on_update(move)
-    server.gui.add_button("play").on_click(play)
+    add_clock(server, trajectory, pose_at)
     return server
 
 
