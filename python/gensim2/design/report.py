@@ -125,6 +125,7 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
         "threshold": verification.threshold,
         "rate": verification.rate,
         "seen": verification.instances == "all",
+        "instances": sum(Tally.of(verification.episodes).objects.values()),
     }
 
 

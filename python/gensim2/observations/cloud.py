@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.observations.noise import DepthNoise
 from gensim2.observations.sampling import close_to_others, every_so_many, farthest_points
 from gensim2.observations.view import View
@@ -85,7 +85,7 @@ class CloudSettings:
         known = [each.name for each in fields(CloudSettings)]
         for name in given:
             if name not in known:
-                raise InputError(f"there is no setting {name!r}", field="observation", remedy=f"one of {known}")
+                raise InputError(f"there is no setting {name!r}", field="observation", remedy=near(name, known))
         for corner in ("low", "high"):
             if corner in given:
                 given[corner] = tuple(given[corner])

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.robots.checks import check_profile
 from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
 
@@ -117,7 +117,7 @@ def _robot(place: str) -> RobotProfile:
         raise InputError(
             f"no robot {place!r}",
             field="robot",
-            remedy=f"one of {', '.join(robot_names())}, or the path of a Python file that registers one",
+            remedy=f"{near(place, robot_names())}; or give the path of a Python file that registers one",
         )
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import sapien
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.objects import RigidObject
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
@@ -191,7 +191,7 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: there is no such object.
         """
         if name not in self.parts:
-            raise InputError(f"there is no object {name!r}", field="name", remedy=f"there are {', '.join(self.parts)}")
+            raise InputError(f"there is no object {name!r}", field="name", remedy=near(name, self.parts))
         self._parts[name].nudge(dx, dy, dyaw)
 
     # ------------------------------------------------------------ measurement

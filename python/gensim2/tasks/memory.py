@@ -19,7 +19,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.files import sync_folder, write_json
 from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
@@ -171,7 +171,7 @@ class Memory:
                 continue
             if name in packaged_names():
                 raise InputError(f"{name} is part of the package", remedy="only your own tasks can be removed")
-            raise InputError(f"there is no task {name!r} in {self.folder}", remedy="gensim2 tasks list names all")
+            raise InputError(f"there is no task {name!r} in {self.folder}", remedy=near(name, own))
         with self._locked():
             for name in dict.fromkeys(names):
                 self._remove(name)

@@ -92,6 +92,12 @@ class Randomization(_Value):
 
     The yaw is drawn between 0 and ``yaw`` where the drawn y offset is positive and between 0 and ``-yaw`` where it is
     not: with a positive one, what lies to the side is turned towards the robot; with a negative one, away from it.
+
+    Attributes:
+        x, y: offset from the object's place, m; one number stands for the range from minus it to it.
+        yaw: largest turn about the vertical, rad; its sign says which way what lies to the side is turned.
+        openness_mean: of the joint at the start; None takes the instance's default.
+        openness_spread: by which the openness may differ from the mean, either way; the result is kept within 0 to 1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -209,9 +215,9 @@ class TaskSpec(_Value):
         description: what a person would ask for, one phrase in lower case.
         objects: by name, in the order in which they are placed.
         steps: in order.
-        goal: what must hold at the end, all of it; None: what the last step's ``done`` says.
+        goal: what must hold at the end, all of it; None stands for the last step's ``done``.
         max_episode_steps: steps, ``STEPS_A_SECOND`` of them a second, after which an episode is truncated.
-        provenance: where it comes from; None where nobody says.
+        provenance: where it comes from; None where that is not known.
     """
 
     schema_version: Literal[2] = 2

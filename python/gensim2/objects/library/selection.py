@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.objects.library.catalogue import SETS, Library
 from gensim2.objects.types import Kind
 
@@ -128,8 +128,6 @@ def wanted_classes(
     known = sorted({name for library in libraries for name in library.classes()})
     for name in classes:
         if name not in known:
-            raise InputError(
-                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
-            )
+            raise InputError(f"no class {reprlib.repr(name)}", field="--classes", remedy=near(name, known))
     chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
     return [(library, names) for library, names in chosen if names]

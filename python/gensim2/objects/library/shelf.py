@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 
-from gensim2.errors import InputError
-from gensim2.objects.library.urdf import LONGEST_NAME
+from gensim2.errors import InputError, near
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import Hulls, Instance, Kind, Source
 from gensim2.seeding import rng
-
-
-def near(word: str, words: Sequence[str]) -> str:
-    """What to try in place of a word that is none of ``words``."""
-    matches = difflib.get_close_matches(word[:LONGEST_NAME], words, n=3, cutoff=0.4)
-    return f"did you mean {', '.join(matches)}?" if matches else f"there are {', '.join(words[:8])}"
 
 
 class Shelf(ABC):
