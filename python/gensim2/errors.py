@@ -10,7 +10,7 @@ from pathlib import Path
 #: Characters of the longest message.
 LONGEST_LINE = 1500
 
-#: Characters of the longest word that an error echoes whole: more tells nobody more. Paths are words too.
+#: Characters of the longest word that an error echoes whole: more says no more. Paths are words too.
 LONGEST_WORD = 300
 
 #: Words listed where none is near to what was given.
@@ -30,7 +30,7 @@ def one_line(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """A whole number in decimal, or its length where nobody would read it (and Python refuses to write it)."""
+    """A whole number in decimal, or its length where it is too long to read (and Python refuses to write it)."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
 
 

@@ -68,7 +68,7 @@ def card(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Described:
-    """What a card says of one task's episodes.
+    """Counts of one task's episodes, for a card.
 
     Attributes:
         store: of the task.

@@ -64,7 +64,7 @@ class DataSet:
         return FrameAccess(stores, self.record.scene.robot, observations=observations, horizon=horizon)
 
     def observation_spec(self) -> ObservationSpec:
-        """What its observations are of.
+        """Return the observation spec that it was rendered with.
 
         Raises:
             InputError: it was not rendered, or a file of observations is damaged.

@@ -33,7 +33,7 @@ PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsampl
 
 @dataclass(frozen=True)
 class Rendered:
-    """What came of one episode.
+    """Result of rendering one episode.
 
     Attributes:
         frames: instants that were observed: its steps and one.
@@ -48,7 +48,7 @@ class Rendered:
 
 @dataclass(frozen=True)
 class RenderingResult:
-    """What a call left.
+    """Result of a call.
 
     Attributes:
         folder: of the data set.

@@ -38,7 +38,7 @@ REPORT_EVERY = 60.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """How many tasks a run is to keep.
+    """Number of tasks that a run is to keep.
 
     Attributes:
         total: of any kind.
@@ -57,7 +57,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Extent:
-    """What is done with each task.
+    """Extent of the work on each task.
 
     Attributes:
         verify: fresh episodes of the verification.

@@ -130,7 +130,7 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """What a page says of episodes: verdicts with their intervals, causes, objects, steps."""
+    """Return the figures of episodes for a page: verdicts with their intervals, causes, objects, steps."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {

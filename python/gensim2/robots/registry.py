@@ -25,13 +25,13 @@ PACKAGED = {
     "panda_long": "gensim2.robots.panda_long:panda_long",
     "fetch": "gensim2.robots.fetch:fetch",
 }
-"""Where each robot of the package is made."""
+"""Factory of each robot of the package."""
 
 _registered: dict[str, str] = {}
 """Names that this process knows besides, each with where its robot is made: what other processes are told."""
 
 _made_by: dict[str, Maker] = {}
-"""What was registered, by where it is made."""
+"""Registered robots, by the place of their factory."""
 
 _loading: list[list[str]] = []
 """Names that were registered by the files being loaded, innermost last."""

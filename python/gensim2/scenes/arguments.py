@@ -17,7 +17,7 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class ObjectSource(Protocol):
-    """What the environment needs of an object library."""
+    """Interface of object libraries for environments."""
 
     def source(self, asset_class: str, /) -> str: ...
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...

@@ -23,7 +23,7 @@ Redraw = Literal["placement", "none"]
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """What the physics of a scene is made of; ``"default"`` is the project's own, ``"original"`` the original's.
+    """Switches of the physics of a scene; ``"default"`` is the project's own, ``"original"`` the original's.
 
     Attributes:
         joint_friction: Coulomb friction and damping of the object, or PhysX's coefficient by class.

@@ -25,7 +25,7 @@ class TimeLimit(gym.Wrapper[Any, Any, Any, Any]):
         self._max_episode_steps = own if asked is None or asked == registered else int(asked)
 
     @property
-    def spec(self) -> EnvSpec | None:
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # of a wrapper it is a property
         """The environment's, with the limit that holds here."""
         spec = super().spec
         if spec is not None:

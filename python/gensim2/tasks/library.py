@@ -95,7 +95,7 @@ def packaged_names() -> tuple[str, ...]:
 
 
 def origin_of(task: TaskSpec) -> str | None:
-    """Who proposed a task; None where nobody says."""
+    """Return who proposed a task; None where that is not known."""
     return None if task.provenance is None else task.provenance.origin
 
 
@@ -230,7 +230,7 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
 
 
 def _places(folder: Traversable, name: str) -> list[Traversable]:
-    """Where the file of a strategy may lie, first its own task's."""
+    """Return the paths at which the file of a strategy may lie, first its own task's."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
     return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 

@@ -18,7 +18,7 @@ BELOW_GOAL = 0.99
 
 @dataclass(frozen=True)
 class Stage:
-    """What is rewarded at one time.
+    """Part of a task that is rewarded at one time.
 
     Attributes:
         criteria: all must hold for the next stage to begin.

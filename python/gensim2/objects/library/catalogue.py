@@ -228,7 +228,7 @@ class ClassListing:
 
 
 def listing(library: Library) -> tuple[ClassListing, ...]:
-    """What a library holds, one row a class, articulated ones first; nothing is loaded."""
+    """List the contents of a library, one row a class, articulated ones first; nothing is loaded."""
     return tuple(
         ClassListing(
             name,
@@ -283,7 +283,7 @@ def open_library(where: Path | str | None = None) -> Library:
 
 
 def _shelves(folder: Path) -> list[Shelf]:
-    """What lies in a folder."""
+    """Return the shelves of a folder."""
     if (folder / YCB_INFO).is_file():
         return [YcbShelf(folder)]
     articulated, rigid = folder / "articulated_objs", folder / "rigidbody_objs" / "models"

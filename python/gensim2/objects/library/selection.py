@@ -67,7 +67,7 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
 def words_of_objects(
     instances: Callable[[str], Sequence[str]], classes: Mapping[str, str], words: Sequence[str]
 ) -> dict[str, Sequence[str]]:
-    """What ``--instances`` says of each object of a task.
+    """Resolve ``--instances`` for each object of a task.
 
     Words that stand for a set (``all``, ``train``, ``test``, ``new``) are said of every object, ids of one
     (:func:`object_of_ids`), and the others may be any.

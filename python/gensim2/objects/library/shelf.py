@@ -1,4 +1,4 @@
-"""Where a library's objects of one kind come from."""
+"""Sources of a library's objects of one kind."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Shelf(ABC):
 
     @abstractmethod
     def joint_type(self, asset_class: str) -> str | None:
-        """What the class is known for: ``"revolute"`` or ``"prismatic"``; None: it is rigid."""
+        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None of a rigid one."""
 
     def holds(self, asset_class: str, instance_id: str) -> bool:
         """Whether an instance can be asked for."""
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """What to ask for in place of an instance that it does not hold."""
+        """Return a remedy for a request of an instance that it does not hold."""
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:
