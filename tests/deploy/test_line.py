@@ -22,7 +22,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     assert found["success"] >= 2 / 3
     assert found["limits_passed"] == 0
     assert found["late_actions"] == 0
-    assert found["periods_ms"]["worst"] == pytest.approx(100.0)
+    assert found["periods_ms"]["p50"] == pytest.approx(100.0)
+    assert found["periods_ms"]["worst"] <= 110.0 + 1e-6
     again = replay(tmp_path)
     assert again.different == ()
     assert again.missing == 0
@@ -37,8 +38,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     ("fault", "state", "said"),
     [
         ("camera-frozen", "holding", "frozen"),
-        ("camera-late", "holding", "old"),
-        ("camera-unplugged", "holding", "old"),
+        ("camera-late", "holding", "behind the others"),
+        ("camera-unplugged", "holding", "camera left"),
         ("camera-torn", "holding", "size"),
         ("camera-clock", "holding", "clock jumped"),
         ("policy-killed", "stopped", "process is gone"),
