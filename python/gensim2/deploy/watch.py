@@ -202,7 +202,9 @@ class Watch:
             times.append(frame.captured)
         if times and max(times) - min(times) > self.rules.apart:
             behind = cameras[times.index(min(times))]
-            self.hold(now, f"camera {behind}: its picture is {1e3 * (max(times) - min(times)):.0f} ms behind the others")
+            self.hold(
+                now, f"camera {behind}: its picture is {1e3 * (max(times) - min(times)):.0f} ms behind the others"
+            )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
         """Hold where the arm is silent, or is not where it was sent.
