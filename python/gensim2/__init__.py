@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gensim2.observations import Observation, ObservationSpec
     from gensim2.robots import register_robot, robot, robot_names
     from gensim2.rollout import solve
-    from gensim2.sim import HeadlessEnv, make_env
+    from gensim2.sim import HeadlessEnv, make_env, make_vec_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
 
     __version__: str
@@ -50,6 +50,7 @@ __all__ = [
     "load_strategies",
     "load_task",
     "make_env",
+    "make_vec_env",
     "open_library",
     "register_robot",
     "render",
@@ -76,6 +77,7 @@ _of_rooms = lazy_names(
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",
+        "make_vec_env": "gensim2.sim",
         "open_library": "gensim2.objects",
         "render": "gensim2.data",
         "robot": "gensim2.robots",

@@ -1,4 +1,4 @@
-"""What this machine can do, and what to do about what it cannot."""
+"""Checks of what this machine can run, with remedies."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def sandbox() -> Check:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Whether a language model answers; nobody is asked where no endpoint is named."""
+    """Whether a language model answers; no question is sent where no endpoint is named."""
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:

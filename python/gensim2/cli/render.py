@@ -39,6 +39,13 @@ from gensim2.errors import InputError
 )
 @click.option("--depth-noise", is_flag=True, help="Let depth be as a RealSense D435 would measure it.")
 @click.option("--task", "tasks", multiple=True, metavar="NAME", help="Only this one; may be given again.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=None,
+    metavar="N",
+    help="Of each task the first N that held.  [default: all]",
+)
 @options.workers
 @click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")
 @options.time_limit

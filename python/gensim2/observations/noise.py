@@ -1,4 +1,4 @@
-"""What a stereo depth camera gets wrong: steps of disparity, edges, holes."""
+"""Noise of a stereo depth camera: steps of disparity, edges, holes."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrateg
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Distance (m) of an object's centre of mass from the line between the pads; 0 where nobody knows it."""
+    """Distance (m) of an object's centre of mass from the line between the pads; 0 where it is unknown."""
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]
