@@ -31,7 +31,6 @@ KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim
 STANDS_STILL = "gensim2.policy.standing:StandStill"
 
 
-
 def read_controls(text: str) -> tuple[Control, ...]:
     """Controls by ``all``, ``none``, or names with commas between them.
 

@@ -32,12 +32,12 @@ def unseen_instances(given: Sequence[TaskInput]) -> str:
 
 
 def can_be_counted(given: TaskInput) -> bool:
-    """Whether a task has articulated objects, and all of them are generated, of which there are as many as are wanted."""
+    """Whether a task has articulated objects that are generated, so that there are as many as are wanted."""
     return given.scene.assets == BUILTIN and bool(_articulated(given))
 
 
 def with_objects(given: TaskInput, count: int, seed: int) -> TaskInput:
-    """A task whose scenes draw from ``count`` generated objects of each articulated class, none of them listed or ``new``.
+    """A task whose scenes draw from ``count`` generated objects of each articulated class, none listed or ``new``.
 
     Raises:
         InputError: the objects are a folder's, or the task has no articulated one.
