@@ -14,6 +14,7 @@ from gensim2.cli import options
 from gensim2.cli.main import FOUND_WRONG
 from gensim2.cli.output import line, report, table
 from gensim2.cli.signals import Stopped
+from gensim2.deploy.faults import FAULTS
 from gensim2.errors import InputError
 
 
@@ -113,8 +114,7 @@ def _devices(command: Any) -> Any:
     "faults",
     multiple=True,
     metavar="NAME@SECONDS",
-    help="Let a simulated device fail from then on: camera-frozen, camera-late, camera-unplugged, camera-torn, "
-    "camera-clock, policy-killed, policy-nan, policy-slow, arm-reflex, arm-lagging, arm-silent, disk-full.",
+    help=f"Let a simulated device fail from then on: {', '.join(FAULTS)}.",
 )
 @_devices
 @click.pass_context

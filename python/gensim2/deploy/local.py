@@ -85,7 +85,7 @@ class LocalCameras:
     ) -> None:
         self._rate = rate
         self._world, self._cameras, self._clock, self._latency = world, cameras, clock, latency
-        self.cameras = cameras.cameras
+        self.cameras, self.serials = cameras.cameras, cameras.serials
         self._due = 0.0
         self._coming: list[tuple[float, Frame]] = []
         clock.hooks.append(self._take)

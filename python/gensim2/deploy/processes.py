@@ -19,6 +19,7 @@ from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
+from gensim2.deploy.simulated_cameras import simulated_serials
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera
 from gensim2.planning.scene import Scene
@@ -256,7 +257,7 @@ class ProcessCameras:
     """
 
     def __init__(self, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float) -> None:
-        self.cameras = cameras
+        self.cameras, self.serials = cameras, simulated_serials(cameras)
         self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate)
 
     def poll(self) -> Sequence[Frame]:

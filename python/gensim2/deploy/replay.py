@@ -69,6 +69,12 @@ def camera_of(data: dict[str, Any]) -> Camera:
     )
 
 
+def frame_of(plain: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Frame:
+    """A picture as it was logged; those of version 0.1 name no device."""
+    serial = plain.get("serial", "")
+    return Frame(plain["camera"], plain["number"], plain["captured"], arrays["depth"], arrays["colors"], serial)
+
+
 def messages(folder: Path) -> Iterator[Message]:
     """All messages of a log, in order of their times within each file.
 
@@ -111,7 +117,7 @@ def replay(folder: Path) -> Replay:
                 spec = ObservationSpec.of(plain["observation"])
                 eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"])
         elif topic.startswith("/camera/"):
-            frame = Frame(plain["camera"], plain["number"], plain["captured"], arrays["depth"], arrays["colors"])
+            frame = frame_of(plain, arrays)
             frames[frame.camera, frame.number] = frame
             frames.pop((frame.camera, frame.number - 50), None)
         elif topic == "/question":

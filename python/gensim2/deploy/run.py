@@ -120,6 +120,8 @@ def run(
     cameras = simulated_cameras(profile, *pixels)
     if seen.modalities:
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
+    if len(cameras) < 2 and any(fault.name in ("camera-swapped", "camera-mislabelled") for fault in faults):
+        raise InputError("there is one camera, and nothing to exchange it with", field="fault")
     privileged = is_privileged(made)
     del made
     about = {
@@ -153,7 +155,7 @@ def run(
             Arm(DryArm(devices.arm) if dry else devices.arm, limits),
             devices.cameras,
             devices.mind,
-            Watch(rules),
+            Watch(rules, devices.cameras.serials),
             devices.clock,
             journal,
             pace=profile.control_hz * speed,
