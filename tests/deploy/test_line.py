@@ -42,7 +42,7 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
         ("camera-unplugged", "holding", "old"),
         ("camera-torn", "holding", "torn"),
         ("camera-clock", "holding", "clock jumped"),
-        ("camera-swapped", "holding", "device 'simulated-001', not 'simulated-000'"),
+        ("camera-swapped", "holding", "device 'simulated-right', not 'simulated-left'"),
         ("camera-mislabelled", "holding", "goes through it"),
         ("policy-killed", "stopped", "process is gone"),
         ("policy-nan", "holding", "NaN"),

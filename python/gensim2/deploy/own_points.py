@@ -83,7 +83,7 @@ class OwnPoints:
         Raises:
             CameraPoseError: the picture goes through the robot, so that it is not of this camera.
         """
-        metres = depth.astype(np.float32) * np.float32(1e-3)
+        metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
         if camera.link is not None:
             T_base_link = self._profile.model.forward_kinematics(q, camera.link)

@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -257,7 +257,8 @@ class ProcessCameras:
     """
 
     def __init__(self, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float) -> None:
-        self.cameras, self.serials = cameras, simulated_serials(cameras)
+        self.cameras = cameras
+        self.serials: Mapping[str, str] = simulated_serials(cameras)
         self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate)
 
     def poll(self) -> Sequence[Frame]:

@@ -53,6 +53,8 @@ def camera_to_dict(camera: Camera) -> dict[str, Any]:
         "T_base_camera": camera.T_base_camera.tolist(),
         "far": camera.far,
         "link": camera.link,
+        "depth_scale": camera.depth_scale,
+        "depth_bias": camera.depth_bias,
     }
 
 
@@ -66,6 +68,8 @@ def camera_of(data: dict[str, Any]) -> Camera:
         np.array(data["T_base_camera"]),
         data["far"],
         data["link"],
+        data.get("depth_scale", 1.0),
+        data.get("depth_bias", 0.0),
     )
 
 
@@ -97,6 +101,18 @@ def messages(folder: Path) -> Iterator[Message]:
                     yield channel.topic, *unpack(message.data)
             except (McapError, InputError, EOFError) as error:
                 raise InputError(f"is damaged: {error}", file=path) from error
+
+
+def about_of(folder: Path) -> dict[str, Any]:
+    """What a log says that it is about.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    for topic, plain, _ in messages(folder):
+        if topic == "/about":
+            return plain
+    raise InputError("does not say what it is about", file=folder)
 
 
 def replay(folder: Path) -> Replay:

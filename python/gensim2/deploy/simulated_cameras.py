@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gensim2.deploy.devices import Frame
-from gensim2.deploy.simulated_world import Rows
 from gensim2.observations import Camera, DepthNoise
 from gensim2.observations.camera import pinhole
 from gensim2.observations.cameras import FAR, observation_cameras
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    from gensim2.deploy.simulated_world import Rows
 
 RATE = 10.0
 """Pictures a second of each camera."""
@@ -28,7 +31,7 @@ D435 = DepthNoise()
 
 def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
     """Numbers of the simulated devices, by camera."""
-    return {camera.name: f"simulated-{number:03d}" for number, camera in enumerate(cameras)}
+    return {camera.name: f"simulated-{camera.name}" for camera in cameras}
 
 
 def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera, ...]:

@@ -88,7 +88,7 @@ class SimulatedWorld:
 
     def advance(self, now: float) -> None:
         """One cycle, until ``now`` (s)."""
-        mode = next((said for fault, said in _MODES.items() if fault in self.faults), "ready")
+        mode: ArmMode = next((said for fault, said in _MODES.items() if fault in self.faults), "ready")
         if mode in ("reflex", "at-limit") and not self._stopped:
             self.stand()
         while self._waiting and self._waiting[0][0] <= now:
