@@ -102,6 +102,49 @@ def test_what_is_wrong_with_a_picture_is_told(second: Frame, said: str) -> None:
     assert said in watch.reason
 
 
+def noisy(number: int) -> Frame:
+    draw = np.random.default_rng(number)
+    depth = draw.normal(900.0, 2.0, (60, 80)).round().astype(np.uint16)
+    return Frame("left", number, 0.1 * number, depth, np.zeros((60, 80, 3), np.uint8), "a")
+
+
+def test_rows_of_the_picture_before_are_torn_and_noise_repeats_none() -> None:
+    watch = running()
+    for number in range(50):
+        watch.saw_frame(noisy(number), 0.1 * number)
+    assert watch.state is State.RUNNING
+    torn = noisy(50)
+    torn.depth[40:] = noisy(49).depth[40:]
+    watch.saw_frame(torn, 5.0)
+    assert watch.state is State.HOLDING
+    assert "torn, 20 rows" in watch.reason
+
+
+def test_a_picture_of_another_device_is_told_by_its_number() -> None:
+    watch = Watch(serials={"left": "b"})
+    watch.arm(0.0)
+    watch.run(0.0)
+    watch.saw_frame(noisy(1), 0.1)
+    assert watch.state is State.HOLDING
+    assert "the device 'a', not 'b'" in watch.reason
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected", "at_once"),
+    [
+        ("reflex", State.STOPPED, True),
+        ("refusing", State.STOPPED, True),
+        ("at-limit", State.HOLDING, False),
+        ("ready", State.RUNNING, False),
+    ],
+)
+def test_what_an_arm_says_of_itself_counts(mode: str, expected: State, at_once: bool) -> None:
+    watch = running()
+    watch.saw_arm(state(1.0, mode=mode), 1.0)
+    assert watch.state is expected
+    assert watch.stops_at_once is at_once
+
+
 def test_an_arm_that_is_not_where_it_was_sent_is_held_unless_something_blocks_it() -> None:
     for force, expected in ((0.0, State.HOLDING), (50.0, State.RUNNING)):
         watch = running()

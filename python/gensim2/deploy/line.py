@@ -326,7 +326,7 @@ class Line:
         self._journal.answer(now, answer)
         self._note(answer)
         if answer.error is not None:
-            self.watch.hold(now, f"the controller failed: {answer.error}")
+            self.watch.hold(now, answer.error)
             return
         self.done = answer.done
         step, targets = 1.0 / self.pace, []
@@ -370,7 +370,7 @@ class Line:
             elif self.watch.state is State.HOLDING:
                 sent = self._held(sent, due)
             elif self.watch.state is State.STOPPED:
-                if "reflex" in self.watch.reason or "force" in self.watch.reason:
+                if self.watch.stops_at_once:
                     self._stop(now)
                     return
                 sent = self.arm.hold(due)
@@ -379,7 +379,7 @@ class Line:
             else:
                 sent = self.arm.hold(due)
         except RefusedError as error:  # a force: the arm gives way by its own means
-            self.watch.stop(now, str(error))
+            self.watch.stop(now, str(error), at_once=True)
             self._write_changes()
             self._stop(now)
             return
