@@ -21,7 +21,13 @@ from gensim2.rollout.worker import PRELOAD
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 #: What simulators, renderers and readers of exports need.
-MODULES = (*PRELOAD, "gensim2.sim.env", "gensim2.data.observing", "gensim2.data.formats.importing", "embreex.rtcore_scene")
+MODULES = (
+    *PRELOAD,
+    "gensim2.sim.env",
+    "gensim2.data.observing",
+    "gensim2.data.formats.importing",
+    "embreex.rtcore_scene",
+)
 
 
 def run(
