@@ -148,7 +148,12 @@ class Log:
 
     def frame(self, frame: Frame) -> None:
         """A picture."""
-        plain = {"camera": frame.camera, "number": frame.number, "captured": frame.captured}
+        plain = {
+            "camera": frame.camera,
+            "number": frame.number,
+            "captured": frame.captured,
+            "serial": frame.serial,
+        }
         self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.deploy.eyes import Eyes, Sight, inputs
+from gensim2.deploy.own_points import CameraPoseError
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, Observation, ObservationSpec
 from gensim2.planning.scene import Scene
@@ -20,6 +21,7 @@ from gensim2.rollout.controller import Controller, PrivilegedObservation, is_pri
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
+from gensim2.seeding import rng
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
@@ -221,6 +223,8 @@ class LineBody:
         if "policy-slow" in self.faults:
             time.sleep(SLOW)
         actions = np.array(self._actions, dtype=np.float32).reshape(-1, self.profile.action_size)
+        if "policy-garbage" in self.faults:
+            actions = _garbage(self._question.number, self.profile.action_size)
         spent = 1e3 * (time.perf_counter() - self._begun) - (self._encoding_ms or 0.0)
         self._send(
             Answer(self._question.number, actions, done, self._shown, self._cloud_ms, self._encoding_ms, spent, error)
@@ -229,6 +233,12 @@ class LineBody:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
+    """Actions of another size, or of no arm."""
+    draw = rng(0, "garbage", number)
+    return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
 
 def think(
@@ -266,7 +276,8 @@ def think(
                 message = body.next
                 continue
             except GenSim2Error as error:
-                body.answer(error=str(error))
+                whose = "" if isinstance(error, CameraPoseError) else "the controller failed: "
+                body.answer(error=f"{whose}{error}")
         elif isinstance(message, Question):  # of an episode that this controller is done with
             send(Answer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):

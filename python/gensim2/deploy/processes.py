@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -19,6 +19,7 @@ from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
+from gensim2.deploy.simulated_cameras import simulated_serials
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera
 from gensim2.planning.scene import Scene
@@ -257,6 +258,7 @@ class ProcessCameras:
 
     def __init__(self, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float) -> None:
         self.cameras = cameras
+        self.serials: Mapping[str, str] = simulated_serials(cameras)
         self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate)
 
     def poll(self) -> Sequence[Frame]:

@@ -14,6 +14,8 @@ import numpy as np
 
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import FORCE, JUMP, MARGIN, SPEED, ArmLimits, Array
+from gensim2.deploy.calibration.file import DAYS, calibrated, read_calibration
+from gensim2.deploy.calibration.file import serials as calibrated_serials
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
 from gensim2.deploy.devices import ArmDriver, ArmState
 from gensim2.deploy.faults import Fault, FullDisk
@@ -64,6 +66,8 @@ def run(
     faults: Sequence[Fault] = (),
     pixels: tuple[int, int] = (320, 240),
     rate: float = 10.0,
+    calibration: Path | None = None,
+    calibration_days: float = DAYS,
     seed: int = 0,
     log: Path | None = None,
     dry: bool = False,
@@ -87,6 +91,8 @@ def run(
         faults: of the simulated devices.
         pixels: width and height of the cameras' pictures.
         rate: of the cameras, pictures a second.
+        calibration: file that says where the cameras are; None: they are where the simulation has them.
+        calibration_days: of its age from which on it is refused.
         seed: of the scenes and of all noise.
         log: folder of the log; None: nothing is written down.
         dry: nothing is sent to the arm.
@@ -114,12 +120,18 @@ def run(
     limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
     limits.prepare()
     made = controller.make(given.spec, profile)
-    from gensim2.deploy.simulated_cameras import simulated_cameras
+    from gensim2.deploy.simulated_cameras import simulated_cameras, simulated_serials
 
     seen = spec_of(made)
     cameras = simulated_cameras(profile, *pixels)
     if seen.modalities:
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
+    if len(cameras) < 2 and any(fault.name in ("camera-swapped", "camera-mislabelled") for fault in faults):
+        raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+    believed, serials = cameras, simulated_serials(cameras)
+    if calibration is not None:
+        read = read_calibration(calibration, given.scene.robot, cameras, days=calibration_days)
+        believed, serials = calibrated(cameras, read), {**serials, **calibrated_serials(read)}
     privileged = is_privileged(made)
     del made
     about = {
@@ -131,7 +143,7 @@ def run(
         "margin": margin,
         "seed": seed,
         "observation": looked_at(seen, cameras).to_dict(),
-        "cameras": [camera_to_dict(camera) for camera in cameras],
+        "cameras": [camera_to_dict(camera) for camera in believed],
     }
     disk = None if log is None else FullDisk(log / ".reserve")
     with contextlib.ExitStack() as stack:
@@ -143,7 +155,7 @@ def run(
             written = Log(log, about, opener=disk.open)
             stack.callback(written.close)
             journal = written
-        spec = MindSpec(controller, given.spec, given.scene.robot, cameras)
+        spec = MindSpec(controller, given.spec, given.scene.robot, believed)
         open_devices = _local if simulated_clock else _in_processes
         devices = open_devices(given, spec, cameras, seed, rate)
         stack.callback(devices.close)
@@ -153,7 +165,7 @@ def run(
             Arm(DryArm(devices.arm) if dry else devices.arm, limits),
             devices.cameras,
             devices.mind,
-            Watch(rules),
+            Watch(rules, serials),
             devices.clock,
             journal,
             pace=profile.control_hz * speed,

@@ -31,6 +31,20 @@ KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim
 STANDS_STILL = "gensim2.policy.standing:StandStill"
 
 
+def read_controls(text: str) -> tuple[Control, ...]:
+    """Controls by ``all``, ``none``, or names with commas between them.
+
+    Raises:
+        InputError: there is no such control.
+    """
+    if text in ("all", "none"):
+        return CONTROLS if text == "all" else ()
+    for name in text.split(","):
+        if name not in CONTROLS:
+            raise InputError(f"no control {name!r}", field="--controls", remedy=f"some of {', '.join(CONTROLS)}")
+    return tuple(name for name in CONTROLS if name in text.split(","))
+
+
 @dataclass(frozen=True)
 class PolicyResult:
     """A policy and its controls.
@@ -53,6 +67,11 @@ class PolicyResult:
         """Share of a control's episodes that held; None where it was not run."""
         found = self.rows(control).get(task)
         return None if found is None else float(found["held_mean"])
+
+    def control_episodes(self, task: str) -> int:
+        """Episodes of a task that each control was measured by; 0 where none was."""
+        counts = (found[task]["episodes"] for found in map(self.rows, self.controls) if task in found)
+        return max(counts, default=0)
 
     def rows(self, control: str) -> dict[str, dict[str, Any]]:
         """Rows of a control's table by task, without the records."""

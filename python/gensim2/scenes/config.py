@@ -18,8 +18,8 @@ from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
-Drawn = str | tuple[str, ...] | frozenset[tuple[str, str]]
-"""Instances that scenes draw from: one word, several ids, or (object's name, word) pairs."""
+Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
+"""Instances that scenes draw from: one word, several ids, or (object's name, word or ids) pairs."""
 
 
 class SceneArguments(TypedDict, total=False):
