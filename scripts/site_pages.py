@@ -19,6 +19,9 @@ from mkdocs.structure.files import File, Files
 
 from gensim2.cli.main import COMMANDS, cli
 
+#: A reference in a docstring, as the page shows it.
+_ROLE = re.compile(r":(?:class|meth|mod|func|attr|data):<code>(~?)([^<]*)</code>")
+
 ROOT = Path(__file__).parents[1]
 
 #: Packages of the reference, each with what it is for; what they export is in their ``__all__``.
@@ -65,6 +68,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_page_content(html: str, page: Any, config: MkDocsConfig, files: Files) -> str:
+    """Show references of docstrings as names."""
+    return _ROLE.sub(lambda found: f"<code>{found[2].rsplit('.', 1)[-1] if found[1] else found[2]}</code>", html)
+
+
 def _from_files() -> dict[str, str]:
     pages = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
     return {page: _moved((ROOT / source).read_text(encoding="utf-8")) for page, source in pages.items()}
@@ -78,18 +86,36 @@ def _moved(text: str) -> str:
 
 
 def _commands() -> Iterator[tuple[str, str]]:
-    context = click.Context(cli)
+    context = click.Context(cli, info_name="gensim2")
     rows = []
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
         assert command is not None
-        rows.append(f"| [`gensim2 {name}`]({name}.md) | {command.get_short_help_str(200)} |")
-        module, attribute = COMMANDS[name].split(":")
-        body = f"::: mkdocs-click\n    :module: {module}\n    :command: {attribute}\n    :prog_name: gensim2 {name}\n"
-        yield f"cli/{name}.md", f"{body}    :depth: 0\n    :style: table\n    :list_subcommands: true\n"
+        rows.append(f"| [`gensim2 {name}`]({name}.md) | {_cell(command.get_short_help_str(200))} |")
+        yield f"cli/{name}.md", "\n\n".join(_command(command, click.Context(command, context, name), 1)) + "\n"
     table = "\n".join(["| command | what it does |", "| --- | --- |", *rows])
     ends = "Exit codes: 0 ran to the end, 1 a check found something wrong, 2 bad input, 3 jobs could not be run."
     yield "cli/index.md", f"# Command line\n\n{table}\n\n{ends}\n"
+
+
+def _command(command: click.Command, context: click.Context, level: int) -> Iterator[str]:
+    """A command with its options, and those below it, as its ``--help`` has them."""
+    yield f"{'#' * level} {context.command_path}"
+    yield f"```\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
+    yield inspect.cleandoc(command.help or "").replace("\f", "")
+    records = [record for each in command.get_params(context) if (record := each.get_help_record(context))]
+    rows = [f"| `{_cell(option)}` | {_cell(said)} |" for option, said in records]
+    yield "\n".join(["| option | meaning |", "| --- | --- |", *rows])
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from _command(below, click.Context(below, context, name), level + 1)
+
+
+def _cell(text: str) -> str:
+    """Text of a cell: on one line, what Markdown would take for its own written out."""
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
 
 
 def _packages() -> Iterator[tuple[str, str]]:

@@ -4,7 +4,7 @@ What most programs need is here, and imported when asked for: ``import gensim2``
 
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
-    env = gensim2.make_env(task)                  # simulation: gensim2.sim
+    env = gensim2.make_env(task)                  # simulation: gensim2.sim; make_vec_env for several
     result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
@@ -89,23 +89,12 @@ _of_rooms = lazy_names(
     },
 )
 
-#: Names of the release before, kept for this one.
-_RENAMED = {"Lane": "HeadlessEnv"}
-
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("gensim2")
-    if name in _RENAMED:
-        import warnings
-
-        now = _RENAMED[name]
-        warnings.warn(
-            f"gensim2.{name} is gensim2.{now} now; the old name goes in 0.2", DeprecationWarning, stacklevel=2
-        )
-        return _of_rooms(now)
     return _of_rooms(name)
 
 

@@ -106,7 +106,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """Return the observation spec of the line for a controller: its own, or by all cameras where it looks through none."""
+    """Return the observation spec of the line for a controller: its own, or all cameras where it uses none."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
