@@ -76,7 +76,7 @@ def grasps_of(
             any(is_near(grasp.T_object_hand, each) for each in lost),
             margin_of(grasp, scene, name, strategy) < HELD,
             int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP)
-            if slips and margin_of(grasp, scene, name, strategy) < SLIPS
+            if slips
             else 0,
         )
         for grasp in leaning
