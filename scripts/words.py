@@ -48,6 +48,8 @@ ALLOWED = {
     "crates/kpam": 1,  # MOST_JOINTS
 }
 
+#: Ends of the files of a language; stubs hold the docstrings of the extension.
+SUFFIXES = {"py": (".py", ".pyi"), "rs": (".rs",)}
 PYTHON = ("python", "scripts", "benchmarks", "examples")
 RUST = ("crates", "fuzz")
 _DOC_COMMENT = re.compile(r"^\s*//[/!] ?(.*)$")
@@ -82,8 +84,8 @@ def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
     found: list[Offence] = []
     count: Counter[str] = Counter()
     for folders, suffix, read in ((PYTHON, "py", of_python), (RUST, "rs", of_rust)):
-        for path in (path for folder in folders for path in sorted((root / folder).rglob(f"*.{suffix}"))):
-            if "target" in path.parts:
+        for path in (path for folder in folders for path in sorted((root / folder).rglob("*"))):
+            if "target" in path.parts or path.suffix not in SUFFIXES[suffix] or not path.is_file():
                 continue
             text = path.read_text(encoding="utf-8")
             count[suffix] += docstrings(text, suffix)
@@ -179,7 +181,7 @@ def main() -> int:
         print(f"{room}: {rooms[room]} offenders where {allowed} are allowed: lower ALLOWED in scripts/words.py")
     wrong = bool(over)
     for suffix, language in (("py", "Python"), ("rs", "Rust")):
-        opening = sum(each.kind == "opening" and each.path.suffix == f".{suffix}" for each in found)
+        opening = sum(each.kind == "opening" and each.path.suffix in SUFFIXES[suffix] for each in found)
         share = opening / max(count[suffix], 1)
         print(f"{language}: {opening} of {count[suffix]} docstrings open with a question word ({share:.1%})")
         wrong |= share > BAR
