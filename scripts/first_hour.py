@@ -70,6 +70,7 @@ NEEDS: dict[str, str] = {
     r"maturin|cargo|pip ": "a build",
     r"45001|mylibrary|arms\.yaml|robot-2027|--data more|tape|my_task": "files of the reader's",
     r"mine\.py|--problems|runs/demo": "files of the reader's",
+    r"tasks remove": "a task of the reader's own",
     r"^gensim2 view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
 }
 _PLACEHOLDER = re.compile(r"(?<![\w.\-/=])<?[A-Z]{3,}[A-Z_]*>?(?![\w=])")
@@ -132,7 +133,7 @@ def prepare(command: Command, full: bool) -> None:
         if re.search(pattern, command.text):
             command.why = f"needs {why}"
             return
-    text = re.sub(r"\.\.\.$", "", command.text.replace(" ...", "")).strip()
+    text = re.sub(r"\s?\.\.\.(?=\s|$)", "", command.text)
     for word, stands in STANDS_FOR.items():
         text = re.sub(rf"(?<![\w-])<?{word}>?(?![\w=])", stands, text)
     if not full:
