@@ -19,6 +19,7 @@ from gensim2.deploy.calibration.file import serials as calibrated_serials
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
 from gensim2.deploy.devices import ArmDriver, ArmState
 from gensim2.deploy.faults import Fault, FullDisk
+from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.line import Journal, Line, NoJournal
 from gensim2.deploy.mind import MindSpec, looked_at
@@ -26,7 +27,7 @@ from gensim2.deploy.replay import camera_to_dict
 from gensim2.deploy.session import Devices, Session
 from gensim2.deploy.watch import Watch, WatchRules
 from gensim2.errors import InputError
-from gensim2.observations import Camera
+from gensim2.observations import Camera, DepthNoise
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.rollout.controller import is_privileged, spec_of
@@ -66,6 +67,7 @@ def run(
     faults: Sequence[Fault] = (),
     pixels: tuple[int, int] = (320, 240),
     rate: float = 10.0,
+    noise: DepthNoise | str | Path = "d435",
     calibration: Path | None = None,
     calibration_days: float = DAYS,
     seed: int = 0,
@@ -91,6 +93,7 @@ def run(
         faults: of the simulated devices.
         pixels: width and height of the cameras' pictures.
         rate: of the cameras, pictures a second.
+        noise: of the simulated cameras: itself, ``d435``, ``white``, or a file that was fitted.
         calibration: file that says where the cameras are; None: they are where the simulation has them.
         calibration_days: of its age from which on it is refused.
         seed: of the scenes and of all noise.
@@ -115,6 +118,7 @@ def run(
         if fault.name == "disk-full" and log is None:
             raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
     given = read_task_input(task, seed=seed, **scene)
+    depth_noise = noise if isinstance(noise, DepthNoise) else read_noise(noise)
     controller = _controller(given, policy)
     profile = robot(given.scene.robot)
     limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
@@ -157,7 +161,7 @@ def run(
             journal = written
         spec = MindSpec(controller, given.spec, given.scene.robot, believed)
         open_devices = _local if simulated_clock else _in_processes
-        devices = open_devices(given, spec, cameras, seed, rate)
+        devices = open_devices(given, spec, cameras, seed, rate, depth_noise)
         stack.callback(devices.close)
         if rules is None:
             rules = WatchRules(behind=np.inf) if dry else WatchRules()
@@ -186,23 +190,27 @@ def _controller(given: TaskInput, policy: Path | None) -> ControllerSpec:
     return policy_controller(policy)
 
 
-def _local(given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float) -> Devices:
+def _local(
+    given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float, noise: DepthNoise
+) -> Devices:
     from gensim2.deploy.local import LocalArm, LocalCameras, LocalMind
     from gensim2.deploy.simulated_cameras import SimulatedCameras
     from gensim2.deploy.simulated_world import SimulatedWorld
 
     world, clock = SimulatedWorld(given.scene), SimulatedClock()
     arm = LocalArm(world, clock)
-    seeing = LocalCameras(world, SimulatedCameras(world.profile, cameras, seed), clock, rate)
+    seeing = LocalCameras(world, SimulatedCameras(world.profile, cameras, seed, noise), clock, rate)
     return Devices(arm, seeing, LocalMind(spec, world, clock), clock)
 
 
-def _in_processes(given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float) -> Devices:
+def _in_processes(
+    given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float, noise: DepthNoise
+) -> Devices:
     from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
 
     preload()
     arm = ProcessArm(given.scene)
-    seeing = ProcessCameras(given.scene.robot, cameras, arm.eyes, seed, rate)
+    seeing = ProcessCameras(given.scene.robot, cameras, arm.eyes, seed, rate, noise)
     return Devices(arm, seeing, ProcessMind(spec, arm.truth), MachineClock())
 
 
