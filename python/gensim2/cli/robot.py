@@ -39,10 +39,16 @@ def _devices(command: Any) -> Any:
             click.option("--cameras", type=click.Choice(("simulated",)), default="simulated", show_default=True),
             click.option(
                 "--policy",
-                type=click.Path(path_type=Path),
                 default=None,
-                metavar="DIR",
-                help="Checkpoint that gensim2 learn or train left.",
+                metavar="DIR|ws://HOST:PORT",
+                help="Checkpoint that gensim2 learn or train left, or where gensim2 policy serve listens.",
+            ),
+            click.option(
+                "--deadline",
+                type=click.FloatRange(0.0, 60.0, min_open=True),
+                default=0.15,
+                show_default=True,
+                help="Seconds within which an action must come from a server.",
             ),
             click.option("--plan", is_flag=True, help="The planner's chain in its place, which sees the true scene."),
             click.option(

@@ -23,6 +23,8 @@ from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.line import Journal, Line, NoJournal
 from gensim2.deploy.mind import MindSpec, looked_at
+from gensim2.deploy.remote.client import DEADLINE, RemoteController
+from gensim2.deploy.remote.protocol import is_url
 from gensim2.deploy.replay import camera_to_dict
 from gensim2.deploy.session import Devices, Session
 from gensim2.deploy.watch import Watch, WatchRules
@@ -57,7 +59,8 @@ class DryArm:
 def run(
     task: str,
     *,
-    policy: Path | None = None,
+    policy: Path | str | None = None,
+    deadline: float = DEADLINE,
     speed: float = SPEED,
     margin: float = MARGIN,
     force: float = FORCE,
@@ -83,7 +86,9 @@ def run(
 
     Args:
         task: name of a library task, or a folder that holds one.
-        policy: a checkpoint; None: the plan's chain, which is shown the true scene.
+        policy: a checkpoint, or the URL of a server (``ws://host:port``); None: the plan's chain, which is shown the
+            true scene.
+        deadline: seconds within which an action must come from a server.
         speed: share of the arm's speed; control steps are stretched by as much.
         margin: rad that joints keep from the ends of their range.
         force: that may press on the arm, N.
@@ -119,7 +124,7 @@ def run(
             raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
     given = read_task_input(task, seed=seed, **scene)
     depth_noise = noise if isinstance(noise, DepthNoise) else read_noise(noise)
-    controller = _controller(given, policy)
+    controller = _controller(given, policy, deadline)
     profile = robot(given.scene.robot)
     limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
     limits.prepare()
@@ -137,6 +142,8 @@ def run(
         read = read_calibration(calibration, given.scene.robot, cameras, days=calibration_days)
         believed, serials = calibrated(cameras, read), {**serials, **calibrated_serials(read)}
     privileged = is_privileged(made)
+    if isinstance(made, RemoteController):
+        made.close()  # the controller's process connects anew
     del made
     about = {
         "task": given.spec.name,
@@ -180,14 +187,17 @@ def run(
     return session.report(about, None if log is None else log)
 
 
-def _controller(given: TaskInput, policy: Path | None) -> ControllerSpec:
+def _controller(given: TaskInput, policy: Path | str | None, deadline: float) -> ControllerSpec:
     from gensim2.rollout.worker import chain
 
     if policy is None:
         return chain(given.strategies, given.rollout)
+    if is_url(str(policy)):
+        arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": deadline}
+        return ControllerSpec("gensim2.deploy.remote.client:RemoteController", arguments)
     from gensim2.policy.evaluating import policy_controller
 
-    return policy_controller(policy)
+    return policy_controller(Path(policy))
 
 
 def _local(
