@@ -19,11 +19,11 @@ if sys.dont_write_bytecode:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
-import pytest  # noqa: E402
-import warm  # noqa: E402
-from hypothesis import settings  # noqa: E402
+import pytest
+import warm
+from hypothesis import settings
 
-from gensim2.objects import Library, open_library  # noqa: E402
+from gensim2.objects import Library, open_library
 
 # A first example imports libraries, and machines are shared: clocks are no test.
 settings.register_profile("gensim2", deadline=None)
