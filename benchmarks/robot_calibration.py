@@ -25,8 +25,8 @@ from scipy.spatial.transform import Rotation
 from gensim2.deploy.arm_limits import ArmLimits
 from gensim2.deploy.calibration.mesh import calibrate
 from gensim2.deploy.calibration.surfaces import ArmView, RobotSurface
-from gensim2.deploy.simulated_cameras import D435, simulated_cameras
-from gensim2.observations import Camera, DepthNoise
+from gensim2.deploy.simulated_cameras import simulated_cameras
+from gensim2.observations import D435, Camera, DepthNoise
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import robot
 from gensim2.seeding import rng
@@ -71,7 +71,9 @@ def picture(
     base = np.array([*PROFILE.base_position, *PROFILE.base_quaternion])
     state = np.concatenate([base, np.zeros(6), q, np.zeros(len(q))])[None].astype(np.float32)
     (view,) = scene.see(scene.poses({"articulations": {PROFILE.agent: state}})[0])
-    depth = noise.on(view.depth, draw)
+    camera = scene.cameras[0]
+    colors = view.colors_at(np.arange(view.depth.size)).reshape(*view.depth.shape, 3)
+    depth = noise.on(view.depth, draw, colors, float(camera.intrinsic[1, 1]))
     measured = np.where(depth > 0, np.rint(1e3 * (depth - bias) / scale), 0.0).clip(0.0)
     return ArmView(q, (1e-3 * measured).astype(np.float32))
 

@@ -13,7 +13,9 @@ import runpy
 import subprocess
 import sys
 import tempfile
+import types
 from collections.abc import Mapping, Sequence
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from gensim2.rollout.worker import PRELOAD
@@ -30,23 +32,34 @@ MODULES = (
 )
 
 
+def start(
+    *words: str | Path, out: Path, err: Path, cwd: Path | None = None, env: Mapping[str, str] | None = None
+) -> BaseProcess:
+    """Start ``python WORDS`` in a process that is forked: a file, ``-c CODE`` or ``-m MODULE``, and its arguments.
+
+    Args:
+        out, err: files for what it says.
+    """
+    environment = dict(os.environ if env is None else env)
+    given = ([str(word) for word in words], (out, err), cwd or Path.cwd(), environment, sys.path)
+    process = _CONTEXT.Process(target=_program, args=given)
+    process.start()
+    return process
+
+
 def run(
     *words: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None, timeout: float = 600
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``python WORDS`` in a process that is forked: a file or ``-c CODE`` or ``-m MODULE``, and its arguments."""
-    arguments = [str(word) for word in words]
+    """Run ``python WORDS`` to its end, as :func:`start` starts it."""
     with tempfile.TemporaryDirectory() as folder:
-        said = [Path(folder) / name for name in ("out", "err")]
-        environment = dict(os.environ if env is None else env)
-        process = _CONTEXT.Process(target=_program, args=(arguments, said, cwd or Path.cwd(), environment, sys.path))
-        process.start()
+        out, err = (Path(folder) / name for name in ("out", "err"))
+        process = start(*words, out=out, err=err, cwd=cwd, env=env)
         process.join(timeout)
         if process.exitcode is None:
             process.kill()
             process.join()
-            raise subprocess.TimeoutExpired(arguments, timeout)
-        out, err = (file.read_text() for file in said)
-    return subprocess.CompletedProcess(arguments, process.exitcode, out, err)
+            raise subprocess.TimeoutExpired(list(words), timeout)
+        return subprocess.CompletedProcess(list(words), process.exitcode, out.read_text(), err.read_text())
 
 
 def _program(
@@ -63,7 +76,9 @@ def _program(
     sys.path[:] = path
     if first == "-c":
         sys.argv = ["-c", *rest[1:]]
-        exec(compile(rest[0], "<string>", "exec"), {"__name__": "__main__"})
+        module = types.ModuleType("__main__")
+        sys.modules["__main__"] = module
+        exec(compile(rest[0], "<string>", "exec"), vars(module))
     elif first == "-m":
         sys.argv = rest
         runpy.run_module(rest[0], run_name="__main__", alter_sys=True)

@@ -18,9 +18,9 @@ from gensim2.deploy.calibration.board import Board, Corners, find_corners, hand_
 from gensim2.deploy.calibration.file import Calibration, calibrated, read_calibration
 from gensim2.deploy.calibration.mesh import calibrate
 from gensim2.deploy.calibration.surfaces import ArmView
-from gensim2.deploy.simulated_cameras import D435, simulated_cameras
+from gensim2.deploy.simulated_cameras import simulated_cameras
 from gensim2.errors import InputError
-from gensim2.observations import Camera
+from gensim2.observations import D435, Camera
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import robot
 from gensim2.seeding import rng

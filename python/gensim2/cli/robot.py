@@ -39,10 +39,16 @@ def _devices(command: Any) -> Any:
             click.option("--cameras", type=click.Choice(("simulated",)), default="simulated", show_default=True),
             click.option(
                 "--policy",
-                type=click.Path(path_type=Path),
                 default=None,
-                metavar="DIR",
-                help="Checkpoint that gensim2 learn or train left.",
+                metavar="DIR|ws://HOST:PORT",
+                help="Checkpoint that gensim2 learn or train left, or where gensim2 policy serve listens.",
+            ),
+            click.option(
+                "--deadline",
+                type=click.FloatRange(0.0, 60.0, min_open=True),
+                default=0.15,
+                show_default=True,
+                help="Seconds within which an action must come from a server.",
             ),
             click.option("--plan", is_flag=True, help="The planner's chain in its place, which sees the true scene."),
             click.option(
@@ -82,6 +88,13 @@ def _devices(command: Any) -> Any:
                 default=10.0,
                 show_default=True,
                 help="Pictures a second of each simulated camera.",
+            ),
+            click.option(
+                "--noise",
+                default="d435",
+                show_default=True,
+                metavar="d435|white|FILE",
+                help="Of the simulated cameras; FILE as gensim2 robot fit-noise wrote it.",
             ),
             click.option(
                 "--calibration",
@@ -268,6 +281,28 @@ def _show_calibration(result: dict[str, Any]) -> None:
         ],
     )
     line(f"{result['poses']} poses; " + (f"file: {result['file']}" if result["file"] else "nothing was written"))
+
+
+@robot.command("fit-noise", cls=options.Command, short_help="Fit the depth noise to recordings.")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@options.out("File to write.  [default: noise.json]")
+@options.json_file
+def fit_noise(folder: Path, out: Path | None, json_file: str | None) -> None:
+    """Fit the parameters of the depth noise to the pictures in the log DIR that were taken while its arm stood.
+
+    The file is what --noise of gensim2 render and of gensim2 robot run takes.
+    """
+    with report(json_file, _show_noise) as (_, give):
+        from gensim2.deploy.fit_noise import fit_log
+
+        give(fit_log(folder, out or Path("noise.json")))
+
+
+def _show_noise(result: dict[str, Any]) -> None:
+    from gensim2.deploy.fit_noise import shown
+
+    table(("parameter", "value", "pixels that tell"), shown(result["noise"], result["told"]))
+    line(f"{result['recordings']} recordings; file: {result['file']}")
 
 
 @robot.command("replay", cls=options.Command, short_help="Make a log's clouds and inputs anew, and compare.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gensim2.deploy.devices import Frame
-from gensim2.observations import Camera, DepthNoise
+from gensim2.observations import D435, Camera, CameraError, DepthNoise
 from gensim2.observations.camera import pinhole
 from gensim2.observations.cameras import FAR, observation_cameras
 from gensim2.raycast.scene import RaycastScene
@@ -25,8 +25,6 @@ LATE = 0.3
 """Seconds by which the pictures of a camera come late that is told to."""
 JUMP = 5.0
 """Seconds by which a clock jumps."""
-
-D435 = DepthNoise()
 
 
 def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
@@ -68,13 +66,16 @@ class SimulatedCameras:
         profile: of the robot.
         cameras: that there are.
         seed: of their noise.
-        noise: on each picture.
+        noise: on each picture; its errors of pose, depth and clock are drawn each episode, and nothing is told of them.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
         self.profile, self.cameras, self._noise = profile, cameras, noise
         self.serials = simulated_serials(cameras)
-        self._draw = rng(seed, "simulated cameras")
+        self._seed, self._draw = seed, rng(seed, "simulated cameras")
+        self._errors: dict[str, CameraError] = {}
+        self._late = 0.0
+        self._drawn = noise
         self._episode = -1
         self._scene: RaycastScene | None = None
         self._numbers = dict.fromkeys((camera.name for camera in cameras), 0)
@@ -84,7 +85,15 @@ class SimulatedCameras:
 
     def prepare(self, models: Mapping[str, object], episode: int) -> None:
         """Build what rays meet in an episode."""
-        self._scene = RaycastScene(self.profile, models, self.cameras)  # type: ignore[arg-type]
+        draw = rng(self._seed, "errors of simulated cameras", episode)
+        self._drawn = self._noise.drawn(draw)
+        self._late = self._noise.time * float(draw.standard_normal())
+        self._errors = {camera.name: self._noise.error(draw) for camera in self.cameras}
+        true = [
+            replace(camera, T_base_camera=camera.T_base_camera @ np.linalg.inv(self._errors[camera.name].T))
+            for camera in self.cameras
+        ]
+        self._scene = RaycastScene(self.profile, models, true)  # type: ignore[arg-type]
         self._episode = episode
 
     def take(self, rows: Rows) -> list[Frame]:
@@ -97,13 +106,15 @@ class SimulatedCameras:
         views = scene.see(scene.poses(rows.states)[0], {link: pose for link, pose in links.items() if link is not None})
         found = []
         for camera, view in zip(self.cameras, views, strict=True):
-            depth = self._noise.on(view.depth, self._draw)
+            colors = view.colors_at(np.arange(camera.width * camera.height)).reshape(camera.height, camera.width, 3)
+            depth = self._drawn.on(view.depth, self._draw, colors, float(camera.intrinsic[1, 1]))
+            depth = self._errors[camera.name].on(depth)
             frame = Frame(
                 camera.name,
                 self._numbers[camera.name],
-                rows.time,
+                rows.time + self._late,
                 np.rint(1000.0 * depth).clip(0, 65535).astype(np.uint16),
-                view.colors_at(np.arange(camera.width * camera.height)).reshape(camera.height, camera.width, 3),
+                colors,
                 self.serials[camera.name],
             )
             self._numbers[camera.name] += 1

@@ -160,8 +160,8 @@ class _Walk:
         return self._cameras.poll()
 
 
-def read_standing(folder: Path) -> list[Station]:
-    """Poses in which the arm of a log stood while every camera took a picture.
+def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
+    """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
 
     Raises:
         InputError: there is no log, it is damaged, or the arm stood nowhere.
@@ -178,7 +178,7 @@ def read_standing(folder: Path) -> list[Station]:
     found: list[Station] = []
     for q, shown in _stood(np.array(times), joints, np.array(speeds), frames):
         if set(shown) == names and all(np.abs(q - each.q).max() > ARRIVED for each in found):
-            found.append(Station(q, {name: tuple(each[:PICTURES]) for name, each in shown.items()}))
+            found.append(Station(q, {name: tuple(each[:pictures]) for name, each in shown.items()}))
     if not found:
         raise InputError("the arm stands nowhere while all cameras look", file=folder)
     return found
