@@ -138,7 +138,7 @@ class DepthNoise:
         )
 
     def error(self, generator: np.random.Generator) -> CameraError:
-        """What is known wrongly of one camera in one episode."""
+        """Calibration error of one camera in one episode."""
         draw = generator.standard_normal(8)
         T = np.eye(4)
         T[:3, :3] = Rotation.from_rotvec(self.rotation / np.sqrt(3.0) * draw[:3]).as_matrix()
@@ -183,7 +183,7 @@ class DepthNoise:
 
 @dataclass(frozen=True, eq=False)
 class CameraError:
-    """What is known wrongly of a camera.
+    """Calibration error of a camera.
 
     Attributes:
         T: (4, 4) of the camera that is believed, in the frame of the true one.
