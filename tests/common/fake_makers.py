@@ -128,6 +128,7 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
         setattr(module, name, type(name, (Exception,), {}))
     module.RealtimeConfig = types.SimpleNamespace(Enforce=1, Ignore=0)
     module.RobotMode = types.SimpleNamespace(Idle=0, Reflex=4, UserStopped=5)
+    module.TorqueStopMotion = lambda: "stop"
     module.JointReference = lambda q, v: np.asarray(q)
 
     class JointImpedanceTrackingMotion:
@@ -149,13 +150,12 @@ def franka(body: FakeBody) -> dict[str, types.ModuleType]:
             force = [0.0, 0.0, body.force, 0.0, 0.0, 0.0]
             return types.SimpleNamespace(q=body.q, dq=np.zeros(7), O_F_ext_hat_K=force, robot_mode=mode)
 
-        def move(self, motion: Any, asynchronous: bool) -> None: ...
+        def move(self, motion: Any, asynchronous: bool) -> None:
+            if motion == "stop":
+                body.halt()
 
         def poll_motion(self) -> bool:
             return True
-
-        def stop(self) -> None:
-            body.halt()
 
     class Gripper:
         max_width = 0.08

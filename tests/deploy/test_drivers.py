@@ -76,7 +76,9 @@ def test_targets_are_gone_to_smoothly_and_nothing_goes_on_without_them(arm: tupl
     for step in range(1, 21):
         driver.send(HOME + 0.01 * step, 1.0, 0.0)
         time.sleep(CYCLE)
-    until(lambda: body.halts > 0)  # no more targets: it stops
+    until(lambda: body.halts > 0)  # no more targets: it stops, and says so
+    until(lambda: said(driver).mode == "refusing")
+    assert driver.trouble == "no target for 150 ms"
     sent = np.array(body.sent)
     assert (sent >= HOME - 1e-9).all()
     assert (sent <= HOME + 0.2 + 1e-9).all(), "never beyond a target"

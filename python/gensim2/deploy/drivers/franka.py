@@ -81,7 +81,8 @@ class FrankaArm(StreamedArm):
     def _halt(self) -> None:
         if self._motion is not None:
             self._motion = None
-            self._robot.stop()
+            # Takes the place of what runs, where stop() would end it with an exception.
+            self._robot.move(self._franky.TorqueStopMotion(), asynchronous=True)
 
     def _grip(self, command: float) -> None:
         if self._hand is None:

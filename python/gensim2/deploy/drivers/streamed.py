@@ -20,8 +20,9 @@ from gensim2.robots import OPEN, RobotProfile
 
 KEPT = 1000
 """States that wait to be polled at most."""
-SILENT = 0.05
-"""Seconds without a target after which an arm that was moving is stopped: the loop sends one each 10 ms."""
+SILENT = 0.15
+"""Seconds without a target after which an arm is stopped, and refuses what comes then: the loop sends one each 10 ms,
+and makes up for a tenth of a second."""
 
 
 class DriverError(GenSim2Error):
@@ -45,6 +46,7 @@ class StreamedArm(ABC):
         self._states: deque[ArmState] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
         self._goals: tuple[tuple[float, Array], tuple[float, Array]] | None = None
+        self._stood: Array | None = None
         self._gripper = OPEN
         self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
         self._standing, self._over = True, False
@@ -70,7 +72,9 @@ class StreamedArm(ABC):
         """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
         with self._lock:
             now = time.monotonic()
-            start = np.array(q) if self._goals is None else self._between(now)
+            start = self._stood if self._goals is None else self._between(now)
+            if start is None:
+                start = np.array(q)
             self._goals = (now, start), (now + CYCLE, np.array(q, dtype=np.float64))
             self._standing = False
         if gripper != self._gripper:
@@ -132,6 +136,7 @@ class StreamedArm(ABC):
         now = time.monotonic()
         if found is not None:
             arm, speed, force, mode = found
+            self._stood = arm
             q, v = np.empty(len(self.profile.reset_qpos)), np.zeros(len(self.profile.reset_qpos))
             columns = list(self.profile.arm_columns)
             q[columns], v[columns] = arm, speed
@@ -145,6 +150,7 @@ class StreamedArm(ABC):
                 goal, speed = self._between(now), self._speed(now)
         if silent:
             self.stand()
+            self._trouble = f"no target for {1e3 * SILENT:.0f} ms"
         else:
             self._attempt(lambda: self._write(goal, speed))
 
