@@ -67,7 +67,7 @@ def arm_poses(draw: np.random.Generator, count: int) -> list[np.ndarray]:
 def picture(
     scene: RaycastScene, q: np.ndarray, noise: DepthNoise, scale: float, bias: float, draw: np.random.Generator
 ) -> ArmView:
-    """What the scene's camera measures of the robot and its table, in whole millimetres."""
+    """Measure with the scene's camera the robot and its table, in whole millimetres."""
     base = np.array([*PROFILE.base_position, *PROFILE.base_quaternion])
     state = np.concatenate([base, np.zeros(6), q, np.zeros(len(q))])[None].astype(np.float32)
     (view,) = scene.see(scene.poses({"articulations": {PROFILE.agent: state}})[0])

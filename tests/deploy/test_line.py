@@ -23,7 +23,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     assert found["success"] >= 2 / 3
     assert found["limits_passed"] == 0
     assert found["late_actions"] == 0
-    assert found["periods_ms"]["worst"] == pytest.approx(100.0)
+    assert found["periods_ms"]["p50"] == pytest.approx(100.0)
+    assert found["periods_ms"]["worst"] <= 110.0 + 1e-6
     again = replay(tmp_path)
     assert again.different == ()
     assert again.missing == 0
@@ -38,8 +39,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     ("fault", "state", "said"),
     [
         ("camera-frozen", "holding", "frozen"),
-        ("camera-late", "holding", "old"),
-        ("camera-unplugged", "holding", "old"),
+        ("camera-late", "holding", "behind the others"),
+        ("camera-unplugged", "holding", "camera left"),
         ("camera-torn", "holding", "torn"),
         ("camera-clock", "holding", "clock jumped"),
         ("camera-swapped", "holding", "device 'simulated-right', not 'simulated-left'"),

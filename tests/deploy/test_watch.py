@@ -61,7 +61,11 @@ def test_a_held_arm_may_still_be_stopped() -> None:
 
 @pytest.mark.parametrize(
     ("times", "said"),
-    [((0.99, 0.84), "right: the last picture is 160 ms old"), ((0.99, 0.93), "60 ms apart"), ((0.99,), "no picture")],
+    [
+        ((0.99, 0.84), "right: the last picture is 160 ms old"),
+        ((0.99, 0.93), "right: its picture is 60 ms behind the others"),
+        ((0.99,), "no picture"),
+    ],
 )
 def test_pictures_are_there_fresh_and_of_one_time(times: tuple[float, ...], said: str) -> None:
     watch = running()

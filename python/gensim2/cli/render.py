@@ -45,6 +45,13 @@ from gensim2.errors import InputError
     help="Let depth be as a stereo camera would measure it; FILE as gensim2 robot fit-noise wrote it.",
 )
 @click.option("--task", "tasks", multiple=True, metavar="NAME", help="Only this one; may be given again.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=None,
+    metavar="N",
+    help="Of each task the first N that held.  [default: all]",
+)
 @options.workers
 @click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")
 @options.time_limit

@@ -31,7 +31,7 @@ def _pixels(text: str) -> tuple[int, int]:
 
 
 def _devices(command: Any) -> Any:
-    """What a line is made of."""
+    """Build the devices of a robot line from the command's options."""
     for option in reversed(
         (
             click.argument("task"),

@@ -1,4 +1,4 @@
-"""What an arm and its cameras say and are told, simulated or not; times are those of the machine's monotonic clock."""
+"""Protocols of an arm and its cameras, simulated or not; times are those of the machine's monotonic clock."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ SLOW = 0.6
 
 
 class Truth(Protocol):
-    """What a simulated world tells a privileged controller."""
+    """Truth of a simulated world, for a privileged controller."""
 
     def measure(self) -> Measurement:
         """Of the objects and the gripper, now."""
@@ -50,7 +50,7 @@ class Begin:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is to be done next?
+    """Question to a controller about its next actions.
 
     Attributes:
         number: counts questions.
@@ -65,7 +65,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the controller says.
+    """Answer of a controller.
 
     Attributes:
         number: of the question.
@@ -90,7 +90,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """How a controller is made and what it is shown; travels to its process.
+    """Recipe of a controller and its observations; travels to its process.
 
     Attributes:
         controller: decides.
@@ -106,7 +106,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """What the line looks at for a controller: as it wants, or by all cameras where it looks through none."""
+    """Return the observation spec of the line for a controller: its own, or all cameras where it uses none."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -161,7 +161,7 @@ class LineBody:
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """What the question shows; waits for it.
+        """Wait for the observation of the question, and return it.
 
         Raises:
             EmptyCloudError: the cameras see nothing that a point cloud keeps.

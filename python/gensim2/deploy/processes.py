@@ -219,7 +219,7 @@ def _answer_world(pipe: Connection, world: Any, now: float) -> None:
 
 
 class ProcessTruth:
-    """What a simulated world tells from its process."""
+    """Truth of a simulated world in its own process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe

@@ -1,4 +1,4 @@
-"""What a log's pictures and joints give today, against what was given to the controller then, byte for byte."""
+"""Replay of a log: observations made today against those given to the controller then, byte for byte."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Message = tuple[str, dict[str, Any], dict[str, npt.NDArray[Any]]]
 
 @dataclass(frozen=True)
 class Replay:
-    """What was compared.
+    """Result of a comparison.
 
     Attributes:
         questions: that were answered.
@@ -104,7 +104,7 @@ def messages(folder: Path) -> Iterator[Message]:
 
 
 def about_of(folder: Path) -> dict[str, Any]:
-    """What a log says that it is about.
+    """Return the header of a log.
 
     Raises:
         InputError: there is none, or it is damaged.

@@ -25,12 +25,12 @@ FORCE_CYCLES = 5
 LAG = 0.4
 """Seconds by which an arm lags that is told to."""
 _MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
-"""What an arm says of itself that fails so."""
+"""Mode that an arm reports under each fault."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What simulated cameras see of one instant.
+    """State rows of one instant, for simulated cameras.
 
     Attributes:
         time: s.

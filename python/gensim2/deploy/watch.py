@@ -1,4 +1,4 @@
-"""Who may move the arm, and what takes it away: idle, armed, running, holding, stopped.
+"""Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
 
 A software stop, not safety-rated: docs/robot.md.
 """
@@ -21,7 +21,7 @@ TOLD_APART = 48
 
 
 class State(StrEnum):
-    """What a watch lets happen."""
+    """State of a watch."""
 
     IDLE = "idle"
     ARMED = "armed"
@@ -31,18 +31,18 @@ class State(StrEnum):
 
 
 class StateError(GenSim2Error):
-    """What was asked for cannot follow from the state that there is."""
+    """Transition that the present state does not allow."""
 
 
 @dataclass(frozen=True)
 class WatchRules:
-    """What the watch bears; seconds.
+    """Tolerances of the watch; seconds.
 
     Attributes:
         frame_age: of a picture that is used.
         apart: between the newest pictures of two cameras.
-        no_action: from a question to the controller to its answer while the arm moves.
-        thinking: the same while it stands.
+        no_action: from a question to the controller to its answer, where the arm moves in between.
+        thinking: the same where it stands all the while.
         state_age: of the arm's last word.
         behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
             what blocks it is judged by the force.
@@ -109,6 +109,7 @@ class Watch:
     def _forget_motion(self) -> None:
         self._commands: list[tuple[float, Sent]] = []
         self._asked: float | None = None
+        self._moved_since = False
         self._overruns = 0
 
     # ------------------------------------------------------------- transitions
@@ -150,7 +151,7 @@ class Watch:
             person: who says so.
 
         Raises:
-            StateError: nothing is held, or nobody says so.
+            StateError: nothing is held, or no person resumes it.
         """
         self._require(State.HOLDING)
         if not person:
@@ -207,7 +208,7 @@ class Watch:
     def asked(self, now: float) -> None:
         """The controller was asked."""
         if self._asked is None:
-            self._asked = now
+            self._asked, self._moved_since = now, False
 
     def answered(self) -> None:
         """It has answered."""
@@ -234,7 +235,10 @@ class Watch:
                 return
             times.append(frame.captured)
         if times and max(times) - min(times) > self.rules.apart:
-            self.hold(now, f"pictures are {1e3 * (max(times) - min(times)):.0f} ms apart")
+            behind = cameras[times.index(min(times))]
+            self.hold(
+                now, f"camera {behind}: its picture is {1e3 * (max(times) - min(times)):.0f} ms behind the others"
+            )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
         """Hold where the arm is silent, or is not where it was sent.
@@ -257,8 +261,10 @@ class Watch:
         """Hold where the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
+        # A motion that ran out of actions has come to rest by itself: it was cut short all the same.
+        self._moved_since |= moves
         waited = now - self._asked
-        if waited > (self.rules.no_action if moves else self.rules.thinking):
+        if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
             self.hold(now, f"no action from the controller for {1e3 * waited:.0f} ms")
 
 

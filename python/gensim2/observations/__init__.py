@@ -1,4 +1,4 @@
-"""What a policy sees: the same code for a simulated camera and a real one, in training and in evaluation.
+"""Observations of a policy: the same code for a simulated camera and a real one, in training and in evaluation.
 
 Depth pictures of several cameras become one point cloud in the robot's base frame, cropped to the workspace, with the
 robot's own gripper in it, sampled to a set size; beside it stand the robot's joints, its tool pose, its gripper and the

@@ -1,4 +1,4 @@
-"""What a stereo depth camera gets wrong: steps of disparity, edges, holes; and what is known wrongly of it."""
+"""Noise of a stereo depth camera: steps of disparity, edges, holes; errors of its calibration and clock."""
 
 from __future__ import annotations
 

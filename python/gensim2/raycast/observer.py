@@ -77,7 +77,7 @@ class Observer:
 
     @property
     def scene(self) -> RaycastScene:
-        """What rays meet; of a spec that casts any."""
+        """Scene of the rays; of a spec that casts any."""
         assert self._scene is not None, "the spec casts no rays"
         return self._scene
 

@@ -1,1 +1,1 @@
-"""Where cameras stand: against the robot's own meshes, or against a board; written down with its date."""
+"""Calibration of camera poses: against the robot's own meshes, or against a board; written down with its date."""

@@ -1,4 +1,4 @@
-"""Where a camera stands, from pictures of a ChArUco board: A X = Z B in closed form, then by the corners."""
+"""Pose of a camera from pictures of a ChArUco board: A X = Z B in closed form, then by the corners."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Corners:
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """What was found.
+    """Result of a hand-eye calibration.
 
     Attributes:
         camera: (4, 4) of the camera, in the hand's frame where the hand carries it, else in the base frame.

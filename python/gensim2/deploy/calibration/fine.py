@@ -15,7 +15,7 @@ from gensim2.observations import Camera
 FINE_PIXELS = 6000
 """Of each picture in the fine one."""
 SCALE_SIGMA, BIAS_SIGMA = 0.01, 0.005
-"""What is known of a depth camera beforehand: share, and m."""
+"""Prior standard deviations of a depth camera's scale (share) and bias (m)."""
 PIXEL = 0.5
 """Pixels by which a ray may be off its pixel's centre."""
 NEAR = 0.03

@@ -1,4 +1,4 @@
-"""What is fitted: a camera's pose, and scale and bias of its depth; and the weights of what may be wrong."""
+"""Fitted parameters: a camera's pose, and scale and bias of its depth; and the weights of what may be wrong."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOCAL_BASELINE, DISPARITY_SIGMA = 21.25, 0.08
 
 @dataclass
 class Pose:
-    """What is fitted."""
+    """Fitted pose."""
 
     T: Array
     scale: float = 1.0

@@ -1,4 +1,4 @@
-"""Where a camera stands, from its depth pictures of the robot itself, without a board.
+"""Pose of a camera from its depth pictures of the robot itself, without a board.
 
 What the robot's links cover in some pictures and not in others is the robot, whatever stands about: no masks are
 needed. A coarse registration (nearest points, point to plane) brings these points onto the surfaces that the ray caster

@@ -36,7 +36,7 @@ TRIES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class Station:
     """Pictures of one pose.
 
     Attributes:
@@ -81,7 +81,7 @@ def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
 
 def take(
     arm: Arm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
-) -> list[Standing]:
+) -> list[Station]:
     """Move the arm to each pose, through the limits, and take pictures there.
 
     Raises:
@@ -131,7 +131,7 @@ class _Walk:
                 return bool(np.abs(self._where() - pose).max() < ARRIVED)
         return False
 
-    def look(self) -> Standing:
+    def look(self) -> Station:
         """Pictures that were taken from now on."""
         begun, found = self._clock.now(), {name: list[Frame]() for name in self._names}
         joints = []
@@ -144,7 +144,7 @@ class _Walk:
             assert state is not None
             joints.append(state.q)
         frames = {name: tuple(each[:PICTURES]) for name, each in found.items()}
-        return Standing(np.mean(joints, axis=0), frames)
+        return Station(np.mean(joints, axis=0), frames)
 
     def _where(self) -> Array:
         state = self._arm.state()
@@ -160,7 +160,7 @@ class _Walk:
         return self._cameras.poll()
 
 
-def read_standing(folder: Path, pictures: int = PICTURES) -> list[Standing]:
+def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
     """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
 
     Raises:
@@ -175,10 +175,10 @@ def read_standing(folder: Path, pictures: int = PICTURES) -> list[Standing]:
         elif topic.startswith("/camera/"):
             frames.append(frame_of(plain, arrays))
     names = {frame.camera for frame in frames}
-    found: list[Standing] = []
+    found: list[Station] = []
     for q, shown in _stood(np.array(times), joints, np.array(speeds), frames):
         if set(shown) == names and all(np.abs(q - each.q).max() > ARRIVED for each in found):
-            found.append(Standing(q, {name: tuple(each[:pictures]) for name, each in shown.items()}))
+            found.append(Station(q, {name: tuple(each[:pictures]) for name, each in shown.items()}))
     if not found:
         raise InputError("the arm stands nowhere while all cameras look", file=folder)
     return found

@@ -16,7 +16,7 @@ from gensim2.deploy.arm_limits import SPEED, ArmLimits
 from gensim2.deploy.calibration.board import Board, find_corners, hand_eye
 from gensim2.deploy.calibration.file import Calibration, CameraCalibration
 from gensim2.deploy.calibration.mesh import MOST_VIEWS, calibrate
-from gensim2.deploy.calibration.poses import Standing, draw_poses, read_standing, take
+from gensim2.deploy.calibration.poses import Station, draw_poses, read_standing, take
 from gensim2.deploy.calibration.surfaces import RobotSurface
 from gensim2.deploy.clocks import SimulatedClock
 from gensim2.deploy.replay import about_of, camera_of
@@ -116,7 +116,7 @@ def calibrate_log(
     return _calibrate(profile, chosen, serials, standing, out, seed, {})
 
 
-def _parted(standing: Sequence[Standing]) -> tuple[list[Standing], list[Standing]]:
+def _parted(standing: Sequence[Station]) -> tuple[list[Station], list[Station]]:
     """Poses that are fitted to, and those held out."""
     held = list(standing[HELD_OUT - 1 :: HELD_OUT])
     return [each for each in standing if all(each is not other for other in held)], held
@@ -126,7 +126,7 @@ def _calibrate(
     profile: RobotProfile,
     guesses: Sequence[Camera],
     serials: Mapping[str, str],
-    standing: Sequence[Standing],
+    standing: Sequence[Station],
     out: Path,
     seed: int,
     true: dict[str, np.ndarray],
@@ -173,7 +173,7 @@ def _by_board(
     profile: RobotProfile,
     chosen: Sequence[Camera],
     serials: Mapping[str, str],
-    standing: Sequence[Standing],
+    standing: Sequence[Station],
     out: Path,
     board: Board,
     carried: bool,

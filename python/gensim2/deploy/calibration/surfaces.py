@@ -34,7 +34,7 @@ class ArmView:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What of the robot a camera sees, by the meshes.
+    """Parts of the robot that a camera sees, by the meshes.
 
     Attributes:
         depth: (H, W) m; infinity where there is nothing of it.
