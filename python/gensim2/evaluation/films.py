@@ -37,7 +37,7 @@ DOT = 2
 
 
 def film_path(folder: Path, index: int) -> Path:
-    """Where the film of an episode lies in its task's folder."""
+    """Return the path of an episode's film in its task's folder."""
     return folder / f"video_{index:06d}.mp4"
 
 

@@ -20,7 +20,7 @@ from gensim2.rollout.worker import chain
 from gensim2.scenes.config import SceneArguments
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""What stands beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
+"""Controls beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
 that stands still, and the planner with the whole scene before it (privileged)."""
 CONTROLS: tuple[Control, ...] = get_args(Control)
 

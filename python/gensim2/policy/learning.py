@@ -32,7 +32,7 @@ from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
-"""What a keypose policy looks at: the scene without the robot."""
+"""Observations of a keypose policy: the scene without the robot."""
 SCENES = 2000
 """Of each task at most; more make hands no more exact in a training of minutes."""
 OBJECTS = 200
@@ -45,7 +45,7 @@ LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
 PROBES = 3
 """Steps by which the time of one is measured."""
 CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
-"""What a policy of action chunks looks at."""
+"""Observations of a policy of action chunks."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 EPISODES, SECONDS_AN_EPISODE = 200, 1.5
@@ -105,7 +105,7 @@ class Learned:
 
 @dataclass(frozen=True)
 class LearnResult:
-    """What ``learn`` leaves.
+    """Result of ``learn``.
 
     Attributes:
         out: folder.

@@ -72,7 +72,7 @@ class ArmResult:
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """What an experiment comes to.
+    """Result of an experiment.
 
     Attributes:
         out: folder.
