@@ -58,7 +58,7 @@ struct Fixed {
     t: [f32; 3],
 }
 
-/// How a joint turns what it carries: `A + sin B + cos C`.
+/// Rotation of a joint's child: `A + sin B + cos C`.
 #[derive(Debug, Clone)]
 enum Motion {
     None,
