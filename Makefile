@@ -1,6 +1,6 @@
 # `make help` lists the targets.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format figures api lock clean
+.PHONY: help setup demo test lint format figures api docs wheels lock clean
 
 FIGURES_OUT ?= runs/figures
 DEMO_OUT ?= runs/demo
@@ -30,6 +30,16 @@ lint: setup ## mend what the formatters and linters can
 api: setup ## write the API pages of the solver to dist/api
 	@.venv/bin/python -W error -W "ignore:Cannot determine where gensim2_kpam.ContactWindow" -m pdoc --docformat google \
 		--output-directory dist/api gensim2_kpam
+
+docs: setup ## the documentation as a site in dist/site: guides, command line, Python, tables, search; links checked
+	@PATH=$$PATH:.tools/bin VIRTUAL_ENV=$$PWD/.venv uv pip install --quiet -r pyproject.toml --extra docs -c requirements.lock
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet
+	@.venv/bin/python scripts/check_site.py dist/site
+
+wheels: setup ## wheels and source distributions of gensim2 and gensim2-kpam in dist/wheels
+	@VIRTUAL_ENV=$$PWD/.venv .venv/bin/maturin build --quiet --release --sdist --out dist/wheels
+	@cd crates/python && VIRTUAL_ENV=$$OLDPWD/.venv $$OLDPWD/.venv/bin/maturin build --quiet --release --sdist --out $$OLDPWD/dist/wheels
+	@ls -1 dist/wheels
 
 lock: ## pin what pyproject.toml asks for in requirements.lock, keeping pins that still fit
 	@PATH=$$PATH:.tools/bin uv pip compile pyproject.toml --extra sim --extra dev --universal --python-version 3.11 \

@@ -1,4 +1,4 @@
-"""What it costs to load an instance into a scene without rendering, with a warm cache.
+"""Cost of loading an instance into a scene without rendering, with a warm cache.
 
     python benchmarks/assets_load.py --assets builtin --assets DIR [--raw DIR]
 
@@ -47,7 +47,7 @@ def _no_pictures() -> object:
 
 
 def into_scene(library: Library, asset_class: str, instance_id: str) -> None:
-    """What an environment does to get an object that it has not had before."""
+    """Load an object as an environment does that has not had it before."""
     instance = copy.copy(library).load(asset_class, instance_id)  # a copy holds nothing that was loaded
     place = instance.placement
     load_object(empty_scene(), instance, sapien.Pose(place.position, place.quaternion))

@@ -1,4 +1,4 @@
-"""How much quicker does plan_batch answer a file of problems on more threads?
+"""Speed-up of plan_batch over a file of problems by the number of threads.
 
     python benchmarks/batch.py --problems FILE [--assets DIR] [--threads 2] [--repeats 5]
 

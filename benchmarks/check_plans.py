@@ -44,7 +44,7 @@ STRAIGHT_TOLERANCE = 3e-3
 
 @dataclass
 class Finding:
-    """What one problem's plan was found to be; ``errors`` is empty where all of it holds."""
+    """Verdict on one problem's plan; ``errors`` is empty where all of it holds."""
 
     id: str
     status: str
@@ -210,7 +210,7 @@ def check_record(
 
 
 def print_table(findings: list[Finding]) -> None:
-    """What was found, for a person."""
+    """Print the findings."""
     wrong = [finding for finding in findings if finding.errors]
     for finding in wrong:
         print(f"WRONG  {finding.id} ({finding.status}): {finding.errors[0]}")

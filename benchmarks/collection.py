@@ -1,4 +1,4 @@
-"""What a collection costs: episodes a second with one and two workers, memory of all its processes, bytes on disk.
+"""Cost of a collection: episodes a second with one and two workers, memory of all its processes, bytes on disk.
 
     python benchmarks/collection.py                        # 10 tasks of one step x 20 episodes
     python benchmarks/collection.py OpenBox OpenSafe --episodes 100 --workers 1 2

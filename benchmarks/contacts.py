@@ -50,7 +50,7 @@ class Clock:
         touching_from: from then on hand and fingers may touch the moving link, seconds.
         moving_from: from then on that link moves, seconds.
         hinge: its joint.
-        travel: (M,) rad or m at the times that are looked at, NaN where nobody can tell; None throughout.
+        travel: (M,) rad or m at the times that are looked at, NaN where it is unknown; None throughout.
         letting_go: from then on what the hand held stands where it was, seconds.
     """
 

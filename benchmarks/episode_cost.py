@@ -1,4 +1,4 @@
-"""Where an episode's time goes: CPU milliseconds an episode, mean over the task library on generated objects.
+"""CPU time of an episode by part: CPU milliseconds an episode, mean over the task library on generated objects.
 
     python benchmarks/episode_cost.py --episodes 10 [--physics original] [--core 1]
 

@@ -117,7 +117,7 @@ class LiftEnv(BaseEnv):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class Lift:
-    """What became of one object in one pose; ``cause`` is "held", or what went wrong."""
+    """Outcome of one lift: an object in a pose; ``cause`` is "held", or what went wrong."""
 
     name: str
     pose: int

@@ -59,7 +59,7 @@ def corners(arm: Mechanism, q: Array) -> Array:
 
 
 def largest_moves(arm: Mechanism, q: Array) -> Array:
-    """How far the corner that moves most does so between neighbours of (M, n) joint vectors, (M - 1,) metres."""
+    """Return the largest displacement of a corner between neighbours of (M, n) joint vectors, (M - 1,) metres."""
     placed = corners(arm, q)
     return np.sqrt(((placed[1:] - placed[:-1]) ** 2).sum(axis=2)).max(axis=1)
 

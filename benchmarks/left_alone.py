@@ -1,4 +1,4 @@
-"""Where objects end that are left alone half open for 5 s under the original's friction, in SAPIEN 2 or in SAPIEN 3.
+"""Final openness of objects left alone half open for 5 s under the original's friction, in SAPIEN 2 or in SAPIEN 3.
 
     python benchmarks/left_alone.py                 # SAPIEN 3, PGS
     python benchmarks/left_alone.py --tgs           # SAPIEN 3, TGS

@@ -87,7 +87,7 @@ def collision_part(element: ElementTree.Element, folder: Path) -> Part:
 
 
 def mesh_file(name: str, folder: Path) -> Path:
-    """Where a mesh lies: beside the URDF or, for ``package://``, in a folder above it."""
+    """Return the path of a mesh: beside the URDF or, for ``package://``, in a folder above it."""
     plain = name.removeprefix("file://")
     if not plain.startswith("package://"):
         return folder / plain

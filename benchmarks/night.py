@@ -74,7 +74,7 @@ def planned(kills: int, episodes: int, seed: int) -> list[Kill]:
 
 @dataclass
 class Night:
-    """How far a night is: what it was begun with, and the kills so far as (what was hit, episodes finished then)."""
+    """Progress of a night: what it was begun with, and the kills so far as (what was hit, episodes finished then)."""
 
     begun: dict[str, Any]
     kills: list[tuple[str, int]] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""How many candidates does it take to a config that works, blindly and with what went wrong told to who draws?
+"""Number of candidates until a config works, with diagnoses and without.
 
     python benchmarks/paper_loop.py --out loop.jsonl --draws 2              # both ways, up to 300 candidates a task
     python benchmarks/paper_loop.py --out loop.jsonl --table                # the table, on standard output
@@ -69,7 +69,7 @@ LOOKED_AT = 3
 
 @dataclass
 class Cost:
-    """What was run: candidates planned and tried, their episodes, and CPU seconds."""
+    """Cost of the runs: candidates planned and tried, their episodes, and CPU seconds."""
 
     planned: int = 0
     tried: int = 0
@@ -151,7 +151,7 @@ class Judge:
         return self._tried[key]
 
     def held(self, candidate: Candidate) -> int:
-        """How many of 20 fresh episodes hold; ends where 16 can no longer be had."""
+        """Count the fresh episodes of 20 that hold; ends where 16 can no longer be had."""
         key = str(candidate.steps)
         if key not in self._held:
             begin, held = time.process_time(), 0

@@ -1,66 +1,169 @@
-"""Table of policies and their controls from the JSON of `gensim2 evaluate --checkpoint DIR --controls ... --json FILE`.
+"""Tables of policies in docs/policy_keypose.md and README.md, from the JSON of `gensim2 learn --json FILE`.
 
-python benchmarks/policy_table.py FILE... [--json OUT]
+    python benchmarks/policy_table.py FILE... --commit HASH   # takes the figures of these runs in, and writes tables
+    python benchmarks/policy_table.py                         # writes the tables from the figures that there are
+
+The figures stand in ``policies.json`` beside this file, a row for each task and way of learning: a run takes the place
+of an earlier one of the same task, policy, objects, randomization and number of tasks.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import mean
 from typing import Any
 
-CONTROLS = ("blind", "shuffled", "no-op", "expert")
+from gensim2.files import write_atomic, write_json
+from gensim2.rollout.tally import interval
+
+FIGURES = Path(__file__).with_name("policies.json")
+ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "docs" / "policy_keypose.md", ROOT / "README.md")
+MARKED = re.compile(r"(<!-- policies: (\w+) -->\n).*?(<!-- /policies -->)", re.DOTALL)
+CONTROLS = ("blind", "shuffled", "no_op", "expert")
+KEY = ("name", "policy", "objects", "randomization", "together")
+
+Row = dict[str, Any]
 
 
-def rows_of(found: dict[str, Any]) -> list[dict[str, Any]]:
-    """One row a task, without its episodes."""
+def rows_of(found: Mapping[str, Any], commit: str) -> list[Row]:
+    """Return the rows of one run, without folders of the machine that it ran on."""
+    scene = found["scene"]
+    real = scene["assets"] != "builtin"
     rows = []
-    folder = Path(found["controller"]["arguments"]["checkpoint"])
-    config = json.loads((folder / "config.json").read_text())
     for task in found["tasks"]:
-        controls = {}
-        for name in CONTROLS:
-            for row in found.get("controls", {}).get(name, ()):
-                if row["name"] == task["name"]:
-                    controls[name] = {key: row[key] for key in ("held_mean", "held_interval", "episodes")}
+        controls = {name: task[f"{name}_mean"] for name in CONTROLS if task[f"{name}_mean"] is not None}
         rows.append(
             {
                 "name": task["name"],
-                "policy": config["policy"]["head"],
-                "instances": found["arguments"]["instances"],
-                "seed": found["arguments"]["seed"],
-                **{key: task[key] for key in ("held_mean", "held_interval", "strict_mean", "episodes", "causes")},
-                "controls": controls,
-                "demonstrations": config["data"]["episodes"],
-                "steps": config["step"],
-                "evaluation_cpu_s": found["cpu_s"],
+                "policy": task["policy"],
+                "objects": f"{'real' if real else 'generated'}, {found['test_instances']}",
+                "taught_on": scene["instances"] if found["objects"] is None else found["objects"],
+                "randomization": scene["randomization"],
+                "together": len(found["tasks"]) if found["multi_task"] else 1,
+                "seed": found["seed"],
+                "episodes": task["episodes"],
+                "held": round(task["held_mean"] * task["episodes"]),
+                "strict": round(task["strict_mean"] * task["episodes"]),
+                "control_episodes": task["control_episodes"],
+                **{name: round(share * task["control_episodes"]) for name, share in controls.items()},
+                "demonstrations": task["demonstrations"],
+                "steps": task["steps"],
+                "data_cpu_s": round(task["data_cpu_s"]),
+                "training_cpu_s": round(task["training_cpu_s"]),
+                "evaluation_cpu_s": round(task["evaluation_cpu_s"]),
+                "causes": task["causes"],
+                "commit": commit,
             }
         )
     return rows
 
 
+def every(rows: Sequence[Row]) -> str:
+    """Return a table of single-task keypose policies, and one of all others."""
+    plain = [row for row in rows if _is_plain(row)]
+    others = [row for row in rows if not _is_plain(row)]
+    parts = [_table(plain, others=False)] if plain else []
+    if others:
+        parts.append(_table(others, others=True))
+    return "\n".join(parts)
+
+
+def short(rows: Sequence[Row]) -> str:
+    """Return one sentence about single-task keypose policies."""
+    plain = [row for row in rows if _is_plain(row)]
+    if not plain:
+        return ""
+    held, episodes = sum(row["held"] for row in plain), sum(row["episodes"] for row in plain)
+    low, high = interval(held, episodes)
+    worst = min(plain, key=lambda row: row["held"] / row["episodes"])
+    blind, of = (
+        sum(row.get("blind", 0) for row in plain),
+        sum(row["control_episodes"] for row in plain if "blind" in row),
+    )
+    seconds = [row["data_cpu_s"] + row["training_cpu_s"] for row in plain]
+    rates = [row["held"] / row["episodes"] for row in plain]
+    return (
+        f"{len(plain)} tasks, each learned from nothing in {min(seconds)} to {max(seconds)} s of CPU, data included, "
+        f"and measured on objects that it never saw: {mean(rates):.2f} `held` ({held} of {episodes} episodes, "
+        f"{low:.3f} to {high:.3f}), the worst {worst['name']} {min(rates):.2f}; without the cloud {blind} of {of}.\n"
+    )
+
+
+def _is_plain(row: Row) -> bool:
+    common = row["policy"] == "keypose" and row["together"] == 1 and row["randomization"] == "paper"
+    return common and row["objects"].startswith("generated") and _is_single_step(row["name"])
+
+
+def _is_single_step(name: str) -> bool:
+    from gensim2.tasks.library import load_task
+
+    return load_task(name).is_single_step
+
+
+def _table(rows: Sequence[Row], *, others: bool) -> str:
+    head = [
+        "task",
+        *(["policy"] if others else []),
+        "held (95 %)",
+        "strict",
+        "blind",
+        "clouds of others",
+        "no-op",
+        "expert",
+    ]
+    head += ["plans", "steps", "CPU s: data, training", "what failed"]
+    lines = [_line(head), _line(["---"] * len(head))]
+    for row in sorted(rows, key=lambda row: [row[each] for each in ("together", "policy", "name", "objects")]):
+        cells = [row["name"]]
+        if others:
+            told = [
+                row["policy"],
+                *([f"one of {row['together']} tasks"] if row["together"] > 1 else []),
+                row["objects"],
+            ]
+            cells.append(", ".join(told))
+        low, high = interval(row["held"], row["episodes"])
+        cells.append(f"{row['held'] / row['episodes']:.2f} ({low:.2f} to {high:.2f}) of {row['episodes']}")
+        cells.append(f"{row['strict'] / row['episodes']:.2f}")
+        cells += ["" if name not in row else f"{row[name]} of {row['control_episodes']}" for name in CONTROLS]
+        cells += [str(row["demonstrations"]), str(row["steps"]), f"{row['data_cpu_s']}, {row['training_cpu_s']}"]
+        cells.append(", ".join(f"{count} {cause}" for cause, count in row["causes"].items()))
+        lines.append(_line(cells))
+    if not others:
+        held = [row["held"] / row["episodes"] for row in rows]
+        cpu = mean(row["data_cpu_s"] + row["training_cpu_s"] for row in rows)
+        lines.append(_line([f"mean of {len(rows)}", f"{mean(held):.3f}", *[""] * 7, f"{cpu:.0f} in all", ""]))
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
 def main() -> None:
-    """Print the table, and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--json", type=Path)
+    """Take runs in, and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--commit", help="that the runs were made with")
     given = parser.parse_args()
-    rows = [row for file in given.files for row in rows_of(json.loads(file.read_text()))]
-    print("| task | objects | held (95 %) | blind | shuffled | no-op | expert | plans | steps |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    for row in rows:
-        low, high = row["held_interval"]
-        beside = [row["controls"].get(name) for name in CONTROLS]
-        told = ["" if each is None else f"{each['held_mean']:.2f}" for each in beside]
-        held = f"{row['held_mean']:.2f} ({low:.2f} to {high:.2f}) of {row['episodes']}"
-        print(
-            "|",
-            " | ".join([row["name"], row["instances"], held, *told, str(row["demonstrations"]), str(row["steps"])]),
-            "|",
-        )
-    if given.json is not None:
-        given.json.write_text(json.dumps({"schema_version": 1, "rows": rows}, indent=2) + "\n")
+    if given.files and not given.commit:
+        parser.error("say which --commit the runs were made with")
+    figures = json.loads(FIGURES.read_text())["rows"] if FIGURES.exists() else []
+    known = {tuple(row[name] for name in KEY): row for row in figures}
+    for file in given.files:
+        for row in rows_of(json.loads(file.read_text()), given.commit):
+            known[tuple(row[name] for name in KEY)] = row
+    rows = [known[key] for key in sorted(known, key=str)]
+    write_json(FIGURES, {"schema_version": 1, "rows": rows})
+    makers = {"all": every, "short": short}
+    for page in PAGES:
+        text = MARKED.sub(lambda match: f"{match[1]}{makers[match[2]](rows)}{match[3]}", page.read_text())
+        write_atomic(page, text)
 
 
 if __name__ == "__main__":

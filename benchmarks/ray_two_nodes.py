@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "kill"))
 
 import kill_runs
 
-# The nodes and the driver know each other by a word that nobody else on this machine knows.
+# The nodes and the driver know each other by a secret word.
 kill_runs.SCRIPT_ENVIRONMENT |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
 
 TRIES = 6

@@ -30,7 +30,7 @@ SAMPLE_STEP, FEWEST, MOST = 2e-3, 400, 6000
 
 
 class Motion(Protocol):
-    """What the planner emits."""
+    """Motion as the planner emits it."""
 
     @property
     def times(self) -> Array: ...
@@ -70,7 +70,7 @@ class Question:
 
 @dataclass
 class Answer:
-    """What a plan says: its keyframes in time as (label, seconds or None, hand pose, reached), and its motion."""
+    """Content of a plan: its keyframes in time as (label, seconds or None, hand pose, reached), and its motion."""
 
     keyframes: list[tuple[str, float | None, Array, bool]]
     motion: Motion
@@ -79,7 +79,7 @@ class Answer:
 
 @dataclass
 class Verdict:
-    """What was found: nothing wrong where ``errors`` is empty."""
+    """Verdict: correct where ``errors`` is empty."""
 
     errors: list[str] = field(default_factory=list)
     looks: int = 0
@@ -219,7 +219,7 @@ def keyframe_errors(question: Question, answer: Answer) -> list[str]:
 def let_go_errors(question: Question, answer: Answer) -> list[str]:
     """A hand that does not move back as it should from where it lets go."""
     if question.let_go == 0.0:
-        return [f"{label}, which nobody asked for" for label, *_ in answer.keyframes if label == "let_go"]
+        return [f"{label}, which was not asked for" for label, *_ in answer.keyframes if label == "let_go"]
     (_, _, before, _), (label, _, after, _) = answer.keyframes[-2:]
     wanted = before.copy()
     wanted[:3, 3] -= question.let_go * before[:3, 2]
@@ -279,7 +279,7 @@ def clock_of(question: Question, answer: Answer, times: Array, q: Array) -> Cloc
 
 
 def joint_travel(question: Question, hinge: Hinge, at: dict[str, float], times: Array, hands: Array) -> Array:
-    """How far the object's joint has moved at each time (M,), by what the hand does; NaN from where nobody can tell.
+    """Return the travel of the object's joint at each time (M,), by the hand's motion; NaN from where it is unknown.
 
     A motion that follows the joint turns the hand as far, one that traces it takes the contact point along.
     """

@@ -1,4 +1,4 @@
-"""What does refinement save, by the original's own trajectory cost, and how far is that from Drake's trajectories?
+"""Cost saved by refinement, by the original's own trajectory cost, beside Drake's trajectories.
 
     python benchmarks/refine.py --problems plans.jsonl [--assets DIR] [--every 4] [--drake 12]
 

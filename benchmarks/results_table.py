@@ -1,4 +1,4 @@
-"""How often tasks succeed, as Markdown: every table of the documents, made of the package's figures.
+"""Success rates as Markdown: every table of the documents, made of the package's figures.
 
     python scripts/figures.py results/*.json                             # what benchmarks found, into the figures
     python benchmarks/results_table.py --into docs/results.md README.md

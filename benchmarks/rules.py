@@ -1,4 +1,4 @@
-"""What a solver config asks for, derived from the problem file alone: keyframes, constraints, cost, limits."""
+"""Requirements of a solver config, derived from the problem file alone: keyframes, constraints, cost, limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recorded episode costs in different files: size, files, and CPU to write and to read it.
+"""Cost of a recorded episode in different files: size, files, and CPU to write and to read it.
 
     gensim2 collect OpenBox OpenSafe --episodes 20 --assets builtin --out runs/episodes
     python benchmarks/stores.py runs/episodes

@@ -1,4 +1,4 @@
-"""How much longer do motions take than time-optimal ones on the same paths?
+"""Durations of motions relative to time-optimal ones on the same paths.
 
     python benchmarks/timing.py [--problems FILE [--assets DIR] [--every 4]] [--paths 60] [--seed 0]
 

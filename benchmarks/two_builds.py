@@ -1,4 +1,4 @@
-"""How do two builds of the solver compare on the same problems? Each in a process of its own, by turns, CPU time.
+"""Comparison of two builds of the solver on the same problems. Each in a process of its own, by turns, CPU time.
 
     python benchmarks/two_builds.py --other FOLDER (--motions FILE.jsonl | --plans FILE.jsonl [--assets DIR])
         [--repeats 3] [--every 1] [--json OUT]

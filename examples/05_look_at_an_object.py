@@ -1,4 +1,4 @@
-"""Generate an object that nobody has seen before and look at what a planner is told about it."""
+"""Generate a new object and look at what a planner is told about it."""
 
 import numpy as np
 

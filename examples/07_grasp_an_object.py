@@ -1,4 +1,4 @@
-"""Where can the Panda hold a mug, and with which grasp can it also be brought somewhere else?"""
+"""Find where the Panda can hold a mug, and with which grasp it can also be brought somewhere else."""
 
 import numpy as np
 

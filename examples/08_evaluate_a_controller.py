@@ -1,4 +1,4 @@
-"""Teach a small network to close boxes by what the planner did, and let the benchmark judge it."""
+"""Teach a small network to close boxes by what the planner did; let the benchmark judge it: [FOLDER] [EPISODES]."""
 
 import sys
 from pathlib import Path
@@ -42,18 +42,19 @@ class Policy:
 if __name__ == "__main__":  # the simulator's worker processes import this file
     torch.manual_seed(0)
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/taught")
-    gensim2.collect(["CloseBox"], episodes=50, out=folder / "data", assets="builtin")
+    episodes = int(sys.argv[2]) if len(sys.argv) > 2 else 50
+    gensim2.collect(["CloseBox"], episodes=episodes, out=folder / "data", assets="builtin")
     gensim2.render(folder / "data", spec=SPEC)
     frames = gensim2.DataSet.open(folder / "data").frames(horizon=CHUNK).torch()
     data = [torch.stack([each[name] for each in frames]) for name in ("point_cloud", "state", "action")]
     optimizer = torch.optim.AdamW((net := Net()).parameters(), 1e-3)
-    for _ in range(1200):
+    for _ in range(24 * episodes):
         rows = torch.randint(len(frames), (64,))
         cloud, state, action = (each[rows] for each in data)
         net.zero_grad()
         (net(cloud, state) - action).abs().mean().backward()
         optimizer.step()
     torch.save(net.state_dict(), weights := str(folder / "policy.pt"))
-    given = {"arguments": {"weights": weights}, "data": folder / "data", "assets": "builtin"}
-    result = gensim2.evaluate(Policy, "CloseBox", episodes=10, videos=1, out=folder / "evaluation", **given)
+    given = {"arguments": {"weights": weights}, "data": folder / "data", "assets": "builtin", "videos": 1}
+    result = gensim2.evaluate(Policy, "CloseBox", episodes=max(2, episodes // 5), out=folder / "evaluation", **given)
     print(f"CloseBox: {result.held_mean:.2f} held, taught by {len(frames)} frames", *result.videos["CloseBox"])

@@ -38,6 +38,8 @@ print(robot("panda").urdf)')"
 python_lane() {
     check python "ruff" ruff check .
     check python "ruff format" ruff format --check .
+    check python "words" python scripts/words.py
+    check python "reference" python scripts/reference.py --check
     check python "mypy" mypy
     # One file is one process: fixtures of a module or a session are made once.
     check python "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --durations 10

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
+from multiprocessing import forkserver
 from pathlib import Path
 
+# Tests share the cores already: what is imported below looks for these when it starts threads of its own.
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+# Half of an import is compiling, and hundreds of processes import the same: where Python is told to leave nothing
+# beside the sources (containers often say so), what it compiles is kept here.
+if sys.dont_write_bytecode:
+    sys.dont_write_bytecode, sys.pycache_prefix = False, str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
 import pytest
+import warm
 from hypothesis import settings
 
 from gensim2.objects import Library, open_library
@@ -41,10 +54,25 @@ def real_assets() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of the tests' own, so that nothing prepared before hides what is tested; ``GENSIM2_CACHE`` where set."""
+    """A cache of this run's own, so that nothing prepared before hides what is tested; ``GENSIM2_CACHE`` where set.
+
+    All processes of a run share it: what one has prepared none prepares again.
+    """
     with pytest.MonkeyPatch.context() as patch:
         if not os.environ.get("GENSIM2_CACHE"):
-            patch.setenv("GENSIM2_CACHE", str(tmp_path_factory.mktemp("cache")))
+            place = tmp_path_factory.getbasetemp()
+            shared = place.parent if os.environ.get("PYTEST_XDIST_WORKER") else place
+            (shared / "cache").mkdir(exist_ok=True)
+            patch.setenv("GENSIM2_CACHE", str(shared / "cache"))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm_server() -> Iterator[None]:
+    """One server of processes with everything imported: what the first pool asks for holds for all after it."""
+    with pytest.MonkeyPatch.context() as patch:
+        forkserver.set_forkserver_preload(list(warm.MODULES))
+        patch.setattr(forkserver, "set_forkserver_preload", lambda names: None)
         yield
 
 

@@ -71,12 +71,6 @@ def test_other_names_are_refused() -> None:
         getattr(gensim2, "open_librery")  # noqa: B009
 
 
-def test_the_name_of_the_release_before_still_works_and_says_the_new_one() -> None:
-    pytest.importorskip("mani_skill")
-    with pytest.warns(DeprecationWarning, match=r"gensim2\.HeadlessEnv"):
-        assert gensim2.Lane is gensim2.HeadlessEnv
-
-
 def test_version_is_the_installed_one() -> None:
     assert gensim2.__version__ == version("gensim2")
 

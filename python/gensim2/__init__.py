@@ -4,7 +4,7 @@ What most programs need is here, and imported when asked for: ``import gensim2``
 
     library = gensim2.open_library("builtin")     # objects: gensim2.objects
     task = gensim2.load_task("OpenDrawer")        # tasks and strategies: gensim2.tasks
-    env = gensim2.make_env(task)                  # simulation: gensim2.sim
+    env = gensim2.make_env(task)                  # simulation: gensim2.sim; make_vec_env for several
     result = gensim2.demo("OpenDrawer")           # verify and record: gensim2.design
     result = gensim2.run_pipeline(num_tasks=1)    # propose, search, verify, record
     result = gensim2.solve("OpenDrawer")          # plan one scene
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gensim2.observations import Observation, ObservationSpec
     from gensim2.robots import register_robot, robot, robot_names
     from gensim2.rollout import solve
-    from gensim2.sim import HeadlessEnv, make_env
+    from gensim2.sim import HeadlessEnv, make_env, make_vec_env
     from gensim2.tasks import TaskSpec, load_strategies, load_task, task_names
 
     __version__: str
@@ -50,6 +50,7 @@ __all__ = [
     "load_strategies",
     "load_task",
     "make_env",
+    "make_vec_env",
     "open_library",
     "register_robot",
     "render",
@@ -76,6 +77,7 @@ _of_rooms = lazy_names(
         "load_strategies": "gensim2.tasks",
         "load_task": "gensim2.tasks",
         "make_env": "gensim2.sim",
+        "make_vec_env": "gensim2.sim",
         "open_library": "gensim2.objects",
         "render": "gensim2.data",
         "robot": "gensim2.robots",
@@ -87,23 +89,12 @@ _of_rooms = lazy_names(
     },
 )
 
-#: Names of the release before, kept for this one.
-_RENAMED = {"Lane": "HeadlessEnv"}
-
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("gensim2")
-    if name in _RENAMED:
-        import warnings
-
-        now = _RENAMED[name]
-        warnings.warn(
-            f"gensim2.{name} is gensim2.{now} now; the old name goes in 0.2", DeprecationWarning, stacklevel=2
-        )
-        return _of_rooms(now)
     return _of_rooms(name)
 
 

@@ -1,4 +1,4 @@
-"""What this machine can do, and what to do about what it cannot."""
+"""Checks of what this machine can run, with remedies."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ print(sapien.render.RenderSystem().device.name)
 EXTRAS = {
     "Data sets": ("data", ("matplotlib", "pyarrow", "zarr"), "all but reports, exports and imports works without"),
     "Ray": ("ray", ("ray",), "processes of this machine work without"),
-    "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but --show works without"),
+    "Plans and episodes in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
 }
 """By name: the extra, what it brings, and what works without it; what is looked at more closely is not among them."""
 
@@ -185,7 +185,7 @@ def sandbox() -> Check:
 
 
 def language_model(model: str | None = None, base_url: str | None = None, config: Path | None = None) -> Check:
-    """Whether a language model answers; nobody is asked where no endpoint is named."""
+    """Whether a language model answers; no question is sent where no endpoint is named."""
     name, without = "Language model", "the offline designer works without"
     absent = [each for each in ("openai", "json_repair") if importlib.util.find_spec(each) is None]
     if absent:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 #: Characters of the longest message.
 LONGEST_LINE = 1500
 
-#: Characters of the longest word that an error echoes whole: more tells nobody more. Paths are words too.
+#: Characters of the longest word that an error echoes whole: more says no more. Paths are words too.
 LONGEST_WORD = 300
+
+#: Words listed where none is near to what was given.
+SHOWN_WORDS = 10
 
 _LONG_WORD = re.compile(rf"""[^\s:,;()'"]{{{LONGEST_WORD + 1},}}""")
 
@@ -25,8 +30,19 @@ def one_line(text: str) -> str:
 
 
 def brief(number: int) -> str:
-    """A whole number in decimal, or its length where nobody would read it (and Python refuses to write it)."""
+    """A whole number in decimal, or its length where it is too long to read (and Python refuses to write it)."""
     return str(number) if abs(number) < 10**30 else f"a number of {number.bit_length()} bits"
+
+
+def near(word: object, words: Iterable[str]) -> str:
+    """Return the remedy for a word that is none of ``words``: the few that are spelled alike, else some of all."""
+    known = list(words)
+    matches = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, n=3, cutoff=0.5)
+    if matches:
+        return f"did you mean {' or '.join(matches)}?"
+    if len(known) <= SHOWN_WORDS:
+        return f"one of {', '.join(known)}" if known else "there is none"
+    return f"one of {', '.join(known[:SHOWN_WORDS])} and {len(known) - SHOWN_WORDS} more"
 
 
 def _shortened(word: re.Match[str]) -> str:

@@ -139,7 +139,7 @@ def _remove_left(path: Path) -> None:
 
 
 def _reason(error: OSError | WriteError) -> str:
-    """What the system said, without the name of a file that is gone by now."""
+    """Return the system's message, without the name of a file that is gone by now."""
     said = error.message if isinstance(error, WriteError) else error.strerror or str(error)
     text = said.removeprefix("cannot write: ")
     # Libraries tell it in words of their own: "[Errno 28] ...", "[errno 28] ...", "errno = 28, error message = ...".
@@ -176,7 +176,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
 def write_output(path: Path, data: str | bytes) -> None:
     """Write to a name that the user gave: as :func:`write_atomic`, but what is no regular file is written through.
 
-    Names of our own are replaced whatever stands there: a pipe would wait for a reader that nobody has promised.
+    Names of our own are replaced whatever stands there: a pipe would wait for a reader that may never come.
 
     Raises:
         InputError: it cannot be written to, or is full.

@@ -1,4 +1,4 @@
-"""How long-running functions say how far they are, without knowing who listens."""
+"""Progress of long-running functions, reported to any listener."""
 
 from __future__ import annotations
 

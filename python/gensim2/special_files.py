@@ -1,4 +1,4 @@
-"""What stands under a name and is no regular file: it is written through, never replaced.
+"""Special files, such as devices and pipes: they are written through, never replaced.
 
 A file that a user names may be a device (``/dev/full``), a pipe, a socket or an open descriptor (``/dev/stdout``, a
 shell's ``>(...)``). To put a new file in its place, as an atomic write does, would destroy it.
@@ -33,7 +33,7 @@ def is_special(path: Path) -> bool:
     """Whether something stands under ``path`` that is to be written through.
 
     Raises:
-        OSError: a folder stands there, or nobody can say.
+        OSError: a folder stands there, or the system cannot say.
     """
     if descriptor(path) is not None:
         return True

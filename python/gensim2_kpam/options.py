@@ -6,8 +6,8 @@ from typing import Literal, NotRequired, TypedDict
 import numpy.typing as npt
 
 Gripper = Literal["open", "closed", "grasp", "hold", "release"]
-"""What a config's fingers do: open or closed throughout, closing at the actuation pose, as they are throughout
-(something is held), opening at the actuation pose."""
+"""Finger mode of a config: open or closed throughout, closing at the actuation pose, as they are throughout (something
+is held), opening at the actuation pose."""
 
 ContactWindow = TypedDict(
     "ContactWindow",
@@ -50,7 +50,7 @@ class Options(TypedDict, total=False):
     frames: Literal["object", "original"]
     """"object": list-type translations are in the hand frame. "original": turned by the object's yaw."""
     rotate_path: Literal["arc", "chord"]
-    """How "rotate" moves the hand between its keyframes ("arc")."""
+    """Path by which "rotate" moves the hand between its keyframes ("arc")."""
     workspace: npt.ArrayLike | None
     """[[x, y, z], [x, y, z]] (m) that holds the hand's origin at the actuation pose; None for no bounds (None)."""
     joint_weights: npt.ArrayLike | None
@@ -61,12 +61,12 @@ class Options(TypedDict, total=False):
     least_margin: float | None
     """Clearance that will do where no motion keeps ``margin``, 0 to that, m; default: none will."""
     contact_depth: float | None
-    """How deep things that may touch may overlap, 0 to 1 m (0.003); None for no limit."""
+    """Largest overlap of things that may touch, 0 to 1 m (0.003); None for no limit."""
     guess_depth: float
-    """How deep arm and held bodies may be inside of what the object's joint moves where it is a guess how far that is,
+    """Largest depth of arm and held bodies inside of what the object's joint moves where it is a guess how far that is,
     0 to 0.1 m (0.05)."""
     start_depth: float
-    """How deep the robot may be inside of something at the start, 0 to 1 m (0.01): it comes out first. Deeper, the
+    """Largest depth of the robot inside of something at the start, 0 to 1 m (0.01): it comes out first. Deeper, the
     status is "start_in_collision"."""
     reach_clearance: float | None
     """Clearance kept from what the hand reaches for (the moving link, targets, what it picks) on the way to the

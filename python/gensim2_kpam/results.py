@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """How planning of a keypoint problem ended. The first two have a trajectory, the others have none."""
+    """Outcome of planning a keypoint problem. The first two have a trajectory, the others have none."""
 
     SOLVED = "solved"
     """The whole motion is reachable and clear."""
@@ -40,7 +40,7 @@ class Status(StrEnum):
 
 
 class MotionStatus(StrEnum):
-    """How planning of a motion to a goal ended."""
+    """Outcome of planning a motion to a goal."""
 
     SOLVED = "solved"
     """There is a motion."""
@@ -82,7 +82,7 @@ class Keyframe(TypedDict):
 
 
 class Collision(TypedDict):
-    """What was in the way of a motion."""
+    """Obstacle to a motion."""
 
     bodies: tuple[str, str]
     time: float | None
@@ -127,7 +127,7 @@ class Guess(TypedDict):
 
 
 class TriedPose(TypedDict):
-    """What became of an actuation pose."""
+    """Outcome of an actuation pose."""
 
     q: Array
     """(n,)"""
@@ -174,7 +174,7 @@ class Clearances(TypedDict):
 
 
 class GraspQuality(TypedDict):
-    """What the rank of a grasp is made of."""
+    """Terms of a grasp's rank."""
 
     friction_margin: float
     """rad inside the friction cone"""

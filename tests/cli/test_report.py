@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -71,6 +72,18 @@ def test_page_tells_the_three_verdicts_with_intervals_and_the_number_of_objects(
     assert "4 box_rotate" in text
     assert "The search saw none of them." in text
     assert "the hand has not let go" in text
+
+
+def test_of_one_object_the_page_does_not_say_that_the_search_saw_none(run_dir: Path) -> None:
+    for path in (run_dir / "tasks").iterdir():
+        folder = TaskFolder(path)
+        found = folder.verification()
+        assert found is not None
+        alike = tuple(episode for episode in found.episodes if episode.objects["box"].id == "0")
+        folder.write_verification(replace(found, episodes=alike))
+    for path in (run_dir / "rejected").iterdir():
+        (path / "verification.json").unlink()
+    assert "The search saw none" not in write_report(run_dir).read_text()
 
 
 def test_a_run_of_demonstrations_alone_shows_its_episodes_and_steps(run_dir: Path) -> None:

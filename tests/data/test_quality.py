@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
 
 from gensim2.data.attempt_log import log_line
-from gensim2.data.card import card
+from gensim2.data.card import Described, card, write_card
 from gensim2.data.collection import CollectionResult
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
@@ -118,3 +120,17 @@ def test_a_card_names_tasks_counts_and_terms(gather: Gather) -> None:
         assert f"| {name} | {dataset.task(name).spec().description} | {record.held} | {record.tried} |" in text
     assert all(used.license in text for used in dataset.record.objects.values())
     assert f"| seed | {dataset.record.seed} |" in text
+
+
+@pytest.mark.parametrize(("kind", "state"), [("lerobot", "observation.state"), ("zarr", "state")])
+def test_a_card_of_frames_tells_units_frames_and_what_an_action_is(
+    gather: Gather, tmp_path: Path, kind: str, state: str
+) -> None:
+    dataset = DataSet.open(gather().folder)
+    store = dataset.task(dataset.tasks[0])
+    described = Described.of(store, (row for row in store.rows() if row.held))
+    text = write_card(dataset, [described], tmp_path, kind).read_text()
+    assert re.search(rf"\| {state} \| joint positions, rad .*panda", text)
+    assert re.search(r"\| action \| absolute target positions of the arm.*, rad .*-1 \(closed\) to 1 \(open\)", text)
+    assert "1/20 s apart" in text
+    assert "x ahead, y to its left, z up" in text

@@ -17,6 +17,7 @@ from gensim2.data.observation_file import DamagedObservationError, read_observat
 from gensim2.data.rendering import render
 from gensim2.errors import InputError, WriteError
 from gensim2.observations import CloudSettings, ObservationSpec
+from gensim2.progress import NullProgress
 from gensim2.rollout.recording import Recorder
 from gensim2.sealed_file import HEADER_SIZE
 from gensim2.sim.headless import HeadlessEnv
@@ -135,3 +136,16 @@ def test_what_cannot_be_read_or_written_is_one_error_and_loses_nothing(
 def test_specs_that_cannot_be_are_refused(modalities: Any, cameras: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         ObservationSpec(modalities, cameras)
+
+
+def test_the_first_episodes_alone_are_observed_where_so_many_are_asked_for(
+    store: TaskStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[tuple[str, int | None]] = []
+    monkeypatch.setattr(NullProgress, "start", lambda _, description, total=None: heard.append((description, total)))
+    lane = store.folder.parent
+    held = [row for row in store.rows() if row.held]
+    assert render(lane, spec=SMALL, episodes=1, workers=0).rendered == 1
+    assert [row.index for row in store.rows() if store.observation_path(row.index).exists()] == [held[0].index]
+    assert render(lane, spec=SMALL, episodes=1, workers=0, resume=True).rendered == 0
+    assert heard == [("observations of 1 task", 1), ("observations of 1 task", 1)]

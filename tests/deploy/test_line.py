@@ -12,6 +12,7 @@ from gensim2.deploy.faults import Fault
 from gensim2.deploy.replay import messages, replay
 from gensim2.deploy.run import run
 
+SMALL: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (96, 72)}
 QUICK: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (160, 120)}
 
 
@@ -22,7 +23,8 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     assert found["success"] >= 2 / 3
     assert found["limits_passed"] == 0
     assert found["late_actions"] == 0
-    assert found["periods_ms"]["worst"] == pytest.approx(100.0)
+    assert found["periods_ms"]["p50"] == pytest.approx(100.0)
+    assert found["periods_ms"]["worst"] <= 110.0 + 1e-6
     again = replay(tmp_path)
     assert again.different == ()
     assert again.missing == 0
@@ -37,22 +39,28 @@ def test_a_plan_closes_boxes_through_the_line_and_the_log_replays(tmp_path: Path
     ("fault", "state", "said"),
     [
         ("camera-frozen", "holding", "frozen"),
-        ("camera-late", "holding", "old"),
-        ("camera-unplugged", "holding", "old"),
-        ("camera-torn", "holding", "size"),
+        ("camera-late", "holding", "behind the others"),
+        ("camera-unplugged", "holding", "camera left"),
+        ("camera-torn", "holding", "torn"),
         ("camera-clock", "holding", "clock jumped"),
+        ("camera-swapped", "holding", "device 'simulated-right', not 'simulated-left'"),
+        ("camera-mislabelled", "holding", "goes through it"),
         ("policy-killed", "stopped", "process is gone"),
         ("policy-nan", "holding", "NaN"),
         ("policy-slow", "holding", "no action"),
+        ("policy-garbage", "holding", "refused"),
         ("arm-reflex", "stopped", "reflex"),
+        ("arm-refusing", "stopped", "refuses commands"),
+        ("arm-at-limit", "holding", "limit of its own"),
         ("arm-lagging", "holding", "lags"),
         ("arm-silent", "holding", "lags"),
         ("disk-full", "holding", "log cannot be written"),
     ],
 )
 def test_a_fault_holds_or_stops_within_a_period(tmp_path: Path, fault: str, state: str, said: str) -> None:
+    at = 3.0 if fault == "policy-slow" else 1.2  # a slow answer counts where the arm moves, which it does later on
     found = run(
-        "CloseBox", seed=3, episodes=1, minutes=0.2, speed=0.2, faults=[Fault(fault, 3.0)], log=tmp_path, **QUICK
+        "CloseBox", seed=3, episodes=1, minutes=0.2, speed=0.2, faults=[Fault(fault, at)], log=tmp_path, **SMALL
     )  # type: ignore[arg-type]
     assert found["state"] == state, found["reason"]
     assert said in found["reason"]

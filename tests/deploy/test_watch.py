@@ -61,7 +61,11 @@ def test_a_held_arm_may_still_be_stopped() -> None:
 
 @pytest.mark.parametrize(
     ("times", "said"),
-    [((0.99, 0.84), "right: the last picture is 160 ms old"), ((0.99, 0.93), "60 ms apart"), ((0.99,), "no picture")],
+    [
+        ((0.99, 0.84), "right: the last picture is 160 ms old"),
+        ((0.99, 0.93), "right: its picture is 60 ms behind the others"),
+        ((0.99,), "no picture"),
+    ],
 )
 def test_pictures_are_there_fresh_and_of_one_time(times: tuple[float, ...], said: str) -> None:
     watch = running()
@@ -96,6 +100,49 @@ def test_what_is_wrong_with_a_picture_is_told(second: Frame, said: str) -> None:
     watch.saw_frame(second, 1.12)
     assert watch.state is State.HOLDING
     assert said in watch.reason
+
+
+def noisy(number: int) -> Frame:
+    draw = np.random.default_rng(number)
+    depth = draw.normal(900.0, 2.0, (60, 80)).round().astype(np.uint16)
+    return Frame("left", number, 0.1 * number, depth, np.zeros((60, 80, 3), np.uint8), "a")
+
+
+def test_rows_of_the_picture_before_are_torn_and_noise_repeats_none() -> None:
+    watch = running()
+    for number in range(50):
+        watch.saw_frame(noisy(number), 0.1 * number)
+    assert watch.state is State.RUNNING
+    torn = noisy(50)
+    torn.depth[40:] = noisy(49).depth[40:]
+    watch.saw_frame(torn, 5.0)
+    assert watch.state is State.HOLDING
+    assert "torn, 20 rows" in watch.reason
+
+
+def test_a_picture_of_another_device_is_told_by_its_number() -> None:
+    watch = Watch(serials={"left": "b"})
+    watch.arm(0.0)
+    watch.run(0.0)
+    watch.saw_frame(noisy(1), 0.1)
+    assert watch.state is State.HOLDING
+    assert "the device 'a', not 'b'" in watch.reason
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected", "at_once"),
+    [
+        ("reflex", State.STOPPED, True),
+        ("refusing", State.STOPPED, True),
+        ("at-limit", State.HOLDING, False),
+        ("ready", State.RUNNING, False),
+    ],
+)
+def test_what_an_arm_says_of_itself_counts(mode: str, expected: State, at_once: bool) -> None:
+    watch = running()
+    watch.saw_arm(state(1.0, mode=mode), 1.0)
+    assert watch.state is expected
+    assert watch.stops_at_once is at_once
 
 
 def test_an_arm_that_is_not_where_it_was_sent_is_held_unless_something_blocks_it() -> None:

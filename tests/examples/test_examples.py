@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import warm
 
 from gensim2.objects import open_library
 from gensim2.tasks.library import load_task
@@ -94,13 +95,13 @@ def _grasped(said: str, _: Path) -> None:
 
 
 def _evaluated(said: str, folder: Path) -> None:
-    """A policy was taught and judged on ten scenes, and one of them filmed where pictures can be made."""
+    """A policy was taught and judged on two scenes, and one of them filmed where pictures can be made."""
     line = re.search(r"CloseBox: (\S+) held, taught by (\d+) frames", said)
     assert line is not None
-    assert int(line[2]) > 2000
+    assert int(line[2]) > 300
     log = (folder / "evaluation" / "tasks" / "CloseBox" / "attempts.jsonl").read_text().splitlines()
-    assert len(log) == 10
-    assert float(line[1]) == pytest.approx(sum(json.loads(each)["held"] for each in log) / 10)
+    assert len(log) == 2
+    assert float(line[1]) == pytest.approx(sum(json.loads(each)["held"] for each in log) / 2)
 
 
 def _own_robots(said: str, _: Path) -> None:
@@ -125,19 +126,25 @@ def _exported(said: str, folder: Path) -> None:
         assert (folder / export / "README.md").is_file()
 
 
-OUTCOMES: dict[str, tuple[Outcome, bool]] = {
-    "01_solve_a_config.py": (_solved, False),
-    "02_make_an_env.py": (_stepped, False),
-    "03_design_a_task.py": (_designed, True),
-    "04_read_a_demo.py": (_recorded, True),
-    "05_look_at_an_object.py": (_looked, False),
-    "06_pick_and_place.py": (_placed, False),
-    "07_grasp_an_object.py": (_grasped, False),
-    "08_evaluate_a_controller.py": (_evaluated, True),
-    "09_a_robot_of_your_own.py": (_own_robots, False),
-    "10_collect_and_export.py": (_exported, True),
+FOLDER = "run"
+
+OUTCOMES: dict[str, tuple[Outcome, tuple[str, ...]]] = {
+    "01_solve_a_config.py": (_solved, ()),
+    "02_make_an_env.py": (_stepped, ()),
+    "03_design_a_task.py": (_designed, (FOLDER,)),
+    "04_read_a_demo.py": (_recorded, (FOLDER,)),
+    "05_look_at_an_object.py": (_looked, ()),
+    "06_pick_and_place.py": (_placed, ()),
+    "07_grasp_an_object.py": (_grasped, ()),
+    "08_evaluate_a_controller.py": (_evaluated, (FOLDER, "8")),
+    "09_a_robot_of_your_own.py": (_own_robots, ()),
+    "10_collect_and_export.py": (_exported, (FOLDER,)),
 }
-"""By name; and whether it takes an output folder."""
+"""By name; and the arguments of its command line, in which files are relative to an empty folder."""
+
+ALONE = ("02_make_an_env.py", "05_look_at_an_object.py")
+"""Run by an interpreter that was just started; the others begin with the libraries imported, which takes longer than
+most of them do."""
 
 
 def test_every_example_is_tested() -> None:
@@ -151,16 +158,12 @@ def test_examples_are_short() -> None:
 
 @pytest.mark.parametrize("name", sorted(OUTCOMES))
 def test_example(name: str, tmp_path: Path) -> None:
-    outcome, takes_folder = OUTCOMES[name]
-    arguments = [str(tmp_path / "run")] if takes_folder else []
-    result = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-        cwd=tmp_path,
-        env={**os.environ, "GENSIM2_ASSETS": ""},
+    outcome, arguments = OUTCOMES[name]
+    words, environment = [str(EXAMPLES / name), *arguments], {**os.environ, "GENSIM2_ASSETS": ""}
+    result = (
+        subprocess.run([sys.executable, *words], capture_output=True, text=True, cwd=tmp_path, env=environment)
+        if name in ALONE
+        else warm.run(*words, cwd=tmp_path, env=environment)
     )
     assert result.returncode == 0, result.stderr
-    outcome(result.stdout, tmp_path / "run")
+    outcome(result.stdout, tmp_path / FOLDER)

@@ -152,7 +152,7 @@ class Disturbed:
                 return True
             if now > begin + LIFE_LIMIT:
                 raise SystemExit(f"{self.command.name} does not go on")
-            time.sleep(0.005)
+            time.sleep(0.02)
         return False
 
     def _logged(self) -> int:

@@ -182,7 +182,7 @@ def test_failures_name_the_workspace_where_it_is_the_reason(panda: kpam.Robot) -
 
 
 def test_the_emitted_curve_keeps_the_margin(panda: kpam.Robot) -> None:
-    """What is swept is what is emitted: the curve in time, by distances that know nothing of sweeps."""
+    """The sweep is of the emitted curve in time: it keeps the margin by distances that know nothing of sweeps."""
     turned = Q_START + np.array([1.57] + [0.0] * 8)
     goal = (panda.forward_kinematics(turned) @ [*TOOL["tool_head"], 1.0])[:3]
     place = np.eye(4)

@@ -9,7 +9,7 @@ import pytest
 from gensim2.errors import InputError
 from gensim2.observations import Camera, CloudSettings, DepthNoise, EmptyCloudError, Picture, Robot, point_cloud
 from gensim2.observations.cloud import from_steps, to_steps
-from gensim2.observations.sampling import close_to_others, every_so_many, farthest_points
+from gensim2.observations.sampling import farthest_points, inlier_mask, uniform_stride
 
 GRIPPER, ARM, THING = 1, 2, 3
 ROBOT = Robot(gripper=frozenset({GRIPPER}), arm=frozenset({ARM}))
@@ -87,7 +87,7 @@ def test_too_few_points_are_repeated() -> None:
 
 @pytest.mark.parametrize(("count", "wanted"), [(5, 8), (8, 8), (100, 7), (12345, 4096)])
 def test_even_samples_are_even(count: int, wanted: int) -> None:
-    chosen = every_so_many(count, wanted)
+    chosen = uniform_stride(count, wanted)
     assert len(chosen) == min(count, wanted)
     gaps = np.diff(chosen)
     assert gaps.min() >= 1
@@ -113,7 +113,7 @@ def test_farthest_points_cover_as_well_as_they_keep_apart(count: int) -> None:
 def test_points_that_stand_alone_are_dropped() -> None:
     points = np.random.default_rng(0).normal(0, 0.05, (400, 3)).astype(np.float32)
     points[:3] += 1.0 + np.arange(3, dtype=np.float32)[:, None]
-    kept = close_to_others(points, neighbors=16, deviations=2.0)
+    kept = inlier_mask(points, neighbors=16, deviations=2.0)
     assert not kept[:3].any()
     assert kept[3:].mean() > 0.97
 

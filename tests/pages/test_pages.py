@@ -45,7 +45,7 @@ def test_hostile_names_are_text_and_have_pictures_of_their_own(hostile_page: Pat
         ("<img src='none.png'>", "picture does not load: none.png"),
         ("<i style='background-image: url(none.webp)'></i>", "picture does not load"),
         ("<video src='there.txt'></video>", "video does not play: there.txt"),
-        ("<video poster='none.png'></video>", "poster does not load"),
+        ("<video src='there.txt' poster='none.png'></video>", "poster does not load"),
         ("<img src='http://localhost:9/a.png'>", "asks for http://localhost:9/a.png"),
         ("<a href='none.html'>gone</a>", "link to a file that is not there: none.html"),
         ("<a href='#none'>gone</a>", "link to a place that is not there: #none"),

@@ -1,4 +1,4 @@
-"""What tests of policies share: one thread, a cache of their own, small random CLIP weights."""
+"""What tests of policies share: one thread, small random CLIP weights."""
 
 from __future__ import annotations
 
@@ -23,12 +23,6 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cache folder of the test session."""
-    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 @pytest.fixture(autouse=True)

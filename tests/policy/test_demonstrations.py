@@ -34,6 +34,12 @@ SPEC = ObservationSpec.of({"points": 48, "candidates": 512})
 SETTINGS: dict[str, Any] = {**made_up.SMALL, "steps": 2, "batch": 4, "warmup": 1, "history": 1}
 
 
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache that tests may take away from."""
+    monkeypatch.setenv("GENSIM2_CACHE", str(tmp_path_factory.getbasetemp() / "own-cache"))
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two demonstrations of CloseBox, in physics."""

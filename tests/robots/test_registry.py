@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warm
 
 pytest.importorskip("mani_skill")
 
@@ -62,7 +61,9 @@ def test_a_registered_robot_is_known_by_name_here_and_by_place_elsewhere(tmp_pat
         print(gensim2.robot("mine").reach, gensim2.robot_names(), gensim2.robots.robot_key("mine"))
     """,
     )
-    out = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, timeout=120).stdout
+    done = warm.run(script)
+    assert done.returncode == 0, done.stderr
+    out = done.stdout
     assert out.split()[0] == "0.7125"
     assert "'mine'" in out
     assert f"{script}:mine" in out

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import warm
 from jobs import BESIDE_A_BALL, HALFWAY, ROLE, Actions, hold, record
 from pydantic import TypeAdapter
 
@@ -88,15 +86,8 @@ def _replay(trajectory: Path, folder: Path) -> tuple[Path, str]:
     """Output of ManiSkill's own command, run where nothing but the two files is."""
     for suffix in (".h5", ".json"):
         shutil.copy(trajectory.with_suffix(suffix), folder)
-    command = [sys.executable, "-m", "mani_skill.trajectory.replay_trajectory"]
-    done = subprocess.run(
-        [*command, "--traj-path", "trajectory.h5", "--save-traj", "--allow-failure"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-    )
+    words = ["--traj-path", "trajectory.h5", "--save-traj", "--allow-failure"]
+    done = warm.run("-m", "mani_skill.trajectory.replay_trajectory", *words, cwd=folder)
     assert done.returncode == 0, done.stderr
     (output,) = folder.glob("trajectory.*.h5")
     return output, done.stdout

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+import warm
 
 import gensim2.sim
 from gensim2.errors import GenSim2Error, InputError
@@ -139,14 +140,15 @@ print("fingerprint", digest.hexdigest())
 
 def test_other_processes_and_earlier_episodes_change_nothing() -> None:
     def fingerprint(case: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-c", _FINGERPRINT, case],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=600,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        # One in an interpreter of its own, with its own seed of hashes, one forked from another.
+        words = ["-c", _FINGERPRINT, case]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        done = (
+            subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=600, env=environment)
+            if case == "fresh"
+            else warm.run(*words)
         )
+        assert done.returncode == 0, done.stderr
         return next(line for line in done.stdout.splitlines() if line.startswith("fingerprint"))
 
     assert fingerprint("fresh") == fingerprint("after others")
@@ -335,17 +337,11 @@ print("physics runs")
 
 
 def test_physics_runs_where_no_vulkan_driver_is() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", _WITHOUT_DRIVER],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env=os.environ
-        | {
-            "VK_DRIVER_FILES": "/nonexistent",
-            "VK_ICD_FILENAMES": "/nonexistent",
-            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        },
+    # In a process that has made no Vulkan instance yet.
+    done = warm.run(
+        "-c",
+        _WITHOUT_DRIVER,
+        env=os.environ | {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"},
     )
     assert done.returncode == 0, done.stderr
     assert "physics runs" in done.stdout

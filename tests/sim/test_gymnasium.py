@@ -13,11 +13,13 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from mani_skill.utils.wrappers import CPUGymWrapper
 
-import gensim2.sim  # noqa: F401 - registers the tasks
+import gensim2
+import gensim2.sim  # registers the tasks
 from gensim2.errors import ClosedEnvError, InputError
 from gensim2.sim.env import GenSim2Env
 from gensim2.tasks.spec import TaskSpec
 
+BOX = {"class": "box_rotate"}
 ZERO = np.zeros(8, dtype=np.float32)
 
 
@@ -132,11 +134,13 @@ def test_actions_of_every_usual_kind_are_taken(env: GenSim2Env) -> None:
         ({"instances": 5}, "instances: must be text"),
         ({"instances": ""}, "instance: "),
         ({"instances": "random"}, "instances: 'random' is one object"),
-        ({"obs_mode": "smell"}, "smell"),
+        ({"obs_mode": "smell"}, "obs_mode: no observation mode 'smell' (one of raycast, state"),
+        ({"obs_mode": "rgb", "render_backend": "none"}, "use obs_mode 'raycast'"),
+        ({"num_envs": 2}, "num_envs: must be 1, is 2 (gensim2.make_vec_env"),
         ({"obs_mode": 5}, "obs_mode: must be text"),
         ({"control_mode": "fly"}, "fly not in supported modes"),
         ({"render_mode": "oil"}, "render_mode: must be one of"),
-        ({"reward_mode": "dense"}, "dense"),
+        ({"reward_mode": "dense"}, "reward_mode: must be one of sparse, normalized_dense, none"),
         ({"render_backend": "abacus"}, "render_backend: "),
     ],
 )
@@ -145,6 +149,46 @@ def test_odd_arguments_are_named(kwargs: dict[str, Any], expected: str) -> None:
         GenSim2Env(**{"task": "OpenDrawer", "assets": "builtin", **kwargs})
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_spec_tells_the_step_limit_that_holds(crate_task: TaskSpec) -> None:
+    fields = crate_task.model_copy(update={"max_episode_steps": 40}).model_dump(mode="json") | {"objects": {"box": BOX}}
+    fields["steps"][0] |= {"object": "box", "done": [{"type": "articulated_closed", "object": "box"}]}
+    for made, limit in (
+        (gym.make("GenSim2-CloseBox-v1", assets="builtin"), 400),
+        (gym.make("GenSim2-CloseBox-v1", assets="builtin", max_episode_steps=2), 2),
+        (gensim2.make_env(fields, assets="builtin"), 40),
+        (gensim2.make_env(fields, assets="builtin", max_episode_steps=2), 2),
+    ):
+        assert made.spec is not None
+        assert made.spec.max_episode_steps == limit
+        if limit == 2:
+            made.reset(seed=0)
+            truncated = [made.step(ZERO)[3] for _ in range(3)]
+            assert [each.tolist() for each in truncated] == [[False], [True], [True]]
+        made.close()
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_several_are_a_vector_environment_of_arrays(mode: str) -> None:
+    several = gensim2.make_vec_env("CloseBox", 2, mode, assets="builtin", obs_mode="state")
+    obs, _ = several.reset(seed=[3, 4])
+    assert several.single_observation_space.contains(obs[0])
+    assert several.observation_space.contains(obs)
+    if mode == "sync":
+        one = CPUGymWrapper(gensim2.make_env("CloseBox", assets="builtin", obs_mode="state"))
+        assert np.array_equal(one.reset(seed=4)[0], obs[1])
+    obs, reward, terminated, truncated, _ = several.step(np.zeros((2, 8), dtype=np.float32))
+    assert isinstance(obs, np.ndarray)
+    assert obs.shape[0] == len(reward) == len(terminated) == len(truncated) == 2
+    several.close()
+
+
+def test_a_vector_environment_refuses_odd_modes_and_numbers() -> None:
+    with pytest.raises(InputError, match="vectorization_mode: must be async or sync"):
+        gensim2.make_vec_env("CloseBox", 2, "gpu")
+    with pytest.raises(InputError, match="num_envs: must be a whole number from 1"):
+        gensim2.make_vec_env("CloseBox", 0)
 
 
 def test_a_closed_environment_says_so(env: GenSim2Env) -> None:

@@ -2,24 +2,53 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from gensim2.tasks.criteria import ArticulatedBetween, RigidLifted, RigidMoved, RigidOnRigid
+from gensim2.tasks.criteria import (
+    ArticulatedBetween,
+    ArticulatedClosed,
+    ArticulatedOpen,
+    Criterion,
+    DistanceArticulatedRigid,
+    DistanceGripperArticulated,
+    DistanceGripperRigid,
+    RigidLifted,
+    RigidMoved,
+    RigidOnRigid,
+)
 from gensim2.tasks.measurement import Measurement
 
+CRITERIA = (
+    ArticulatedOpen(object="door"),
+    ArticulatedClosed(object="door"),
+    ArticulatedBetween(object="door"),
+    RigidLifted(rigid="ball"),
+    RigidMoved(rigid="ball", direction="left"),
+    RigidOnRigid(rigid="ball", support="plate"),
+    DistanceArticulatedRigid(articulated="door", rigid="ball"),
+    DistanceGripperRigid(rigid="ball"),
+    DistanceGripperArticulated(articulated="door"),
+)
 
-def measured(at: tuple[float, float, float] = (0.0, 0.0, 0.02), openness: float = 0.5) -> Measurement:
+
+def measured(
+    at: tuple[float, float, float] = (0.0, 0.0, 0.02), openness: float = 0.5, tool: float = 0.0
+) -> Measurement:
     """A ball that stood at the origin, 2 cm high, and a plate at (0.3, 0, 0.01)."""
     poses = {"ball": np.array([*at, 1.0, 0, 0, 0]), "plate": np.array([0.3, 0.0, 0.01, 1.0, 0, 0, 0])}
     return Measurement(
         openness={"door": openness},
         joint_speed={"door": 0.0},
-        keypoints={},
+        keypoints={"ball": {"middle": np.array(at)}, "door": {"handle": np.array([0.1, 0.1, 0.3])}},
         poses=poses,
         speeds={},
-        gripper={},
+        gripper={"tool_head": np.array([tool, 0.0, 0.2])},
         finger_opening=0.0,
         starts={"ball": np.array([0.0, 0.0, 0.02]), "plate": np.array([0.3, 0.0, 0.01])},
     )
@@ -57,3 +86,29 @@ def test_what_is_on_a_plate_is_above_it_and_low() -> None:
     assert on.holds(measured((0.32, 0.03, 0.04)))
     assert not on.holds(measured((0.32, 0.03, 0.2))), "held above it"
     assert not on.holds(measured((0.2, 0.0, 0.02))), "beside it"
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda criterion: criterion.type)
+@given(
+    at=st.tuples(*[st.floats(-0.5, 0.5)] * 3),
+    openness=st.floats(-0.1, 1.1) | st.just(math.nan),
+    tool=st.floats(-0.3, 0.3),
+)
+def test_progress_is_a_share_and_whole_where_it_holds(
+    criterion: Criterion, at: tuple[float, float, float], openness: float, tool: float
+) -> None:
+    there = measured(at, openness, tool)
+    assert 0.0 <= criterion.progress(there) <= 1.0
+    if criterion.holds(there):
+        assert criterion.progress(there) == 1.0
+
+
+def test_progress_rises_towards_where_it_holds() -> None:
+    opened = [ArticulatedOpen(object="door").progress(measured(openness=share)) for share in (0.0, 0.2, 0.6, 0.79)]
+    assert opened == sorted(opened)
+    assert opened[0] == 0.0 < opened[-1] < 1.0
+    lifted = [RigidLifted(rigid="ball").progress(measured((0.0, 0.0, z))) for z in (0.0, 0.02, 0.04, 0.06)]
+    assert lifted == pytest.approx([0.0, 0.0, 0.4, 0.8])
+    away = [DistanceGripperRigid(rigid="ball").progress(measured(tool=x)) for x in (0.5, 0.3, 0.1, 0.06)]
+    assert away == sorted(away)
+    assert away[-1] < 1.0

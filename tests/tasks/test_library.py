@@ -154,7 +154,7 @@ def test_strategies_lie_beside_their_task_and_a_missing_one_is_named(tmp_path: P
     for name in ("lift", "pry", "dropp"):
         (folder / f"{name}.yaml").write_text(f"gripper: {'open' if name == 'pry' else 'closed'}\n")
     task = load_task_file(tmp_path)
-    with pytest.raises(InputError, match=r"drop\.yaml: a step names a strategy 'drop' .*did you mean 'dropp'"):
+    with pytest.raises(InputError, match=r"drop\.yaml: a step names a strategy 'drop' .*did you mean dropp"):
         load_strategies_beside(tmp_path, task)
     (folder / "dropp.yaml").rename(folder / "drop.yaml")
     for place in (tmp_path, tmp_path / "task.yaml"):
@@ -175,7 +175,7 @@ def test_a_strategy_that_is_not_beside_its_task_is_one_that_tasks_share(tmp_path
     assert load_strategies_beside(tmp_path, task)["grasp"] == {"gripper": "grasp"}
     (folder / "grasp.yaml").rename(folder / "other.yaml")
     (tmp_path / "task.yaml").write_text(GOOD.replace("[drop]", "[grapsp]"))
-    with pytest.raises(InputError, match=r"'grapsp' .*did you mean 'grasp'"):
+    with pytest.raises(InputError, match=r"'grapsp' .*did you mean grasp"):
         load_strategies_beside(tmp_path, load_task_file(tmp_path))
 
 

@@ -39,7 +39,7 @@ typedef struct kpam_scene kpam_scene;
 // A timed motion of all joints.
 typedef struct kpam_trajectory kpam_trajectory;
 
-// What a motion is asked to be; `kpam_options_default` fills it.
+// Request for a motion; `kpam_options_default` fills it.
 typedef struct kpam_options {
     // Distance (m) that everything keeps all along, 0 to 0.1.
     double margin;

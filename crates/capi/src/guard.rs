@@ -1,10 +1,10 @@
-//! What stands between C and the solver: pointers are looked at, panics end here, errors become a status and a sentence.
+//! Guard between C and the solver: pointers are looked at, panics end here, errors become a status and a sentence.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// How a call ended.
+/// Status of a call.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum kpam_status {
@@ -81,7 +81,7 @@ pub(crate) unsafe fn numbers<'a>(data: *const f64, length: usize, name: &str) ->
     Ok(unsafe { std::slice::from_raw_parts(data, length) })
 }
 
-/// What a handle stands for.
+/// Value behind a handle.
 ///
 /// # Safety
 /// `handle` is null or one that this library made and has not freed.

@@ -28,7 +28,7 @@ pub enum kpam_limit_set {
     KPAM_LIMITS_FR3 = 2,
 }
 
-/// What a motion is asked to be; `kpam_options_default` fills it.
+/// Request for a motion; `kpam_options_default` fills it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct kpam_options {

@@ -26,7 +26,7 @@ pub struct Chain {
     entries: usize,
 }
 
-/// What a forward pass along a chain leaves behind: enough for the Jacobian of any point on its last link.
+/// Result of a forward pass along a chain: enough for the Jacobian of any point on its last link.
 #[derive(Debug, Clone)]
 pub struct ChainFrames {
     /// Unit axis of each chain joint, base frame.
@@ -46,7 +46,7 @@ impl Default for ChainFrames {
 checked_when_read!(Chain);
 
 impl Chain {
-    /// What is read names joints that joint vectors have.
+    /// Checks on reading: it names joints that joint vectors have.
     fn check(&self) -> Result<(), RobotError> {
         match self.joints.iter().find(|j| j.joint >= self.entries) {
             Some(j) => Err(RobotError::new("chain", format!("names joint {} of {}", j.joint, self.entries))),

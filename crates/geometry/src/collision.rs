@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::{Aabb, Contact, Convex, Corners, Obstacles, Pose, Robot, signed_distance};
 
-/// What a group is near to.
+/// Thing near a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// Body that stands still, by index.
@@ -18,7 +18,7 @@ pub enum Target {
 pub struct Proximity {
     /// The group.
     pub group: usize,
-    /// What it is near to.
+    /// The near thing.
     pub target: Target,
     /// Nearest or deepest points, base frame; the normal points from the group to the target.
     pub contact: Contact,

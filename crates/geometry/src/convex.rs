@@ -56,7 +56,7 @@ impl Convex {
         Self { points, radius, center, half: (max - min) * 0.5, bound }
     }
 
-    /// What is read is a shape as [`Convex::rounded_hull`] makes it.
+    /// Checks on reading: it is a shape as [`Convex::rounded_hull`] makes it.
     fn check(&self) -> Result<(), ShapeError> {
         let whole = !self.points.is_empty() && self.radius >= 0.0 && self.bound.is_finite();
         // A number that is not finite is not equal to itself, or makes the ball infinite.

@@ -1,4 +1,4 @@
-//! How far two hulls are apart, or how deep they overlap: distances come from parry's GJK, depths from its EPA.
+//! Distance or overlap depth of two hulls: distances come from parry's GJK, depths from its EPA.
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use parry3d_f64::query::epa::EPA;
@@ -119,7 +119,7 @@ pub(crate) fn keeps_apart(first: (&Corners, f64), second: (&Corners, f64), towar
 /// Directions along which nothing man-made lies.
 const SKEW: [[f64; 3]; 3] = [[0.267, 0.535, 0.802], [-0.802, 0.267, 0.535], [0.535, -0.802, 0.267]];
 
-/// How far two hulls are apart along a unit direction from the first to the second: never more than their distance.
+/// Separation of two hulls along a unit direction from the first to the second: never more than their distance.
 fn apart_along(a: &Corners, b: &Corners, direction: &Vector3<f64>) -> f64 {
     (b.furthest(&-direction) - a.furthest(direction)).dot(direction)
 }

@@ -10,7 +10,7 @@ pub struct UrdfError {
     pub file: String,
     /// Element or attribute, e.g. `joint panda_joint1: limit`.
     pub field: String,
-    /// What is wrong and how to mend it.
+    /// Fault and remedy.
     pub message: String,
 }
 
@@ -34,7 +34,7 @@ impl std::error::Error for UrdfError {}
 pub struct RobotError {
     /// Link, joint or part, e.g. `joint elbow: limit`.
     pub field: String,
-    /// What is wrong and how to mend it.
+    /// Fault and remedy.
     pub message: String,
 }
 
@@ -58,7 +58,7 @@ impl std::error::Error for RobotError {}
 pub struct ShapeError {
     /// Which argument.
     pub field: String,
-    /// What is wrong and how to mend it.
+    /// Fault and remedy.
     pub message: String,
 }
 

@@ -203,7 +203,7 @@ impl Neg for F32x8 {
 /// Work on lanes. A closure would do, but the compiler would be free not to inline it, and then it is compiled for the
 /// least of all machines.
 pub trait Wide {
-    /// What comes of it.
+    /// Result of the work.
     type Output;
     /// Does it; to be inlined always, with all that it calls.
     fn run(self) -> Self::Output;

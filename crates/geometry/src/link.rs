@@ -11,7 +11,7 @@ const UNIT: f64 = 1e-6;
 /// Links are at most this far from their parents (m): further, coordinates lose the precision that planning needs.
 pub(crate) const FURTHEST: f64 = 1000.0;
 
-/// How a joint moves its child.
+/// Motion type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointKind {
     /// Turns about its axis (rad); a continuous joint is one without limits.
@@ -57,7 +57,7 @@ impl Joint {
         &self.name
     }
 
-    /// How it moves.
+    /// Motion type.
     #[inline]
     #[must_use]
     pub fn kind(&self) -> JointKind {

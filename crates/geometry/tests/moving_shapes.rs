@@ -1,4 +1,4 @@
-//! What comes near to what, against the distances of balls, which anybody can work out: all of it, and in haste.
+//! Near pairs, against the analytic distances of balls: all of it, and in haste.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,4 @@
-//! What a screen says of distances lies on the safe side of those measured by brute force.
+//! Distances of a screen lie on the safe side of those measured by brute force.
 
 #![allow(clippy::unwrap_used)]
 

@@ -13,7 +13,7 @@ use crate::checked::checked_when_read;
 /// Farthest that anything may lie from the base (m); beyond, the input is taken for damage.
 const FARTHEST: f64 = 1e3;
 
-/// What the default contact rules go by.
+/// Role of a body in the default contact rules.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]

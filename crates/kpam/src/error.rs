@@ -10,7 +10,7 @@ macro_rules! field_error {
         pub struct $name {
             /// Path of the field, e.g. `constraint_list[2].tolerance`.
             pub field: String,
-            /// What is wrong and how to mend it.
+            /// Fault and remedy.
             pub message: String,
         }
 

@@ -42,7 +42,7 @@ impl Tree {
     }
 }
 
-/// How far joint vectors are apart, in radians: a joint that slides counts by the turn that moves the arm as far.
+/// Distance of joint vectors in radians: a joint that slides counts by the turn that moves the arm as far.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     n: usize,
@@ -111,7 +111,7 @@ pub(crate) enum NoWay {
     NotFound(Hit),
 }
 
-/// What a search for a free motion draws.
+/// Samples of a search for a free motion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sampling {
     /// Most samples.
@@ -172,7 +172,7 @@ pub(crate) fn connect(
     Err(NoWay::NotFound(hit))
 }
 
-/// Where the start overlaps something: a pose near it that is free, straight to which the overlap only lessens.
+/// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens.
 pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg, seed: usize) -> Option<Row> {
     let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6578_6974, seed);

@@ -19,7 +19,7 @@ const JUMP: f64 = 0.25;
 const EXACT: f64 = 1e-6;
 /// The curve through the waypoints leaves the path by at most this (m).
 pub(crate) const OFF_PATH: f64 = 2e-3;
-/// Where it would leave the path or the joint limits, waypoints come this many times closer, and once more.
+/// If it would leave the path or the joint limits, waypoints come this many times closer, and once more.
 const FINER: [usize; 3] = [1, 4, 16];
 /// Part of a stride's free motion that goes on in the next: less than all, or the arm would swing about its middle.
 const KEEP: f64 = 0.5;
@@ -172,7 +172,7 @@ impl<'p> Follower<'p> {
         None
     }
 
-    /// How far joint `v` may go from `x` either way. A start at or outside its margin may stay there, not leave further.
+    /// Range of joint `v` from `x` either way. A start at or outside its margin may stay there, not leave further.
     fn room(&self, v: usize, x: &Row) -> (f64, f64) {
         let (low, high) = (self.model.lower[v] + LIMIT_MARGIN, self.model.upper[v] - LIMIT_MARGIN);
         (low.min(x[v]) - x[v], high.max(x[v]) - x[v])

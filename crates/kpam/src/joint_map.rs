@@ -21,7 +21,7 @@ pub struct DrivenJoint {
     pub link: usize,
 }
 
-/// How full joint vectors follow from variables; joints that no variable drives stay where they are.
+/// Map from variables to full joint vectors; joints that no variable drives stay where they are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointMap {
     rest: Vec<f64>,

@@ -85,7 +85,7 @@ impl Model {
         Ok(Self { map, lower, upper, velocity, endless, reach, columns })
     }
 
-    /// How full joint vectors follow from variables.
+    /// Map from variables to full joint vectors.
     #[must_use]
     pub fn map(&self) -> &JointMap {
         &self.map

@@ -15,7 +15,7 @@ pub(crate) struct Keyframe {
     pub hand: Pose,
 }
 
-/// How the hand goes from one keyframe to the next.
+/// Motion of the hand between keyframes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum HandPath {
     /// Straight, turning evenly.

@@ -1,4 +1,4 @@
-//! What a problem may set beside the config.
+//! Options of a problem beside the config.
 
 use std::ops::RangeInclusive;
 
@@ -16,7 +16,7 @@ const FASTEST: f64 = 100.0;
 /// Greatest acceleration that a motion may start with (rad/s^2 or m/s^2).
 const HARDEST: f64 = 1e4;
 
-/// How keyframes get their times.
+/// Timing of keyframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -41,7 +41,7 @@ pub enum LimitSet {
     Plain,
 }
 
-/// How list-type translations after the actuation are read.
+/// Frame of list-type translations after the actuation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -52,7 +52,7 @@ pub enum Frames {
     Original,
 }
 
-/// How "rotate" moves the hand between its keyframes.
+/// Path by which "rotate" moves the hand between its keyframes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
@@ -75,7 +75,7 @@ pub struct ContactWindow {
     pub from: String,
     /// Last keyframe of the window, or `end`.
     pub to: String,
-    /// How deep they may overlap (m), 0 to 1; by default as `contact_depth` says.
+    /// Depth by which they may overlap (m), 0 to 1; by default as `contact_depth` says.
     #[serde(default)]
     pub depth: Option<f64>,
 }
@@ -126,12 +126,12 @@ pub struct Options {
     pub margin: f64,
     /// Clearance (m) that will do where no motion keeps `margin`, 0 to that; by default none will.
     pub least_margin: Option<f64>,
-    /// How deep (m) things that may touch may overlap, 0 to 1; null for no limit. Contact windows may have their own.
+    /// Overlap (m) allowed to things that may touch, 0 to 1; null for no limit. Contact windows may have their own.
     pub contact_depth: Option<f64>,
-    /// How deep (m) arm and held bodies may be inside of what the object's joint moves where it is a guess how far it
+    /// Depth (m) allowed to arm and held bodies inside of what the object's joint moves where it is a guess how far it
     /// moves, 0 to 0.1.
     pub guess_depth: f64,
-    /// How deep (m) the robot may be inside of something at the start, 0 to 1: it comes out first. Deeper, nothing is
+    /// Depth (m) allowed to the robot inside of something at the start, 0 to 1: it comes out first. Deeper, nothing is
     /// planned.
     pub start_depth: f64,
     /// Clearance (m) that robot and held bodies keep from what the hand reaches for (the moving link, targets, what it

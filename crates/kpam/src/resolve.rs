@@ -147,7 +147,7 @@ pub(crate) struct AxisBound {
 }
 
 impl AxisBound {
-    /// How far the angle is from the target angle (rad).
+    /// Distance of the angle from the target angle (rad).
     pub fn residual(&self, hand: &Pose) -> f64 {
         let a = hand.rotation * self.on_hand;
         (a.cross(&self.target).norm().atan2(a.dot(&self.target)) - self.center).abs()

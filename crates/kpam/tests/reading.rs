@@ -1,4 +1,4 @@
-//! What is read from elsewhere is checked as what is made here: damage is an error that says what does not fit, and
+//! Values read from elsewhere are checked as what is made here: damage is an error that says what does not fit, and
 //! what passes can be planned with.
 #![allow(clippy::unwrap_used)]
 
@@ -173,7 +173,7 @@ fn damaged_plans_are_refused_or_looked_at() {
     assert!(counts.0 > 50 && counts.1 > 200, "{counts:?}");
 }
 
-/// What reading a value says once a part of its JSON is replaced.
+/// Error of reading a value once a part of its JSON is replaced.
 fn refusal<T: Serialize + DeserializeOwned>(value: &T, part: &str, by: Value) -> String {
     let mut text = serde_json::to_value(value).unwrap();
     *text.pointer_mut(part).unwrap() = by;

@@ -165,7 +165,7 @@ pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py,
     }
 }
 
-/// What pickles begin with, and the number of the layout of all values in them: one more with every change of any.
+/// Header of pickles, and the number of the layout of all values in them: one more with every change of any.
 const TAG: &[u8; 4] = b"kpam";
 const LAYOUT: u8 = 1;
 

@@ -11,10 +11,10 @@ use pyo3::prelude::*;
 
 use crate::KpamError;
 
-/// How often signals are listened for.
+/// Interval at which signals are listened for.
 const POLL: Duration = Duration::from_millis(50);
 
-/// How long work has to end by itself once it is cancelled.
+/// Time that work has to end by itself once it is cancelled.
 const GRACE: Duration = Duration::from_millis(300);
 
 /// Runs `work`; where a signal handler raises meanwhile, the flag `cancel` that `work` looks at is set, and what the
@@ -28,7 +28,7 @@ pub(crate) fn interruptible<T: Send + 'static>(
     let (sender, receiver) = channel();
     let flag = cancel.clone();
     thread::Builder::new()
-        // Nobody listens any more where a signal has come.
+        // The caller has gone where a signal has come.
         .spawn(move || drop(sender.send(work(&flag))))
         .map_err(|e| KpamError::new_err(format!("threads: cannot be started ({e})")))?;
     let receiver = Mutex::new(receiver);

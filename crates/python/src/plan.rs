@@ -1,4 +1,4 @@
-//! What a plan holds.
+//! Contents of a plan.
 
 use gensim2_kpam::{Plan, StageTimes};
 use pyo3::prelude::*;
@@ -8,7 +8,7 @@ use crate::KpamError;
 use crate::convert;
 use crate::timing::PyTrajectory;
 
-/// What was solved, each residual, what failed. Pickles.
+/// Result of planning: motion, residuals, failures. Pickles.
 #[pyclass(name = "Plan", module = "gensim2_kpam", frozen)]
 pub(crate) struct PyPlan(pub(crate) Plan, pub(crate) StageTimes);
 
@@ -18,7 +18,7 @@ fn optional<'py>(py: Python<'py>, q: Option<&Vec<f64>>) -> Option<Bound<'py, PyA
 
 #[pymethods]
 impl PyPlan {
-    /// How planning ended: a member of `Status`, which is a string.
+    /// Outcome: a member of `Status`, which is a string.
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         convert::member(py, "Status", self.0.status().name())
@@ -46,7 +46,7 @@ impl PyPlan {
         self.0.assumed_limits.clone()
     }
 
-    /// What is nearer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
+    /// Pairs nearer than the margin at the start or at a keyframe: dicts `bodies`, `at`, `distance`.
     #[getter]
     fn tight<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -60,7 +60,7 @@ impl PyPlan {
         Ok(out)
     }
 
-    /// What overlaps at keyframes, and may: dicts `bodies`, `at`, `depth`.
+    /// Permitted overlaps at keyframes: dicts `bodies`, `at`, `depth`.
     #[getter]
     fn touches<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);
@@ -125,7 +125,7 @@ impl PyPlan {
         self.0.tried
     }
 
-    /// What became of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
+    /// Outcome of each pose that was tried, where that was asked for: dicts `q`, `rank`, `status`, `reason`.
     #[getter]
     fn tried_poses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let out = PyList::empty(py);

@@ -39,7 +39,7 @@ impl PySolverConfig {
         self.0.gripper().name()
     }
 
-    /// How far (m) the hand moves back at the end, once it has let go; None where it stays.
+    /// Distance (m) that the hand moves back at the end, once it has let go; None where it stays.
     #[getter]
     fn let_go(&self) -> Option<f64> {
         self.0.let_go()
@@ -102,7 +102,7 @@ pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'
     }
 }
 
-/// What a problem asks, beside what it is asked of.
+/// Content of a problem, beside its scene.
 #[allow(non_snake_case)]
 pub(crate) struct Question<'a, 'py> {
     pub config: &'a Bound<'py, PySolverConfig>,

@@ -294,7 +294,7 @@ impl PyScene {
         Ok(convert::array1(py, &found).into_any())
     }
 
-    /// What comes within `reach` (m) of each other, nearest first: for (n,) a list of dicts `bodies`, `distance` (m,
+    /// Pairs within `reach` (m) of each other, nearest first: for (n,) a list of dicts `bodies`, `distance` (m,
     /// negative where they overlap), `point` (3,); for (N, n) a list of such lists.
     #[pyo3(signature = (q, reach = 0.0))]
     fn check<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, reach: f64) -> PyResult<Bound<'py, PyList>> {

@@ -34,7 +34,7 @@ impl PyMotion {
 
 #[pymethods]
 impl PyMotion {
-    /// How planning ended: a member of `MotionStatus`, which is a string.
+    /// Outcome: a member of `MotionStatus`, which is a string.
     #[getter]
     fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         convert::member(py, "MotionStatus", self.word())
@@ -108,7 +108,7 @@ fn goal_of(goal: &Bound<'_, PyAny>, joints: usize, link: Option<String>) -> PyRe
     }
 }
 
-/// What a motion is asked to be, as Python says it.
+/// Request for a motion, from Python.
 pub(crate) struct Asked<'a, 'py> {
     pub goal: &'a Bound<'py, PyAny>,
     pub link: Option<String>,

@@ -89,7 +89,7 @@ class RigidRecord(_Record):
 
 
 class ObjectsRecord(_Record):
-    """What stands on the table."""
+    """Objects on the table."""
 
     articulated: ArticulatedRecord
     rigid: RigidRecord | None = None
@@ -98,7 +98,7 @@ class ObjectsRecord(_Record):
 class PlanProblem(_Record):
     """One line of a problem file; see the module's docstring for units and frames.
 
-    ``task`` and ``sub_task`` say which episode it is of, and which of its steps; empty where nobody says.
+    ``task`` and ``sub_task`` say which episode it is of, and which of its steps; empty where that is not recorded.
     """
 
     id: Annotated[str, Field(min_length=1)]

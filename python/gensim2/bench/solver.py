@@ -31,7 +31,7 @@ SHORTEST_SAMPLE_DT = 0.001
 
 @dataclass(frozen=True)
 class BenchSummary:
-    """What a run found, over all problems; times are medians of CPU time in milliseconds.
+    """Summary of a run over all problems; times are medians of CPU time in milliseconds.
 
     ``peak_memory_mb`` is that of the process, scenes and output included.
     """

@@ -113,7 +113,7 @@ def designer_of_command(
 
 
 def _confirmed(task: TaskSpec) -> bool:
-    """Ask who sits at the terminal; nobody there is an error, not a no.
+    """Ask the person at the terminal; without a terminal it is an error, not a no.
 
     Raises:
         InputError: standard input is no terminal.
@@ -124,7 +124,7 @@ def _confirmed(task: TaskSpec) -> bool:
     from gensim2.tasks.wording import criteria_in_words
 
     if not sys.stdin.isatty():
-        raise InputError("standard input is no terminal, so nobody can be asked", field="--review")
+        raise InputError("standard input is no terminal, so no one can be asked", field="--review")
     steps = "; ".join(step.name for step in task.steps)
     click.echo(
         f"\n{task.name}: {task.description}\n  steps: {steps}\n  goal: {criteria_in_words(task.success)}", err=True

@@ -22,16 +22,7 @@ from gensim2.errors import InputError
     metavar="DIR",
     help="A policy that gensim2 learn or train made, in place of --controller.",
 )
-@click.option(
-    "--controls",
-    default="none",
-    show_default=True,
-    metavar="all|none|NAME,...",
-    help="Of a --checkpoint, beside it: blind, shuffled (clouds of other scenes), no-op, expert (the planner).",
-)
-@click.option(
-    "--control-episodes", type=options.count(), default=30, show_default=True, help="Of each task and control."
-)
+@options.controls("none")
 @click.option(
     "--controller",
     default=None,
@@ -93,30 +84,18 @@ def evaluate(
             assert controller is not None
             give(function(controller, tasks, arguments=_arguments(arguments), progress=progress, **given).to_dict())
             return
-        from gensim2.policy.evaluating import evaluate_policy
+        from gensim2.policy.evaluating import evaluate_policy, read_controls
 
         measured = evaluate_policy(
             checkpoint,
             tasks,
             arguments=_arguments(arguments),
-            controls=_controls(controls),
+            controls=read_controls(controls),
             control_episodes=control_episodes,
             progress=progress,
             **given,
         )
         give(measured.to_dict())
-
-
-def _controls(text: str) -> Any:
-    from gensim2.policy.evaluating import CONTROLS
-
-    if text in ("all", "none"):
-        return CONTROLS if text == "all" else ()
-    found = tuple(text.split(","))
-    for name in found:
-        if name not in CONTROLS:
-            raise InputError(f"no control {name!r}", field="--controls", remedy=f"some of {', '.join(CONTROLS)}")
-    return found
 
 
 def _arguments(text: str) -> dict[str, Any]:

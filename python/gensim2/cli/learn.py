@@ -37,13 +37,7 @@ from gensim2.cli.output import line, report, table
     help="Most of each task to plan; of episodes at most 200.",
 )
 @click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
-@click.option(
-    "--control-episodes",
-    type=options.count(),
-    default=30,
-    show_default=True,
-    help="Of each task and control: blind, clouds of other scenes, an arm that stands still, the planner.",
-)
+@options.controls("all")
 @click.option(
     "--videos", type=click.IntRange(0, 1000), default=3, show_default=True, help="Of each task, for the page's films."
 )
@@ -51,7 +45,8 @@ from gensim2.cli.output import line, report, table
     "--objects",
     type=options.count(100_000),
     default=None,
-    help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances]",
+    help="Generated ones of each class to learn from, beyond those that are listed.  [default: those of --instances, "
+    "and where that is not given 200 for keyposes, of real objects those of train]",
 )
 @click.option(
     "--verify",
@@ -63,17 +58,17 @@ from gensim2.cli.output import line, report, table
     "--test-instances",
     default=None,
     metavar="all|train|test|new|ID",
-    help="Objects to evaluate on.  [default: test where each class has ten or more objects, else new]",
+    help="Objects to evaluate on.  [default: new where --objects are learned from; else test where each class has ten "
+    "or more objects, else new]",
 )
 @options.library
 @options.seed
 @options.assets
 @click.option(
     "--instances",
-    default="train",
-    show_default=True,
+    default=None,
     metavar="all|train|test|new|ID",
-    help="Objects to learn from.",
+    help="Objects to learn from, in place of --objects.",
 )
 @options.physics
 @options.randomization
@@ -82,7 +77,14 @@ from gensim2.cli.output import line, report, table
 @options.workers
 @options.resume
 @options.json_file
-def learn(tasks: tuple[str, ...], out: Path | None, json_file: str | None, **given: Any) -> None:
+def learn(
+    tasks: tuple[str, ...],
+    out: Path | None,
+    controls: str,
+    instances: str | None,
+    json_file: str | None,
+    **given: Any,
+) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
 
     Draws scenes and plans them (for action chunks: simulates and renders them), trains, and evaluates on objects and
@@ -90,9 +92,13 @@ def learn(tasks: tuple[str, ...], out: Path | None, json_file: str | None, **giv
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir
+        from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
 
-        result = function(tasks, out=out or default_run_dir(), progress=progress, **given)
+        if instances is not None:
+            given["instances"] = instances
+        where = out or default_run_dir()
+        result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())
 
 

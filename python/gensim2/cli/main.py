@@ -25,7 +25,12 @@ EXTRAS = {
     **dict.fromkeys(("httpx2", "json_repair", "openai", "pyseccomp"), "llm"),
     **dict.fromkeys(("coal", "ompl", "pinocchio", "pydrake"), "bench"),
     "ray": "ray",
-    "mcap": "robot",
+    "viser": "viz",
+    **dict.fromkeys(("cv2", "mcap", "msgpack", "websockets"), "robot"),
+    "franky": "franka",
+    "pyrealsense2": "realsense",
+    **dict.fromkeys(("rtde_control", "rtde_receive"), "ur"),
+    "xarm": "xarm",
     "safetensors": "train",
     "transformers": "clip",
     **dict.fromkeys(("onnxruntime", "onnxscript"), "export"),
@@ -37,6 +42,7 @@ COMMANDS = {
     "run-pipeline": "gensim2.cli.run_pipeline:run_pipeline",
     "demo": "gensim2.cli.demo:demo",
     "solve": "gensim2.cli.solve:solve",
+    "view": "gensim2.cli.view:view",
     "benchmark": "gensim2.cli.benchmark:benchmark",
     "evaluate": "gensim2.cli.evaluate:evaluate",
     "learn": "gensim2.cli.learn:learn",
@@ -150,7 +156,7 @@ def _was_printing(error: OSError) -> bool:
 
 
 def _fail(text: str, code: int) -> int:
-    with contextlib.suppress(OSError):  # nobody can be told any more; the exit code still says it
+    with contextlib.suppress(OSError):  # standard error is closed, too; the exit code still says it
         click.echo(one_line(text), err=True)
     return code
 

@@ -207,6 +207,21 @@ instances = click.option(
 )
 
 
+def controls(default: str) -> Callable[[_F], _F]:
+    """``--controls`` of a policy, by default ``all`` or ``none``, and ``--control-episodes``."""
+    which = click.option(
+        "--controls",
+        default=default,
+        show_default=True,
+        metavar="all|none|NAME,...",
+        help="What a policy is measured beside: blind, shuffled (clouds of other scenes), no-op, expert (the planner).",
+    )
+    episodes = click.option(
+        "--control-episodes", type=count(), default=30, show_default=True, help="Of each task and control."
+    )
+    return _all(which, episodes)
+
+
 def _all(*several: Callable[[_F], _F]) -> Callable[[_F], _F]:
     """Several options at once, shown in this order."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import click
 
 from gensim2.cli import options
 from gensim2.cli.output import line, report, table
+from gensim2.errors import InputError
 
 
 @click.group("policy")
@@ -75,3 +77,50 @@ def export(folder: Path, to: Literal["onnx", "torch"], out: Path, json_file: str
 
 def _show_export(result: dict[str, Any]) -> None:
     line(f"{result['file']}: differs from the policy by {result['difference']:.1e} at most")
+
+
+@policy.command("serve", cls=options.Command, short_help="Serve a policy, or any controller, to a robot elsewhere.")
+@click.argument("controller", metavar="DIR|module:Class")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address that is listened at.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any that is free.")
+@click.option(
+    "--argument", "arguments", multiple=True, metavar="NAME=JSON", help="Of module:Class; may be given again."
+)
+@options.robot
+def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **given: Any) -> None:
+    """Serve the checkpoint DIR, or a class of yours, by websocket: gensim2 robot run --policy ws://HOST:PORT.
+
+    Whoever asks must know the token in GENSIM2_POLICY_TOKEN; where it is not set one is made and said. Nothing is
+    encrypted: beyond this machine go through a tunnel (ssh -L), or a proxy that speaks wss.
+    """
+    import os
+    import secrets
+
+    from gensim2.deploy.remote.protocol import TOKEN
+    from gensim2.deploy.remote.server import PolicyServer
+    from gensim2.rollout.controller_spec import ControllerSpec
+
+    if ":" in controller:
+        spec = ControllerSpec.of(controller, dict(map(_argument, arguments)))
+    else:
+        from gensim2.policy.evaluating import policy_controller
+
+        spec = policy_controller(Path(controller))
+    token = os.environ.get(TOKEN)
+    if not token:
+        token = secrets.token_urlsafe(24)
+        line(f"export {TOKEN}={token}")
+    server = PolicyServer(spec, given["robot"], token, host=host, port=port, said=line)
+    line(f"{spec.target} at {server.url}")
+    try:
+        server.serve()
+    finally:
+        server.close()
+
+
+def _argument(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    try:
+        return name, json.loads(value)
+    except ValueError as error:
+        raise InputError(f"{text!r} is no argument", field="--argument", remedy="as checkpoint='\"runs/a\"'") from error

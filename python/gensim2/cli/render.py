@@ -37,8 +37,21 @@ from gensim2.errors import InputError
     metavar="DEVIATIONS",
     help="Drop points that stand alone: farther from their neighbours than the mean by so many standard deviations.",
 )
-@click.option("--depth-noise", is_flag=True, help="Let depth be as a RealSense D435 would measure it.")
+@click.option("--depth-noise", is_flag=True, help="White noise with a RealSense D435's numbers: as --noise white.")
+@click.option(
+    "--noise",
+    default=None,
+    metavar="d435|white|FILE",
+    help="Let depth be as a stereo camera would measure it; FILE as gensim2 robot fit-noise wrote it.",
+)
 @click.option("--task", "tasks", multiple=True, metavar="NAME", help="Only this one; may be given again.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=None,
+    metavar="N",
+    help="Of each task the first N that held.  [default: all]",
+)
 @options.workers
 @click.option("--resume", is_flag=True, help="Go on with the observations that DIR holds.")
 @options.time_limit
@@ -52,6 +65,7 @@ def render(
     keep_robot: str,
     drop_outliers: float | None,
     depth_noise: bool,
+    noise: str | None,
     json_file: str | None,
     **given: Any,
 ) -> None:
@@ -61,14 +75,19 @@ def render(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.rendering import render as function
-        from gensim2.observations import CloudSettings, DepthNoise, ObservationSpec
+        from gensim2.deploy.fit_noise import read_noise
+        from gensim2.observations import CloudSettings, ObservationSpec
+
+        if depth_noise and noise is not None:
+            raise InputError("says it already", field="--noise", remedy="leave out --depth-noise")
+        named = "white" if depth_noise else noise
 
         settings = CloudSettings(
             points=points,
             candidates=max(4 * points, 4096) if points <= 12288 else 0,
             robot=keep_robot,  # type: ignore[arg-type]  # a choice of the option
             outliers=drop_outliers,
-            noise=DepthNoise() if depth_noise else None,
+            noise=None if named is None else read_noise(named),
         )
         spec = ObservationSpec(_words(modalities, "--modalities"), _words(cameras, "--cameras"), settings)  # type: ignore[arg-type]
         give(function(folder, spec=spec, progress=progress, **given).to_dict())

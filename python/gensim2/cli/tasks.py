@@ -139,4 +139,4 @@ def _show_figures(figures: dict[str, Any]) -> None:
     if rows:
         table(("figures", "episodes", "paper", "held (95 %)", "strict"), [tuple(map(str, row)) for row in rows])
     else:
-        line("no figures: nobody has measured it")
+        line("no figures: it has not been measured")

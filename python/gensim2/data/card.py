@@ -9,9 +9,12 @@ from pathlib import Path
 
 from gensim2.data.attempt_log import LoggedEpisode
 from gensim2.data.dataset import DataSet
+from gensim2.data.formats.columns import lerobot_name
 from gensim2.data.store import TaskStore
 from gensim2.errors import InputError
 from gensim2.files import write_atomic
+from gensim2.observations.columns import CLOUD, IMAGE
+from gensim2.robots import RobotProfile, robot
 from gensim2.rollout.tally import interval
 
 CARD = "README.md"
@@ -65,7 +68,7 @@ def card(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Described:
-    """What a card says of one task's episodes.
+    """Counts of one task's episodes, for a card.
 
     Attributes:
         store: of the task.
@@ -103,6 +106,7 @@ def write_card(dataset: DataSet, described: Sequence[Described], out: Path, kind
 
 def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
     record, scene = dataset.record, dataset.record.scene
+    profile = robot(scene.robot)
     episodes, steps = sum(one.episodes for one in described), sum(one.steps for one in described)
     used = {f"{asset_class}/{id}" for one in described for asset_class, id in one.objects}
     licenses = sorted({record.objects[name].license for name in used if name in record.objects})
@@ -119,7 +123,8 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         f"# {episodes} demonstrations of {len(described)} manipulation tasks",
         "",
         f"Made by gensim2 {_text_of(record.versions.get('gensim2', ''))}: planned by its keypoint solver, run and",
-        f"verified in simulation. {steps} control steps at 20 a second, {len(used)} different objects.",
+        f"verified in simulation. {steps} control steps at {profile.control_hz} a second, {len(used)} different",
+        "objects.",
         "",
         *_table(
             ("task", "what", "episodes here", "tried", "held (95 % interval)", "strict", "objects"),
@@ -152,12 +157,44 @@ def _text(dataset: DataSet, described: Sequence[Described], kind: str) -> str:
         "",
         *(f"- {_with_objects(license, used, dataset)}" for license in licenses),
         "",
+        *_frames(profile, kind),
         "## How to read it",
         "",
         _HOW_TO_READ[kind],
         "",
     ]
     return "\n".join(lines)
+
+
+def _frames(profile: RobotProfile, kind: str) -> list[str]:
+    """The section about what a frame holds, of the formats that are made of frames."""
+    if kind not in ("lerobot", "zarr"):
+        return []
+    joints, arm = ", ".join(profile.model.joint_names), ", ".join(profile.arm_joints)
+    hertz = profile.control_hz
+    meanings = {
+        "state": f"joint positions, rad (sliding joints m): {joints}",
+        "velocity": "their velocities, rad/s (m/s)",
+        "tool_pose": "pose of the tool in the base frame: x, y, z in m, unit quaternion qw, qx, qy, qz, qw at least 0",
+        "gripper": "distance between the pads, m, and the last command, -1 (closed) to 1 (open)",
+        "action": f"absolute target positions of the arm's joints, rad ({arm}), and the gripper's target from -1 "
+        f"(closed) to 1 (open): sent to the drives for 1/{hertz} s after this frame was seen",
+        "reward": "1 where the goal holds after the action, else 0",
+        "success": "whether the goal holds after the action",
+        "done": "whether this is the episode's last action",
+        CLOUD: "points in the base frame: x, y, z in m, then red, green, blue from 0 to 1; where rendered",
+        f"{IMAGE}CAMERA": "a camera's picture, 8 bits a channel, red green blue; where rendered",
+    }
+    named = {lerobot_name(column) if kind == "lerobot" else column: text for column, text in meanings.items()}
+    return [
+        "## What a frame holds",
+        "",
+        f"The base frame is that of the {profile.name}'s base: x ahead, y to its left, z up.",
+        f"Frames are 1/{hertz} s apart.",
+        "",
+        *_table(("column", "meaning"), [(str(column), text) for column, text in named.items()]),
+        "",
+    ]
 
 
 def _row(dataset: DataSet, described: Described) -> tuple[str, ...]:

@@ -18,8 +18,8 @@ _INK, _GOOD, _BAD, _FILL = "#76839a", "#2a9d6a", "#d0553f", "#4a7fd0"
 
 
 def charts(quality: TaskQuality) -> tuple[str, ...]:
-    """Where objects stood, how far open they were, how long it took, how smoothly the arm moved and how near it came
-    to what it is not to touch. The same data give the same text.
+    """Draw histograms of object positions, openness, durations, arm jerk and clearance from what it is not to touch.
+    The same data give the same text.
 
     Raises:
         MissingExtraError: matplotlib is not installed.

@@ -1,4 +1,4 @@
-"""How near the robot comes to what it is not to touch, worked out from recorded states by the solver's own geometry."""
+"""Clearance between the robot and what it is not to touch, from recorded states and the solver's own geometry."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FARTHEST = 0.2
-"""Metres beyond which nobody looks: a clearance is at most that."""
+"""Metres beyond which distances are not measured: a clearance is at most that."""
 TOUCH = 1e-3
 """Metres from both fingers within which an object is held."""
 STILL = 1e-4

@@ -20,7 +20,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class CollectionResult:
-    """What a collection left.
+    """Result of a collection.
 
     Attributes:
         folder: of the data set.
@@ -138,7 +138,7 @@ def _pool(ray: str | None) -> Any:
 
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:
-    """What ``dataset.json`` says before the first episode."""
+    """Return the contents of ``dataset.json`` before the first episode."""
     from gensim2.rollout.identity import digest, listings, versions
 
     return DatasetRecord(

@@ -15,7 +15,7 @@ from gensim2.data.frame_access import FrameAccess
 from gensim2.data.observation_file import read_description, spec_of_file
 from gensim2.data.record import DatasetRecord
 from gensim2.data.store import OBSERVATIONS, TaskStore
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.files import write_json
 from gensim2.foreign.tree import ForeignTree
 from gensim2.observations import ObservationSpec
@@ -64,7 +64,7 @@ class DataSet:
         return FrameAccess(stores, self.record.scene.robot, observations=observations, horizon=horizon)
 
     def observation_spec(self) -> ObservationSpec:
-        """What its observations are of.
+        """Return the observation spec that it was rendered with.
 
         Raises:
             InputError: it was not rendered, or a file of observations is damaged.
@@ -87,5 +87,5 @@ class DataSet:
             InputError: the data set has no such task.
         """
         if name not in self.record.tasks:
-            raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=f"one of {self.tasks}")
+            raise InputError(f"has no task {name!r}", file=self.path / DATASET_JSON, remedy=near(name, self.tasks))
         return TaskStore(ForeignTree(self.path).inside(name))

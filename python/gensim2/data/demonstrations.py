@@ -28,7 +28,7 @@ TRIES_PER_DEMO = 5
 
 @dataclass(frozen=True)
 class Collected:
-    """What a collection left.
+    """Result of a collection.
 
     Attributes:
         episodes: those that were run, by index.
@@ -43,7 +43,7 @@ class Collected:
 
     @property
     def tally(self) -> Tally:
-        """What the episodes add up to."""
+        """Counts over the episodes."""
         return Tally.of(self.episodes)
 
 

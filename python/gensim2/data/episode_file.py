@@ -49,7 +49,7 @@ _SEAL = Seal("gensim2-episode", 1, "is not a finished episode", _REMEDY, Damaged
 
 
 class Recorded(BaseModel):
-    """What an episode's file says of its recording beside the arrays; the fields are those of :class:`Recording`.
+    """Metadata of a recording in an episode's file; the fields are those of :class:`Recording`.
 
     Attributes:
         steps: T.
@@ -71,7 +71,7 @@ _RECORDED = TypeAdapter(Recorded)
 
 @dataclass(frozen=True)
 class EpisodeRow:
-    """What an episode's file says without its states.
+    """Contents of an episode's file without its states.
 
     Attributes:
         digest: by which the file is known.

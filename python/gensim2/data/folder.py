@@ -16,7 +16,7 @@ from gensim2.errors import InputError
 from gensim2.files import write_json
 
 RUN_JSON, ERRORS_LOG, REPORT = "run.json", "errors.log", "report.html"
-"""What says when, where and how; everything else in the folder follows from ``dataset.json``."""
+"""Files that record when, where and how; everything else in the folder follows from ``dataset.json``."""
 
 _REMEDY = "go on with the same, or choose another --out"
 

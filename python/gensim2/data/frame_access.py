@@ -130,7 +130,7 @@ class FrameAccess:
 
     @property
     def spec(self) -> ObservationSpec:
-        """What was rendered.
+        """Observation spec of the rendered frames.
 
         Raises:
             InputError: nothing was, or a file is damaged.

@@ -48,7 +48,7 @@ _SEAL = Seal(
 
 @dataclass(frozen=True, eq=False)
 class ObservedEpisode:
-    """What is observed of an episode of T steps.
+    """Observations of an episode of T steps.
 
     Attributes:
         description: what it is of and how it was made, as plain data: ``task``, ``index``, ``episode_digest``,
@@ -81,7 +81,7 @@ def write_observation(path: Path, description: Mapping[str, Any], arrays: Mappin
 
 
 def read_description(path: Path) -> dict[str, Any]:
-    """What a file is of, once it is known to be whole.
+    """Read a file's description, after a check that the file is whole.
 
     Raises:
         DamagedObservationError: it is not whole.
@@ -92,7 +92,7 @@ def read_description(path: Path) -> dict[str, Any]:
 
 
 def checked_description(path: Path, episode_digest: str | None) -> dict[str, Any]:
-    """What a whole file is of.
+    """Return a whole file's description, checked.
 
     Raises:
         DamagedObservationError, InputError: as for :func:`read_description`, or it is of another episode.

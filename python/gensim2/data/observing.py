@@ -1,4 +1,4 @@
-"""What is observed of an episode: arrays from its recorded states. Called in worker processes."""
+"""Observations of an episode: arrays computed from its recorded states. Called in worker processes."""
 
 from __future__ import annotations
 

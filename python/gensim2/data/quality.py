@@ -1,4 +1,4 @@
-"""What a data set covers and how good its motions are, counted episode by episode."""
+"""Coverage of a data set and quality of its motions, counted episode by episode."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def jerk(recording: Recording, profile: RobotProfile) -> float:
 
 
 def _scene(row: LoggedEpisode) -> tuple[object, ...]:
-    """What a policy sees at the start, as coarsely as it tells scenes apart."""
+    """Return a hashable key of the initial scene, as coarse as a policy tells scenes apart."""
     return tuple(
         (
             name,

@@ -85,7 +85,7 @@ class Queue:
         return self.status()
 
     def status(self) -> Status:
-        """How far it is."""
+        """Return the progress."""
         return Status(
             tuple(task.status for task in self._tasks),
             self._ran,

@@ -98,12 +98,12 @@ class DatasetRecord(_Record):
 
     @property
     def scene(self) -> SceneOptions:
-        """What the scenes of all tasks follow from."""
+        """Options that the scenes of all tasks share."""
         return SceneOptions.from_record(self.arguments)
 
     @property
     def rollout(self) -> RolloutOptions:
-        """What all episodes have in common beside their scenes."""
+        """Options that all episodes share beside their scenes."""
         return RolloutOptions.from_record(self.arguments)
 
     def scene_seed(self, task: str, index: int) -> int:

@@ -1,4 +1,4 @@
-"""What the pipeline knows after a run, a design, a verification: plain values that become JSON."""
+"""Records of runs, designs and verifications: plain values that become JSON."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Record(BaseModel):
 
 
 class Effort(Record):
-    """What it took to design and verify a task, in the call in which that was finished: CPU of all processes, time."""
+    """Cost of the design and verification of a task, in the call in which that was finished: CPU of all processes,
+    time."""
 
     cpu_s: Annotated[float, Field(ge=0)]
     wall_s: Annotated[float, Field(ge=0)]
@@ -85,20 +86,20 @@ class VerificationRecord(Record):
 
 
 class EnvironmentSummary(BaseModel):
-    """What a report says of the environment of demonstrations."""
+    """Part of a report about the environment of demonstrations."""
 
     env_id: str
 
 
 class RecordingSummary(BaseModel):
-    """What a report says of ``trajectory.json``."""
+    """Part of a report about ``trajectory.json``."""
 
     env_info: EnvironmentSummary
     episodes: list[Any]
 
 
 class ArgumentsSummary(BaseModel):
-    """What a report says of what a run was asked for; scenes and rollouts under names of their own."""
+    """Part of a report about the arguments of a run; scenes and rollouts under names of their own."""
 
     command: str
     seed: int
@@ -114,14 +115,14 @@ class RejectionSummary(BaseModel):
 
 
 class ResultSummary(BaseModel):
-    """What a report says of how a run ended."""
+    """Part of a report about the outcome of a run."""
 
     rejected: list[RejectionSummary] = []
     notes: list[str] = []
 
 
 class RunSummary(BaseModel):
-    """What a report says of ``run.json`` beyond what every run has."""
+    """Part of a report about the fields of ``run.json`` that not every run has."""
 
     arguments: Annotated[ArgumentsSummary, BeforeValidator(nested_options)]
     result: ResultSummary | None
@@ -144,7 +145,7 @@ class Verification:
 
     @cached_property
     def tally(self) -> Tally:
-        """What the episodes add up to."""
+        """Counts over the episodes."""
         return Tally.of(self.episodes)
 
     @property
@@ -171,7 +172,7 @@ class Verification:
 
 @dataclass(frozen=True)
 class DesignEffort:
-    """What a search took.
+    """Cost of a search.
 
     Attributes:
         candidates: that were planned.
@@ -237,7 +238,7 @@ class TaskOutcome:
 
 @dataclass(frozen=True)
 class PipelineResult:
-    """What ``run_pipeline`` returns.
+    """Result of ``run_pipeline``.
 
     Attributes:
         run_dir: the run folder.

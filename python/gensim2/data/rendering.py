@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -32,7 +33,7 @@ PRELOAD = ("gensim2.data.observing", "trimesh", "embreex.rtcore_scene", "fpsampl
 
 @dataclass(frozen=True)
 class Rendered:
-    """What came of one episode.
+    """Result of rendering one episode.
 
     Attributes:
         frames: instants that were observed: its steps and one.
@@ -47,7 +48,7 @@ class Rendered:
 
 @dataclass(frozen=True)
 class RenderingResult:
-    """What a call left.
+    """Result of a call.
 
     Attributes:
         folder: of the data set.
@@ -75,6 +76,7 @@ def render(
     *,
     spec: ObservationSpec | None = None,
     tasks: Sequence[str] = (),
+    episodes: int | None = None,
     workers: int = 2,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
@@ -89,6 +91,7 @@ def render(
         folder: of a finished collection.
         spec: what is observed; None: point clouds.
         tasks: names; none: all of the data set.
+        episodes: of each task the first that held, so many; None: all.
         workers: processes; what they leave does not depend on their number.
         resume: go on with observations that are there, all of the same spec.
         time_limit, jobs_per_worker: as for ``collect``.
@@ -110,7 +113,7 @@ def render(
         for store in wanted.values():
             if (store.folder / OBSERVATIONS).is_dir():
                 remove_temporaries(store.folder / OBSERVATIONS)
-        return _Rendering(dataset, spec, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
+        return _Rendering(dataset, spec, episodes, resume, progress).run(wanted, workers, time_limit, jobs_per_worker)
     finally:
         lock.release()
 
@@ -118,8 +121,11 @@ def render(
 class _Rendering:
     """One call."""
 
-    def __init__(self, dataset: DataSet, spec: ObservationSpec, resume: bool, progress: Progress) -> None:
+    def __init__(
+        self, dataset: DataSet, spec: ObservationSpec, episodes: int | None, resume: bool, progress: Progress
+    ) -> None:
         self._dataset, self._spec, self._resume, self._progress = dataset, spec, resume, progress
+        self._episodes = episodes
         self._size = self._there = 0
 
     def run(
@@ -131,7 +137,9 @@ class _Rendering:
             Job(number, (store.folder, row, scenes[store.name], self._spec))
             for number, (store, row) in enumerate(missing)
         )
-        self._progress.start("observations", len(missing))
+        what = f"observations of {len(stores)} task{'s' if len(stores) > 1 else ''}"
+        self._progress.start(what, self._there + len(missing))
+        self._progress.advance(self._there)
         rendered = frames = 0
         cpu = 0.0
         with WorkerPool(
@@ -150,10 +158,9 @@ class _Rendering:
 
     def _missing(self, store: TaskStore) -> Iterator[LoggedEpisode]:
         """Episodes that held and have no observations yet; damaged ones are removed."""
-        for row in store.rows():
+        held = (row for row in store.rows() if row.held)
+        for row in itertools.islice(held, self._episodes):
             path = store.observation_path(row.index)
-            if not row.held:
-                continue
             if not path.exists():
                 yield row
                 continue

@@ -24,7 +24,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class _Section:
-    """What the page shows of a task.
+    """Section of the page about one task.
 
     Attributes:
         quality: its numbers.

@@ -79,7 +79,7 @@ class RunFolder(OwnedFolder):
 
     @property
     def errors_log(self) -> Path:
-        """Where tries that came to nothing are written down."""
+        """Path of the log of failed tries."""
         return self.path / "errors.log"
 
     def save(self) -> None:

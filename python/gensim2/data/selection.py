@@ -17,7 +17,7 @@ from gensim2.scenes.physics import physics_switches
 
 @dataclass(frozen=True)
 class Selection:
-    """What an episode must fulfil, beside that it held.
+    """Filter over the episodes that held.
 
     Attributes:
         tasks: names; none: all.

@@ -1,4 +1,4 @@
-"""How far a collection is: plain values for whoever watches."""
+"""Progress of a collection, as plain values for a display."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Status:
 
     @property
     def left(self) -> float | None:
-        """Seconds to the end at this rate; None where nobody knows."""
+        """Seconds to the end at this rate; None where it is unknown."""
         return (self.total - self.tried) / self.rate if self.rate else None
 
 

@@ -75,7 +75,7 @@ class TaskStore:
         return load_task_file(self.folder)
 
     def path(self, index: int, held: bool = True) -> Path:
-        """Where the file of an episode lies."""
+        """Return the path of an episode's file."""
         return self.folder / ("episodes" if held else "failures") / f"{index:06d}.h5"
 
     @property
@@ -84,7 +84,7 @@ class TaskStore:
         return self.folder / ROWS
 
     def observation_path(self, index: int) -> Path:
-        """Where the observations of an episode lie.
+        """Return the path of an episode's observations.
 
         Raises:
             InputError: a link leads out of the folder.

@@ -29,7 +29,7 @@ from gensim2.tasks.strategies import Strategies
 
 @dataclass(frozen=True)
 class Quota:
-    """How many episodes of a task are collected.
+    """Number of episodes of a task to collect.
 
     Attributes:
         limit: episodes tried at most.
@@ -42,7 +42,7 @@ class Quota:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a worker says of an episode that it has written down.
+    """Report of a worker about an episode that it has written.
 
     Attributes:
         held, strict, cause: as of the episode.
@@ -135,7 +135,7 @@ class TaskQueue:
 
     @property
     def status(self) -> TaskStatus:
-        """How far it is."""
+        """Return the progress."""
         causes = dict(sorted(self.causes.items(), key=lambda item: (-item[1], item[0])))
         return TaskStatus(self.name, self.quota.limit, self.tried, self.held, self.strict, causes)
 

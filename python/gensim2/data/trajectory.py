@@ -39,7 +39,7 @@ H5_NAME, JSON_NAME = "trajectory.h5", "trajectory.json"
 
 @dataclass(frozen=True)
 class Provenance:
-    """What the demonstrations are of and where they come from; it is written into ``trajectory.json``.
+    """Task, strategies and sources of demonstrations, written into ``trajectory.json``.
 
     Attributes:
         task: what was done.
@@ -113,7 +113,7 @@ def _recorded(file: Path, digest: str | None) -> Iterator[tuple[h5py.Group, dict
 
 
 def _entry(row: EpisodeRow) -> dict[str, Any]:
-    """What ManiSkill's JSON says of an episode."""
+    """Return an episode's entry in ManiSkill's JSON."""
     recorded = row.recorded
     assert recorded is not None
     return {

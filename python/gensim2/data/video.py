@@ -28,7 +28,7 @@ LONG = 200
 
 @dataclass(frozen=True)
 class Replay:
-    """What the states of an episode follow from.
+    """Inputs that determine the states of an episode.
 
     Attributes:
         env_id, env_kwargs: of the environment, for ``gymnasium.make``.
@@ -75,7 +75,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class Film:
-    """What filming an episode gave.
+    """Result of filming an episode.
 
     Attributes:
         frames: number of frames in the video.
@@ -116,7 +116,7 @@ def film(replay: Replay, video: Path, *, still: Path | None = None, stride: int 
 
 
 class _Shown:
-    """What is kept of a replay besides the video: frames themselves are not, 200 of them are 180 MB."""
+    """Data kept of a replay besides the video: frames themselves are not, 200 of them are 180 MB."""
 
     def __init__(self) -> None:
         self.frames = 0

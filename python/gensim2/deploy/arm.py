@@ -44,7 +44,7 @@ class Arm:
         return self._states[-1] if self._states else None
 
     def at(self, time: float) -> ArmState:
-        """Where the arm stood at a time, between two measurements in proportion.
+        """Return the arm's state at a time, interpolated between two measurements in proportion.
 
         Raises:
             LookupError: no state has come yet.

@@ -1,4 +1,4 @@
-"""What an arm may do: numbers, and the shapes that it must not come near."""
+"""Limits of an arm: numbers, and the shapes that it must not come near."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _TABLE_SIDE, _TABLE_DEPTH = 2.4, 0.06
 
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
-    """What no command passes.
+    """Limits that no command passes.
 
     Speed is a share of the arm's; accelerations and jerks are the arm's own at any speed, so that it stops as fast as
     it can.

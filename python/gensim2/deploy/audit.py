@@ -15,7 +15,7 @@ BLOCK = 5000
 
 
 def limits_passed(commands: Sequence[Array], limits: ArmLimits) -> int:
-    """How many of the commands (m,), one cycle apart and from rest, pass a limit."""
+    """Count the commands (m,), one cycle apart and from rest, that pass a limit."""
     if not commands:
         return 0
     q = np.array(commands)

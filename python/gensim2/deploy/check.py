@@ -18,7 +18,7 @@ from gensim2.errors import GenSim2Error
 from gensim2.robots import robot
 
 MODULES = {"mcap": "robot", "sapien": "sim", "embreex": "sim", "fpsample": "sim"}
-"""What a simulated line imports, and the extra that it comes with."""
+"""Modules that a simulated line imports, and the extra that it comes with."""
 WAKE_UPS = 100
 
 

@@ -1,4 +1,4 @@
-"""The time that a line goes by: the machine's, or a simulated one that waits for nobody."""
+"""The time that a line goes by: the machine's, or a simulated one that never sleeps."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What an arm and its cameras say and are told, simulated or not; times are those of the machine's monotonic clock."""
+"""Protocols of an arm and its cameras, simulated or not; times are those of the machine's monotonic clock."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -14,6 +14,8 @@ from gensim2.robots import RobotProfile
 
 Array = npt.NDArray[np.float64]
 
+ArmMode = Literal["ready", "reflex", "refusing", "at-limit"]
+
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
@@ -23,14 +25,15 @@ class ArmState:
         time: at which it was measured, s.
         q, v: (n,) all active joints, rad and m; a second.
         force: that presses on the arm from outside, N.
-        mode: ``"reflex"``: it has stopped by itself.
+        mode: ``"reflex"``: it has stopped by itself; ``"refusing"``: it takes no commands; ``"at-limit"``: a limit of
+            its own keeps it from where it was sent.
     """
 
     time: float
     q: Array
     v: Array
     force: float
-    mode: Literal["ready", "reflex"] = "ready"
+    mode: ArmMode = "ready"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,7 @@ class Frame:
         captured: at which it was taken, s.
         depth: (H, W) uint16, mm; 0 where nothing was measured.
         colors: (H, W, 3) uint8.
+        serial: number of the device that took it, as the device itself says; empty: it says none.
     """
 
     camera: str
@@ -50,6 +54,7 @@ class Frame:
     captured: float
     depth: npt.NDArray[np.uint16]
     colors: npt.NDArray[np.uint8]
+    serial: str = ""
 
 
 class ArmDriver(Protocol):
@@ -75,9 +80,11 @@ class CameraDriver(Protocol):
 
     Attributes:
         cameras: that there are; those that a link carries with their poses in its frame, the others in the base frame.
+        serials: number of the device that each camera is, by its name; one that is not among them is not compared.
     """
 
     cameras: tuple[Camera, ...]
+    serials: Mapping[str, str]
 
     def poll(self) -> Sequence[Frame]:
         """Pictures that came since the last call, oldest first."""

@@ -62,7 +62,7 @@ class Eyes:
         self._encoder = Encoder(spec, profile, language, self._own.robot)
 
     def observe(self, sight: Sight) -> Observation:
-        """What is seen.
+        """Observe the present instant.
 
         Raises:
             EmptyCloudError: the cameras see nothing that a point cloud keeps.

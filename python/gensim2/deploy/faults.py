@@ -18,12 +18,17 @@ FaultName = Literal[
     "camera-unplugged",
     "camera-torn",
     "camera-clock",
+    "camera-swapped",
+    "camera-mislabelled",
     "policy-killed",
     "policy-nan",
     "policy-slow",
+    "policy-garbage",
     "arm-reflex",
     "arm-lagging",
     "arm-silent",
+    "arm-refusing",
+    "arm-at-limit",
     "disk-full",
 ]
 FAULTS: tuple[FaultName, ...] = get_args(FaultName)

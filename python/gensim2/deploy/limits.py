@@ -85,7 +85,10 @@ def admit(action: npt.ArrayLike, limits: ArmLimits, here: Array | None = None) -
     Raises:
         RefusedError: it is of another shape, not finite, jumps at the start, or cannot be reached.
     """
-    given = np.asarray(action, dtype=np.float64)
+    try:
+        given = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RefusedError(f"an action must be numbers: {error}") from error
     if given.shape != (limits.size + 1,):
         raise RefusedError(f"an action must be ({limits.size + 1},), is {given.shape}")
     if not np.isfinite(given).all():

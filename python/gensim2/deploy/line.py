@@ -1,7 +1,8 @@
 """The loop: states and pictures in, questions to the controller, its targets through the limits onto the wire.
 
 One cycle is 10 ms. Ten of them are a period, in which the controller is asked for the actions that the next period
-needs. A plan's chain and a policy are asked in the same way.
+needs. A plan's chain and a policy are asked in the same way. Periods follow the cameras: one is a cycle shorter or
+longer where pictures would wait for their question.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ LEAD = PERIOD
 """Seconds from a question to the first of its actions at the earliest: the time to think."""
 CATCH_UP = 0.1
 """Seconds that the loop may be behind and still make up for, cycle by cycle; what is more is left out."""
+FRESH_CYCLES = 3
+"""Cycles that pictures may have waited for their question before questions are moved towards them."""
 STANDING = 0.02
 """Rad/s (m/s) below which the arm is measured to stand."""
 
@@ -53,7 +56,7 @@ class Mind(Protocol):
 
 
 class Journal(Protocol):
-    """What is written down of a run."""
+    """Log of a run."""
 
     trouble: str | None
     """Why nothing more can be written; None: all is well."""
@@ -100,7 +103,7 @@ class DeviceGoneError(GenSim2Error):
 
 @dataclass
 class Figures:
-    """What was measured of the loop; times in seconds.
+    """Measurements of the loop; times in seconds.
 
     Attributes:
         periods: from one period's begin to the next.
@@ -119,6 +122,17 @@ class Figures:
     refused: Counter[str] = field(default_factory=Counter)
     late_actions: int = 0
     skipped: float = 0.0
+
+
+def phase_shift(waited: int) -> int:
+    """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
+
+    Args:
+        waited: cycles between the arrival of the newest complete set of pictures and a question.
+    """
+    if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
+        return 0
+    return -1 if waited <= PERIOD_CYCLES // 2 else 1
 
 
 class Line:
@@ -160,7 +174,9 @@ class Line:
         self.commands: list[Array] | None = None
         self.interrupted: str | None = None
         self._next = clock.now() + CYCLE
-        self._cycle = 0
+        self._cycle = self._next_period = 0
+        self._fresh: set[str] = set()
+        self._fresh_at = 0
         self._number = 0
         self._sent_at = clock.now()
         self._braking = self._on_path = False
@@ -222,11 +238,13 @@ class Line:
             self.figures.skipped += late
             due = now
         self._next = due + CYCLE
-        begins = self._cycle % PERIOD_CYCLES == 0
         self._cycle += 1
+        begins = self._cycle >= self._next_period
         if begins:
             self._measure_period(now, late)
         self._take_in(now)
+        if begins:
+            self._next_period = self._cycle + PERIOD_CYCLES + phase_shift(self._cycle - self._fresh_at)
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -252,6 +270,7 @@ class Line:
             for frame in self._cameras.poll():
                 self.watch.saw_frame(frame, now)
                 self.frames[frame.camera] = frame
+                self._saw_fresh(frame.camera)
                 self._journal.frame(frame)
         except DeviceGoneError as error:
             self.watch.stop(now, str(error))
@@ -259,6 +278,12 @@ class Line:
             self._hear(answer, now)
         if not self._mind.is_alive:
             self.watch.stop(now, "the controller's process is gone")
+
+    def _saw_fresh(self, camera: str) -> None:
+        self._fresh.add(camera)
+        if self._fresh.issuperset(self._names):
+            self._fresh.clear()
+            self._fresh_at = self._cycle
 
     def _check(self, now: float) -> None:
         if self.interrupted is not None:
@@ -301,7 +326,7 @@ class Line:
         self._journal.answer(now, answer)
         self._note(answer)
         if answer.error is not None:
-            self.watch.hold(now, f"the controller failed: {answer.error}")
+            self.watch.hold(now, answer.error)
             return
         self.done = answer.done
         step, targets = 1.0 / self.pace, []
@@ -345,7 +370,7 @@ class Line:
             elif self.watch.state is State.HOLDING:
                 sent = self._held(sent, due)
             elif self.watch.state is State.STOPPED:
-                if "reflex" in self.watch.reason or "force" in self.watch.reason:
+                if self.watch.stops_at_once:
                     self._stop(now)
                     return
                 sent = self.arm.hold(due)
@@ -354,7 +379,7 @@ class Line:
             else:
                 sent = self.arm.hold(due)
         except RefusedError as error:  # a force: the arm gives way by its own means
-            self.watch.stop(now, str(error))
+            self.watch.stop(now, str(error), at_once=True)
             self._write_changes()
             self._stop(now)
             return

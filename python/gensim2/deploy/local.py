@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gensim2.deploy.arm_limits import CYCLE, Array
@@ -86,6 +86,7 @@ class LocalCameras:
         self._rate = rate
         self._world, self._cameras, self._clock, self._latency = world, cameras, clock, latency
         self.cameras = cameras.cameras
+        self.serials: Mapping[str, str] = cameras.serials
         self._due = 0.0
         self._coming: list[tuple[float, Frame]] = []
         clock.hooks.append(self._take)

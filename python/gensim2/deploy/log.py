@@ -148,7 +148,12 @@ class Log:
 
     def frame(self, frame: Frame) -> None:
         """A picture."""
-        plain = {"camera": frame.camera, "number": frame.number, "captured": frame.captured}
+        plain = {
+            "camera": frame.camera,
+            "number": frame.number,
+            "captured": frame.captured,
+            "serial": frame.serial,
+        }
         self._put(f"/camera/{frame.camera}", frame.captured, plain, {"depth": frame.depth, "colors": frame.colors})
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
@@ -156,7 +161,7 @@ class Log:
         self._put("/sent", time, {"time": time, "gripper": gripper, "clips": list(sent.clips)}, {"q": sent.q})
 
     def question(self, time: float, question: Question) -> None:
-        """What the controller was asked; pictures by their numbers."""
+        """Log a question to the controller; pictures by their numbers."""
         sight = question.sight
         plain = {
             "time": time,
@@ -170,7 +175,7 @@ class Log:
         self._put("/question", time, plain, {"q": sight.q, "v": sight.v, **posed})
 
     def answer(self, time: float, answer: Answer) -> None:
-        """What it said, and all that it was given."""
+        """Log its answer, and all that it was given."""
         plain = {
             "time": time,
             "number": answer.number,
@@ -187,7 +192,7 @@ class Log:
         self._put("/watch", time, {"time": time, "state": str(state), "reason": reason}, {})
 
     def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """How late a period began, and how old each camera's last picture was."""
+        """Log how late a period began, and how old each camera's last picture was."""
         wall = _time_of_day()
         self._put("/clocks", time, {"time": time, "late": late, "ages": ages, "wall": wall}, {})
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.deploy.eyes import Eyes, Sight, inputs
+from gensim2.deploy.own_points import CameraPoseError
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, Observation, ObservationSpec
 from gensim2.planning.scene import Scene
@@ -20,6 +21,7 @@ from gensim2.rollout.controller import Controller, PrivilegedObservation, is_pri
 from gensim2.rollout.controller_spec import CHAIN, ControllerSpec
 from gensim2.rollout.driving import drive
 from gensim2.rollout.guarded import Guarded
+from gensim2.seeding import rng
 from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import TaskSpec
 
@@ -28,7 +30,7 @@ SLOW = 0.6
 
 
 class Truth(Protocol):
-    """What a simulated world tells a privileged controller."""
+    """Truth of a simulated world, for a privileged controller."""
 
     def measure(self) -> Measurement:
         """Of the objects and the gripper, now."""
@@ -48,7 +50,7 @@ class Begin:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is to be done next?
+    """Question to a controller about its next actions.
 
     Attributes:
         number: counts questions.
@@ -63,7 +65,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the controller says.
+    """Answer of a controller.
 
     Attributes:
         number: of the question.
@@ -88,7 +90,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class MindSpec:
-    """How a controller is made and what it is shown; travels to its process.
+    """Recipe of a controller and its observations; travels to its process.
 
     Attributes:
         controller: decides.
@@ -104,7 +106,7 @@ class MindSpec:
 
 
 def looked_at(spec: ObservationSpec, cameras: tuple[Camera, ...]) -> ObservationSpec:
-    """What the line looks at for a controller: as it wants, or by all cameras where it looks through none."""
+    """Return the observation spec of the line for a controller: its own, or all cameras where it uses none."""
     return ObservationSpec(cameras=tuple(each.name for each in cameras)) if spec.is_proprioceptive else spec
 
 
@@ -159,7 +161,7 @@ class LineBody:
         self._forget()
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """What the question shows; waits for it.
+        """Wait for the observation of the question, and return it.
 
         Raises:
             EmptyCloudError: the cameras see nothing that a point cloud keeps.
@@ -221,6 +223,8 @@ class LineBody:
         if "policy-slow" in self.faults:
             time.sleep(SLOW)
         actions = np.array(self._actions, dtype=np.float32).reshape(-1, self.profile.action_size)
+        if "policy-garbage" in self.faults:
+            actions = _garbage(self._question.number, self.profile.action_size)
         spent = 1e3 * (time.perf_counter() - self._begun) - (self._encoding_ms or 0.0)
         self._send(
             Answer(self._question.number, actions, done, self._shown, self._cloud_ms, self._encoding_ms, spent, error)
@@ -229,6 +233,12 @@ class LineBody:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _garbage(number: int, size: int) -> npt.NDArray[np.float32]:
+    """Actions of another size, or of no arm."""
+    draw = rng(0, "garbage", number)
+    return draw.normal(0.0, 100.0, (3, size + int(draw.integers(2)))).astype(np.float32)
 
 
 def think(
@@ -266,7 +276,8 @@ def think(
                 message = body.next
                 continue
             except GenSim2Error as error:
-                body.answer(error=str(error))
+                whose = "" if isinstance(error, CameraPoseError) else "the controller failed: "
+                body.answer(error=f"{whose}{error}")
         elif isinstance(message, Question):  # of an episode that this controller is done with
             send(Answer(message.number, np.empty((0, profile.action_size), dtype=np.float32), done=True))
         elif isinstance(message, str):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, Picture, Robot
 from gensim2.raycast.caster import Caster, Solid
 from gensim2.raycast.kinematics import Tree, read_urdf
@@ -18,6 +19,17 @@ Array = npt.NDArray[np.float64]
 
 NEAR = 0.02
 """Metres by which a measured depth may lie off the robot's own and still show it."""
+
+THROUGH = 0.05
+"""Metres behind the robot's surface from which on a camera that is where it is said to be cannot measure."""
+THROUGH_SHARE = 0.3
+"""Share of the pixels on the robot that measure behind it, from which on the camera is elsewhere."""
+THROUGH_PIXELS = 1.0 / 400.0
+"""Share of a picture that the robot must cover to tell."""
+
+
+class CameraPoseError(GenSim2Error):
+    """A camera does not see the robot where its posed meshes are: another camera, or one that was moved."""
 
 
 class OwnPoints:
@@ -67,8 +79,11 @@ class OwnPoints:
             depth: (H, W) mm.
             colors: (H, W, 3); None: there are none.
             q: (n,) all active joints when it was taken.
+
+        Raises:
+            CameraPoseError: the picture goes through the robot, so that it is not of this camera.
         """
-        metres = depth.astype(np.float32) * np.float32(1e-3)
+        metres = camera.metres(depth)
         poses = self._tree.poses(np.eye(4)[None], q[None])[0][self._shown]
         if camera.link is not None:
             T_base_link = self._profile.model.forward_kinematics(q, camera.link)
@@ -76,7 +91,24 @@ class OwnPoints:
         caster = self._casters[camera.name]
         hits = caster.cast(poses)
         own = caster.segmentation(hits.face[0])
+        _require_robot(camera, metres, hits.depth[0], own)
         return Picture(self.placed(camera, q), metres, _marked(metres, hits.depth[0], own, self._near), colors)
+
+
+def _require_robot(
+    camera: Camera, depth: npt.NDArray[np.float32], meshes: npt.NDArray[np.float32], ids: npt.NDArray[np.int16]
+) -> None:
+    """Refuse a picture that measures behind the robot where the robot is; what stands before it may hide it."""
+    covered = (ids > 0) & (depth > 0)
+    count = int(covered.sum())
+    if count < THROUGH_PIXELS * depth.size:
+        return
+    through = int((covered & (depth - meshes > THROUGH)).sum())
+    if through > THROUGH_SHARE * count:
+        raise CameraPoseError(
+            f"camera {camera.name}: {100 * through // count} % of its view of the robot goes through it: "
+            "another camera, or one that was moved"
+        )
 
 
 def _marked(

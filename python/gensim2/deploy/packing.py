@@ -26,7 +26,7 @@ def pack(plain: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """What was packed.
+    """Undo the packing.
 
     Raises:
         InputError: it was not packed so, or is damaged.

@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -19,8 +19,9 @@ from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.line import DeviceGoneError
 from gensim2.deploy.mind import Answer, Begin, MindSpec, Question, think
+from gensim2.deploy.simulated_cameras import simulated_serials
 from gensim2.errors import GenSim2Error
-from gensim2.observations import Camera
+from gensim2.observations import Camera, DepthNoise
 from gensim2.planning.scene import Scene
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
@@ -218,7 +219,7 @@ def _answer_world(pipe: Connection, world: Any, now: float) -> None:
 
 
 class ProcessTruth:
-    """What a simulated world tells from its process."""
+    """Truth of a simulated world in its own process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
@@ -253,11 +254,21 @@ class ProcessCameras:
         world: end of the pipe by which they ask for what is there.
         seed: of their noise.
         rate: pictures a second.
+        noise: on them.
     """
 
-    def __init__(self, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float) -> None:
+    def __init__(
+        self,
+        robot_name: str,
+        cameras: tuple[Camera, ...],
+        world: Connection,
+        seed: int,
+        rate: float,
+        noise: DepthNoise,
+    ) -> None:
         self.cameras = cameras
-        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate)
+        self.serials: Mapping[str, str] = simulated_serials(cameras)
+        self._process = _Process("cameras", _serve_cameras, robot_name, cameras, world, seed, rate, noise)
 
     def poll(self) -> Sequence[Frame]:
         """Pictures that came."""
@@ -273,11 +284,17 @@ class ProcessCameras:
 
 
 def _serve_cameras(
-    pipe: Connection, robot_name: str, cameras: tuple[Camera, ...], world: Connection, seed: int, rate: float
+    pipe: Connection,
+    robot_name: str,
+    cameras: tuple[Camera, ...],
+    world: Connection,
+    seed: int,
+    rate: float,
+    noise: DepthNoise,
 ) -> None:
     from gensim2.deploy.simulated_cameras import SimulatedCameras
 
-    taker = SimulatedCameras(robot(robot_name), cameras, seed)
+    taker = SimulatedCameras(robot(robot_name), cameras, seed, noise)
     due = time.monotonic()
     while True:
         while pipe.poll():

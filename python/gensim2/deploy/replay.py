@@ -1,4 +1,4 @@
-"""What a log's pictures and joints give today, against what was given to the controller then, byte for byte."""
+"""Replay of a log: observations made today against those given to the controller then, byte for byte."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Message = tuple[str, dict[str, Any], dict[str, npt.NDArray[Any]]]
 
 @dataclass(frozen=True)
 class Replay:
-    """What was compared.
+    """Result of a comparison.
 
     Attributes:
         questions: that were answered.
@@ -53,6 +53,8 @@ def camera_to_dict(camera: Camera) -> dict[str, Any]:
         "T_base_camera": camera.T_base_camera.tolist(),
         "far": camera.far,
         "link": camera.link,
+        "depth_scale": camera.depth_scale,
+        "depth_bias": camera.depth_bias,
     }
 
 
@@ -66,7 +68,15 @@ def camera_of(data: dict[str, Any]) -> Camera:
         np.array(data["T_base_camera"]),
         data["far"],
         data["link"],
+        data.get("depth_scale", 1.0),
+        data.get("depth_bias", 0.0),
     )
+
+
+def frame_of(plain: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Frame:
+    """A picture as it was logged; those of version 0.1 name no device."""
+    serial = plain.get("serial", "")
+    return Frame(plain["camera"], plain["number"], plain["captured"], arrays["depth"], arrays["colors"], serial)
 
 
 def messages(folder: Path) -> Iterator[Message]:
@@ -93,6 +103,18 @@ def messages(folder: Path) -> Iterator[Message]:
                 raise InputError(f"is damaged: {error}", file=path) from error
 
 
+def about_of(folder: Path) -> dict[str, Any]:
+    """Return the header of a log.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    for topic, plain, _ in messages(folder):
+        if topic == "/about":
+            return plain
+    raise InputError("does not say what it is about", file=folder)
+
+
 def replay(folder: Path) -> Replay:
     """Make every observation of a log anew and compare it with what was logged.
 
@@ -111,7 +133,7 @@ def replay(folder: Path) -> Replay:
                 spec = ObservationSpec.of(plain["observation"])
                 eyes = Eyes(spec, robot(plain["robot"]), cameras, plain["language"])
         elif topic.startswith("/camera/"):
-            frame = Frame(plain["camera"], plain["number"], plain["captured"], arrays["depth"], arrays["colors"])
+            frame = frame_of(plain, arrays)
             frames[frame.camera, frame.number] = frame
             frames.pop((frame.camera, frame.number - 50), None)
         elif topic == "/question":

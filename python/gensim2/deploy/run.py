@@ -14,17 +14,22 @@ import numpy as np
 
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import FORCE, JUMP, MARGIN, SPEED, ArmLimits, Array
+from gensim2.deploy.calibration.file import DAYS, calibrated, read_calibration
+from gensim2.deploy.calibration.file import serials as calibrated_serials
 from gensim2.deploy.clocks import MachineClock, SimulatedClock
 from gensim2.deploy.devices import ArmDriver, ArmState
 from gensim2.deploy.faults import Fault, FullDisk
+from gensim2.deploy.fit_noise import read_noise
 from gensim2.deploy.keys import Keys
 from gensim2.deploy.line import Journal, Line, NoJournal
 from gensim2.deploy.mind import MindSpec, looked_at
+from gensim2.deploy.remote.client import DEADLINE, RemoteController
+from gensim2.deploy.remote.protocol import is_url
 from gensim2.deploy.replay import camera_to_dict
 from gensim2.deploy.session import Devices, Session
 from gensim2.deploy.watch import Watch, WatchRules
 from gensim2.errors import InputError
-from gensim2.observations import Camera
+from gensim2.observations import Camera, DepthNoise
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.robots import robot
 from gensim2.rollout.controller import is_privileged, spec_of
@@ -54,7 +59,8 @@ class DryArm:
 def run(
     task: str,
     *,
-    policy: Path | None = None,
+    policy: Path | str | None = None,
+    deadline: float = DEADLINE,
     speed: float = SPEED,
     margin: float = MARGIN,
     force: float = FORCE,
@@ -64,6 +70,9 @@ def run(
     faults: Sequence[Fault] = (),
     pixels: tuple[int, int] = (320, 240),
     rate: float = 10.0,
+    noise: DepthNoise | str | Path = "d435",
+    calibration: Path | None = None,
+    calibration_days: float = DAYS,
     seed: int = 0,
     log: Path | None = None,
     dry: bool = False,
@@ -77,7 +86,9 @@ def run(
 
     Args:
         task: name of a library task, or a folder that holds one.
-        policy: a checkpoint; None: the plan's chain, which is shown the true scene.
+        policy: a checkpoint, or the URL of a server (``ws://host:port``); None: the plan's chain, which is shown the
+            true scene.
+        deadline: seconds within which an action must come from a server.
         speed: share of the arm's speed; control steps are stretched by as much.
         margin: rad that joints keep from the ends of their range.
         force: that may press on the arm, N.
@@ -87,6 +98,9 @@ def run(
         faults: of the simulated devices.
         pixels: width and height of the cameras' pictures.
         rate: of the cameras, pictures a second.
+        noise: of the simulated cameras: itself, ``d435``, ``white``, or a file that was fitted.
+        calibration: file that says where the cameras are; None: they are where the simulation has them.
+        calibration_days: of its age from which on it is refused.
         seed: of the scenes and of all noise.
         log: folder of the log; None: nothing is written down.
         dry: nothing is sent to the arm.
@@ -109,18 +123,27 @@ def run(
         if fault.name == "disk-full" and log is None:
             raise InputError("disk-full needs a log that can fail", field="fault", remedy="leave out --no-log")
     given = read_task_input(task, seed=seed, **scene)
-    controller = _controller(given, policy)
+    depth_noise = noise if isinstance(noise, DepthNoise) else read_noise(noise)
+    controller = _controller(given, policy, deadline)
     profile = robot(given.scene.robot)
     limits = ArmLimits.of(profile, speed=speed, margin=margin, force=force, jump=jump)
     limits.prepare()
     made = controller.make(given.spec, profile)
-    from gensim2.deploy.simulated_cameras import simulated_cameras
+    from gensim2.deploy.simulated_cameras import simulated_cameras, simulated_serials
 
     seen = spec_of(made)
     cameras = simulated_cameras(profile, *pixels)
     if seen.modalities:
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
+    if len(cameras) < 2 and any(fault.name in ("camera-swapped", "camera-mislabelled") for fault in faults):
+        raise InputError("there is one camera, and nothing to exchange it with", field="fault")
+    believed, serials = cameras, simulated_serials(cameras)
+    if calibration is not None:
+        read = read_calibration(calibration, given.scene.robot, cameras, days=calibration_days)
+        believed, serials = calibrated(cameras, read), {**serials, **calibrated_serials(read)}
     privileged = is_privileged(made)
+    if isinstance(made, RemoteController):
+        made.close()  # the controller's process connects anew
     del made
     about = {
         "task": given.spec.name,
@@ -131,7 +154,7 @@ def run(
         "margin": margin,
         "seed": seed,
         "observation": looked_at(seen, cameras).to_dict(),
-        "cameras": [camera_to_dict(camera) for camera in cameras],
+        "cameras": [camera_to_dict(camera) for camera in believed],
     }
     disk = None if log is None else FullDisk(log / ".reserve")
     with contextlib.ExitStack() as stack:
@@ -143,9 +166,9 @@ def run(
             written = Log(log, about, opener=disk.open)
             stack.callback(written.close)
             journal = written
-        spec = MindSpec(controller, given.spec, given.scene.robot, cameras)
+        spec = MindSpec(controller, given.spec, given.scene.robot, believed)
         open_devices = _local if simulated_clock else _in_processes
-        devices = open_devices(given, spec, cameras, seed, rate)
+        devices = open_devices(given, spec, cameras, seed, rate, depth_noise)
         stack.callback(devices.close)
         if rules is None:
             rules = WatchRules(behind=np.inf) if dry else WatchRules()
@@ -153,7 +176,7 @@ def run(
             Arm(DryArm(devices.arm) if dry else devices.arm, limits),
             devices.cameras,
             devices.mind,
-            Watch(rules),
+            Watch(rules, serials),
             devices.clock,
             journal,
             pace=profile.control_hz * speed,
@@ -164,33 +187,40 @@ def run(
     return session.report(about, None if log is None else log)
 
 
-def _controller(given: TaskInput, policy: Path | None) -> ControllerSpec:
+def _controller(given: TaskInput, policy: Path | str | None, deadline: float) -> ControllerSpec:
     from gensim2.rollout.worker import chain
 
     if policy is None:
         return chain(given.strategies, given.rollout)
+    if is_url(str(policy)):
+        arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": deadline}
+        return ControllerSpec("gensim2.deploy.remote.client:RemoteController", arguments)
     from gensim2.policy.evaluating import policy_controller
 
-    return policy_controller(policy)
+    return policy_controller(Path(policy))
 
 
-def _local(given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float) -> Devices:
+def _local(
+    given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float, noise: DepthNoise
+) -> Devices:
     from gensim2.deploy.local import LocalArm, LocalCameras, LocalMind
     from gensim2.deploy.simulated_cameras import SimulatedCameras
     from gensim2.deploy.simulated_world import SimulatedWorld
 
     world, clock = SimulatedWorld(given.scene), SimulatedClock()
     arm = LocalArm(world, clock)
-    seeing = LocalCameras(world, SimulatedCameras(world.profile, cameras, seed), clock, rate)
+    seeing = LocalCameras(world, SimulatedCameras(world.profile, cameras, seed, noise), clock, rate)
     return Devices(arm, seeing, LocalMind(spec, world, clock), clock)
 
 
-def _in_processes(given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float) -> Devices:
+def _in_processes(
+    given: TaskInput, spec: MindSpec, cameras: tuple[Camera, ...], seed: int, rate: float, noise: DepthNoise
+) -> Devices:
     from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
 
     preload()
     arm = ProcessArm(given.scene)
-    seeing = ProcessCameras(given.scene.robot, cameras, arm.eyes, seed, rate)
+    seeing = ProcessCameras(given.scene.robot, cameras, arm.eyes, seed, rate, noise)
     return Devices(arm, seeing, ProcessMind(spec, arm.truth), MachineClock())
 
 

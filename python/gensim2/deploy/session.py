@@ -254,7 +254,7 @@ class Session:
         self._progress.message(f"{change.state}: {change.reason}")
 
     def _resumed(self) -> bool:
-        """Whether a person resumes what is held; without one, nobody does."""
+        """Whether a person resumes what is held; without one, it stays held."""
         line = self._line
         if line.watch.state is not State.HOLDING or self._keys is None or not self._keys.is_there:
             return False
@@ -274,7 +274,7 @@ class Session:
     # ------------------------------------------------------------------ report
 
     def report(self, about: dict[str, Any], log: Path | None) -> dict[str, Any]:
-        """What came of it, as plain data."""
+        """Return the result as plain data."""
         self._count_passed()
         line, figures = self._line, self._line.figures
         halt = self._halts[-1] if self._halts else {}

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gensim2.deploy.devices import Frame
-from gensim2.deploy.simulated_world import Rows
-from gensim2.observations import Camera, DepthNoise
+from gensim2.observations import D435, Camera, CameraError, DepthNoise
 from gensim2.observations.camera import pinhole
 from gensim2.observations.cameras import FAR, observation_cameras
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import RobotProfile
 from gensim2.seeding import rng
+
+if TYPE_CHECKING:
+    from gensim2.deploy.simulated_world import Rows
 
 RATE = 10.0
 """Pictures a second of each camera."""
@@ -23,7 +26,10 @@ LATE = 0.3
 JUMP = 5.0
 """Seconds by which a clock jumps."""
 
-D435 = DepthNoise()
+
+def simulated_serials(cameras: tuple[Camera, ...]) -> dict[str, str]:
+    """Numbers of the simulated devices, by camera."""
+    return {camera.name: f"simulated-{camera.name}" for camera in cameras}
 
 
 def sized(cameras: tuple[Camera, ...], width: int, height: int) -> tuple[Camera, ...]:
@@ -60,12 +66,16 @@ class SimulatedCameras:
         profile: of the robot.
         cameras: that there are.
         seed: of their noise.
-        noise: on each picture.
+        noise: on each picture; its errors of pose, depth and clock are drawn each episode, and nothing is told of them.
     """
 
     def __init__(self, profile: RobotProfile, cameras: tuple[Camera, ...], seed: int, noise: DepthNoise = D435) -> None:
         self.profile, self.cameras, self._noise = profile, cameras, noise
-        self._draw = rng(seed, "simulated cameras")
+        self.serials = simulated_serials(cameras)
+        self._seed, self._draw = seed, rng(seed, "simulated cameras")
+        self._errors: dict[str, CameraError] = {}
+        self._late = 0.0
+        self._drawn = noise
         self._episode = -1
         self._scene: RaycastScene | None = None
         self._numbers = dict.fromkeys((camera.name for camera in cameras), 0)
@@ -75,11 +85,19 @@ class SimulatedCameras:
 
     def prepare(self, models: Mapping[str, object], episode: int) -> None:
         """Build what rays meet in an episode."""
-        self._scene = RaycastScene(self.profile, models, self.cameras)  # type: ignore[arg-type]
+        draw = rng(self._seed, "errors of simulated cameras", episode)
+        self._drawn = self._noise.drawn(draw)
+        self._late = self._noise.time * float(draw.standard_normal())
+        self._errors = {camera.name: self._noise.error(draw) for camera in self.cameras}
+        true = [
+            replace(camera, T_base_camera=camera.T_base_camera @ np.linalg.inv(self._errors[camera.name].T))
+            for camera in self.cameras
+        ]
+        self._scene = RaycastScene(self.profile, models, true)  # type: ignore[arg-type]
         self._episode = episode
 
     def take(self, rows: Rows) -> list[Frame]:
-        """Pictures of one instant, as they come: a fault concerns the first camera."""
+        """Pictures of one instant, as they come: a fault concerns the first camera, or the first two."""
         if rows.episode != self._episode:
             self.prepare(rows.models, rows.episode)
         scene = self._scene
@@ -88,17 +106,30 @@ class SimulatedCameras:
         views = scene.see(scene.poses(rows.states)[0], {link: pose for link, pose in links.items() if link is not None})
         found = []
         for camera, view in zip(self.cameras, views, strict=True):
-            depth = self._noise.on(view.depth, self._draw)
+            colors = view.colors_at(np.arange(camera.width * camera.height)).reshape(camera.height, camera.width, 3)
+            depth = self._drawn.on(view.depth, self._draw, colors, float(camera.intrinsic[1, 1]))
+            depth = self._errors[camera.name].on(depth)
             frame = Frame(
                 camera.name,
                 self._numbers[camera.name],
-                rows.time,
+                rows.time + self._late,
                 np.rint(1000.0 * depth).clip(0, 65535).astype(np.uint16),
-                view.colors_at(np.arange(camera.width * camera.height)).reshape(camera.height, camera.width, 3),
+                colors,
+                self.serials[camera.name],
             )
             self._numbers[camera.name] += 1
             found.append(frame)
+        if self.faults & {"camera-swapped", "camera-mislabelled"}:
+            found[:2] = self._exchanged(*found[:2])
         return [each for frame in found for each in self._faulty(frame)]
+
+    def _exchanged(self, one: Frame, other: Frame) -> tuple[Frame, Frame]:
+        """Each under the other's name; the devices' numbers go with them, unless they lie."""
+        lie = "camera-mislabelled" in self.faults
+        return tuple(
+            replace(theirs, camera=own.camera, number=own.number, serial=own.serial if lie else theirs.serial)
+            for own, theirs in ((one, other), (other, one))
+        )  # type: ignore[return-value]
 
     def _faulty(self, frame: Frame) -> list[Frame]:
         if frame.camera != self.cameras[0].name:
@@ -109,7 +140,10 @@ class SimulatedCameras:
         if "camera-frozen" in self.faults:
             return [replace(frame, depth=last.depth, colors=last.colors)]
         if "camera-torn" in self.faults:
-            return [replace(frame, depth=frame.depth[: frame.depth.shape[0] // 2])]
+            torn, self._last[frame.camera] = frame.depth.copy(), frame
+            half = len(torn) // 2
+            torn[half:] = last.depth[half:]  # what had come of it when the buffer was read
+            return [replace(frame, depth=torn)]
         if "camera-clock" in self.faults:
             return [replace(frame, captured=frame.captured - JUMP)]
         if "camera-late" in self.faults:

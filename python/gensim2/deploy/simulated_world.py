@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gensim2.deploy.arm_limits import CYCLE, Array
-from gensim2.deploy.devices import ArmState
+from gensim2.deploy.devices import ArmMode, ArmState
 from gensim2.objects import ObjectModel
 from gensim2.planning.scene import Scene
 from gensim2.robots import OPEN
@@ -24,11 +24,13 @@ FORCE_CYCLES = 5
 """Over which the force is the mean: contacts of a simulation are impulses."""
 LAG = 0.4
 """Seconds by which an arm lags that is told to."""
+_MODES: Mapping[str, ArmMode] = {"arm-reflex": "reflex", "arm-refusing": "refusing", "arm-at-limit": "at-limit"}
+"""Mode that an arm reports under each fault."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What simulated cameras see of one instant.
+    """State rows of one instant, for simulated cameras.
 
     Attributes:
         time: s.
@@ -86,17 +88,17 @@ class SimulatedWorld:
 
     def advance(self, now: float) -> None:
         """One cycle, until ``now`` (s)."""
-        if "arm-reflex" in self.faults and not self._stopped:
+        mode: ArmMode = next((said for fault, said in _MODES.items() if fault in self.faults), "ready")
+        if mode in ("reflex", "at-limit") and not self._stopped:
             self.stand()
         while self._waiting and self._waiting[0][0] <= now:
             _, action = self._waiting.popleft()
-            if not self._stopped:
+            if not self._stopped and mode != "refusing":
                 self._action = action
         self._env.substep(self._action)
         self._pressed.append(self._env.pressing_force())
         force = sum(self._pressed) / len(self._pressed)
-        mode = "reflex" if "arm-reflex" in self.faults else "ready"
-        self._said.append(ArmState(now, self._env.q, self._env.qvel, force, mode))  # type: ignore[arg-type]
+        self._said.append(ArmState(now, self._env.q, self._env.qvel, force, mode))
 
     def said(self, now: float) -> list[ArmState]:
         """States that have come by now."""

@@ -37,7 +37,7 @@ class Commands:
         return Commands(*(np.empty((0, size)) for _ in range(3)))
 
     def after(self, count: int) -> Commands:
-        """What follows the first so many."""
+        """Return the commands after the first so many."""
         return Commands(self.q[count:], self.v[count:], self.a[count:])
 
 

@@ -1,23 +1,27 @@
-"""Who may move the arm, and what takes it away: idle, armed, running, holding, stopped.
+"""Supervision of the arm, as a state machine: idle, armed, running, holding, stopped.
 
 A software stop, not safety-rated: docs/robot.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
+import numpy.typing as npt
 
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.limits import Sent
 from gensim2.errors import GenSim2Error
 
+TOLD_APART = 48
+"""Measurements in a row of a picture from which on noise does not repeat it."""
+
 
 class State(StrEnum):
-    """What a watch lets happen."""
+    """State of a watch."""
 
     IDLE = "idle"
     ARMED = "armed"
@@ -27,18 +31,18 @@ class State(StrEnum):
 
 
 class StateError(GenSim2Error):
-    """What was asked for cannot follow from the state that there is."""
+    """Transition that the present state does not allow."""
 
 
 @dataclass(frozen=True)
 class WatchRules:
-    """What the watch bears; seconds.
+    """Tolerances of the watch; seconds.
 
     Attributes:
         frame_age: of a picture that is used.
         apart: between the newest pictures of two cameras.
-        no_action: from a question to the controller to its answer while the arm moves.
-        thinking: the same while it stands.
+        no_action: from a question to the controller to its answer, where the arm moves in between.
+        thinking: the same where it stands all the while.
         state_age: of the arm's last word.
         behind: rad (m) by which the arm may lie off every command of the last ``window``, unless it is pressed on:
             what blocks it is judged by the force.
@@ -62,11 +66,19 @@ class WatchRules:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of state: when (s), to which, and why."""
+    """A change of state.
+
+    Attributes:
+        time: s.
+        state: that follows.
+        reason: why, for people.
+        at_once: the arm stops by its own means; commands of a checked stop would come too late or are not taken.
+    """
 
     time: float
     state: State
     reason: str
+    at_once: bool = False
 
 
 @dataclass
@@ -74,9 +86,14 @@ class Watch:
     """The state machine. It is told what happens and says what state follows; it moves nothing itself.
 
     Only a person resumes, and only what is held; what is stopped is begun anew.
+
+    Attributes:
+        rules: what it bears.
+        serials: number of the device that each camera is, by its name.
     """
 
     rules: WatchRules = field(default_factory=WatchRules)
+    serials: Mapping[str, str] = field(default_factory=dict)
     state: State = State.IDLE
     reason: str = ""
     changes: list[Change] = field(default_factory=list)
@@ -92,6 +109,7 @@ class Watch:
     def _forget_motion(self) -> None:
         self._commands: list[tuple[float, Sent]] = []
         self._asked: float | None = None
+        self._moved_since = False
         self._overruns = 0
 
     # ------------------------------------------------------------- transitions
@@ -116,10 +134,15 @@ class Watch:
         if self.state in (State.ARMED, State.RUNNING):
             self._change(now, State.HOLDING, reason)
 
-    def stop(self, now: float, reason: str) -> None:
-        """Stop, whatever there was before."""
+    def stop(self, now: float, reason: str, *, at_once: bool = False) -> None:
+        """Stop, whatever there was before; ``at_once`` by the arm's own means."""
         if self.state is not State.STOPPED:
-            self._change(now, State.STOPPED, reason)
+            self._change(now, State.STOPPED, reason, at_once)
+
+    @property
+    def stops_at_once(self) -> bool:
+        """Whether the arm is to stop by its own means."""
+        return self.state is State.STOPPED and self.changes[-1].at_once
 
     def resume(self, now: float, person: str) -> None:
         """Go on after a hold.
@@ -128,7 +151,7 @@ class Watch:
             person: who says so.
 
         Raises:
-            StateError: nothing is held, or nobody says so.
+            StateError: nothing is held, or no person resumes it.
         """
         self._require(State.HOLDING)
         if not person:
@@ -140,14 +163,20 @@ class Watch:
         if self.state not in states:
             raise StateError(f"is {self.state}, must be {' or '.join(states)}")
 
-    def _change(self, now: float, state: State, reason: str) -> None:
+    def _change(self, now: float, state: State, reason: str, at_once: bool = False) -> None:
         self.state, self.reason = state, reason
-        self.changes.append(Change(now, state, reason))
+        self.changes.append(Change(now, state, reason, at_once))
 
     # ------------------------------------------------------------ what is seen
 
     def saw_frame(self, frame: Frame, now: float) -> None:
-        """A picture came; the same one twice in a row is frozen: no camera is without noise."""
+        """A picture came.
+
+        No camera is without noise: the same picture twice is frozen, and one with rows of the picture before is torn.
+        """
+        expected = self.serials.get(frame.camera)
+        if expected is not None and frame.serial != expected:
+            self.hold(now, f"camera {frame.camera}: the picture is of the device {frame.serial!r}, not {expected!r}")
         before = self._frames.get(frame.camera)
         if before is not None:
             if frame.captured < before.captured or frame.captured > now + self.rules.apart:
@@ -156,12 +185,18 @@ class Watch:
                 self.hold(now, f"camera {frame.camera}: the picture is frozen")
             elif frame.depth.shape != before.depth.shape:
                 self.hold(now, f"camera {frame.camera}: the picture has another size")
+            elif (rows := _repeated_rows(frame.depth, before.depth)) > 0:
+                self.hold(now, f"camera {frame.camera}: the picture is torn, {rows} rows are of the one before")
         self._frames[frame.camera] = frame
 
     def saw_arm(self, state: ArmState, now: float) -> None:
         """The arm said where it stands."""
         if state.mode == "reflex":
-            self.stop(now, "the arm has stopped by itself: reflex")
+            self.stop(now, "the arm has stopped by itself: reflex", at_once=True)
+        elif state.mode == "refusing":
+            self.stop(now, "the arm refuses commands", at_once=True)
+        elif state.mode == "at-limit":
+            self.hold(now, "the arm is at a limit of its own")
         if not (np.isfinite(state.q).all() and np.isfinite(state.v).all()):
             self.stop(now, "the arm says where it stands in no numbers")
 
@@ -173,7 +208,7 @@ class Watch:
     def asked(self, now: float) -> None:
         """The controller was asked."""
         if self._asked is None:
-            self._asked = now
+            self._asked, self._moved_since = now, False
 
     def answered(self) -> None:
         """It has answered."""
@@ -200,7 +235,10 @@ class Watch:
                 return
             times.append(frame.captured)
         if times and max(times) - min(times) > self.rules.apart:
-            self.hold(now, f"pictures are {1e3 * (max(times) - min(times)):.0f} ms apart")
+            behind = cameras[times.index(min(times))]
+            self.hold(
+                now, f"camera {behind}: its picture is {1e3 * (max(times) - min(times)):.0f} ms behind the others"
+            )
 
     def check_arm(self, state: ArmState | None, arm: np.ndarray | None, now: float) -> None:
         """Hold where the arm is silent, or is not where it was sent.
@@ -223,6 +261,14 @@ class Watch:
         """Hold where the controller has not answered in time."""
         if self._asked is None or self.state is not State.RUNNING:
             return
+        # A motion that ran out of actions has come to rest by itself: it was cut short all the same.
+        self._moved_since |= moves
         waited = now - self._asked
-        if waited > (self.rules.no_action if moves else self.rules.thinking):
+        if waited > (self.rules.no_action if self._moved_since else self.rules.thinking):
             self.hold(now, f"no action from the controller for {1e3 * waited:.0f} ms")
+
+
+def _repeated_rows(depth: npt.NDArray[np.uint16], before: npt.NDArray[np.uint16]) -> int:
+    """Rows that hold enough measurements to be told apart by their noise, and are those of the picture before."""
+    told = np.count_nonzero(depth, axis=1) >= TOLD_APART
+    return int((told & (depth == before).all(axis=1)).sum())

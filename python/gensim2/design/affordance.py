@@ -1,4 +1,4 @@
-"""What a designer is told of a class of objects: no simulator, no geometry beyond what it needs."""
+"""Affordances of a class of objects, for designers: no simulator, no geometry beyond what it needs."""
 
 from __future__ import annotations
 

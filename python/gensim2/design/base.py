@@ -49,7 +49,7 @@ class Known:
     Attributes:
         task: its spec.
         strategies: how its steps are done, by name.
-        held, episodes: of its last verification; zero where nobody says.
+        held, episodes: of its last verification; zero where it is unknown.
     """
 
     task: TaskSpec
@@ -75,7 +75,7 @@ class Brief:
     familiar: Sequence[TaskSpec] = ()
 
     def of(self, task: TaskSpec) -> dict[str, Affordance]:
-        """What is known of each object of a task, by its name in the task."""
+        """Return the affordance of each object of a task, by its name in the task."""
         return {name: self.classes[thing.asset_class] for name, thing in task.objects.items()}
 
 
@@ -106,7 +106,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class StageResult:
-    """How a candidate fared in one stage of the search.
+    """Result of a candidate in one stage of the search.
 
     Attributes:
         name: of the stage.
@@ -149,17 +149,17 @@ class CandidateResult:
 
     @property
     def held(self) -> float:
-        """How many of them held."""
+        """Number of them that held."""
         return sum(stage.score * stage.trials for stage in self._physics)
 
     @property
     def strict(self) -> float:
-        """How many of them meet the strict verdict."""
+        """Number of them that meet the strict verdict."""
         return sum(stage.strict * stage.trials for stage in self._physics)
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """What went wrong in the last stage in which anything did."""
+        """Diagnoses of the last stage that had any."""
         return next((stage.diagnoses for stage in reversed(self.stages) if stage.diagnoses), ())
 
     @property

@@ -1,4 +1,4 @@
-"""What a designer is told of a library and of the robot."""
+"""Brief for designers about a library and the robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AFFORDANCE_INSTANCES = 3
 
 
 def robot_summary(name: str) -> RobotSummary:
-    """What a designer is told of a robot."""
+    """Return the part of a brief about a robot."""
     profile = robot(name)
     x, y, _ = profile.base_position
     return RobotSummary(
@@ -34,7 +34,7 @@ def robot_summary(name: str) -> RobotSummary:
 
 
 class Classes(Mapping[str, Affordance]):
-    """What each class of a library affords, articulated ones first, in a seeded order; read when it is asked for.
+    """Lazy mapping from the classes of a library to their affordances, articulated ones first, in a seeded order.
 
     Args:
         library: of the objects.
@@ -74,7 +74,7 @@ class Classes(Mapping[str, Affordance]):
         return self._read[name]
 
     def _affordance(self, name: str) -> Affordance:
-        """What a few instances have in common, of those that a search may see.
+        """Return the affordance that a few instances share, of those that a search may see.
 
         Raises:
             InputError: none of them can be used.

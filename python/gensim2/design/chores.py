@@ -24,7 +24,7 @@ ASIDE = (-0.12, -0.22)
 
 
 def again(brief: Brief) -> Iterator[Draft]:
-    """What is switched on and off, and what is opened for a look."""
+    """Draft tasks that switch something on and off, or open it for a look."""
     for each in to_and_fro():
         if each.asset_class not in brief.classes or not all(is_known(brief, each.asset_class, end) for end in ENDS):
             continue
@@ -103,7 +103,7 @@ def _pair(purpose: Purpose, first: Piece, second: Piece) -> Draft:
 
 
 def _both(first: Piece, second: Piece) -> str:
-    """What is done to both in one phrase, its verb said once where it is the same."""
+    """Return one phrase for two actions, a shared verb said once."""
     said = [piece.known.task.description for piece in (first, second)]
     parts = [
         sentence.partition(f" the {noun(piece.asset_class)}")

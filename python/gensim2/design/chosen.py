@@ -1,4 +1,4 @@
-"""A designer whose proposals somebody chooses among: a person who is asked, or a wish for one class of objects."""
+"""A designer whose proposals are chosen among: by a person who is asked, or a wish for one class of objects."""
 
 from __future__ import annotations
 

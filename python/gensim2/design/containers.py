@@ -194,7 +194,7 @@ def _support_for(thing: Affordance, number: int) -> str:
 
 
 def _about(openness: tuple[float, float] | None = None) -> Randomization:
-    """Where a container stands; ``openness``: mean and spread, else its own."""
+    """Return the ranges of a container's pose; ``openness`` gives mean and spread, None takes the object's own."""
     if openness is None:
         return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05))
     return Randomization(x=(-0.05, 0.05), y=(0.0, 0.05), openness_mean=openness[0], openness_spread=openness[1])

@@ -1,4 +1,4 @@
-"""Who designs: the offline designer or a language model, as a caller asks for it."""
+"""Choice of the designer: offline, or a language model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def offline_designer(
     Args:
         mode: ``"explore"``: tasks of one step; ``"bottomup"``: of several; None: any.
         target_object: class that tasks are to be about; None: any.
-        review: asked of every proposal; None: nobody is.
+        review: asked of every proposal; None: no one is asked.
     """
     designer: Designer = OfflineDesigner()
     if mode is not None:
@@ -62,7 +62,7 @@ def model_designer(
         record: folder that gets every answer, for a replay.
         replay: folder that all answers come from; no model is asked. It says which model, and ``asking``.
         config: YAML file with fields of :class:`~gensim2.design.llm.ModelOptions`.
-        review: asked of every proposal; None: nobody is.
+        review: asked of every proposal; None: no one is asked.
         **options: fields of :class:`~gensim2.design.llm.ModelOptions`, which go before the file's; None: not given.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What went wrong, in words that a designer can act on: which constraint, by how much, what was hit, what slipped."""
+"""Diagnoses of failures that a designer can act on: which constraint, by how much, what was hit, what slipped."""
 
 from __future__ import annotations
 

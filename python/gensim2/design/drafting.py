@@ -85,7 +85,7 @@ Family = Callable[[Brief], Iterator[Draft]]
 
 
 def chains(task: TaskSpec) -> list[str]:
-    """What stands in the way of a chain of steps: conditions that a step needs and those before it do not leave."""
+    """List the preconditions that steps of a chain need and the steps before them do not establish."""
     held: str | None = None
     openness: dict[str, str] = {}
     wrong = []

@@ -38,7 +38,7 @@ REPORT_EVERY = 60.0
 
 @dataclass(frozen=True)
 class Wanted:
-    """How many tasks a run is to keep.
+    """Number of tasks that a run is to keep.
 
     Attributes:
         total: of any kind.
@@ -57,7 +57,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Extent:
-    """What is done with each task.
+    """Extent of the work on each task.
 
     Attributes:
         verify: fresh episodes of the verification.
@@ -153,6 +153,7 @@ class Execution:
     def _designed(self, task: TaskSpec) -> str | None:
         """Take one proposal as far as it goes; why it was not designed, or None."""
         # Here: it brings SciPy, which refusing arguments needs not.
+        from gensim2.scenes.goal import GoalError
         from gensim2.scenes.initial_state import PlacementError
 
         folder = self.folder.task(task.name)
@@ -170,7 +171,7 @@ class Execution:
             outcome = self._tested(task, strategies, folder)
         except Declined as declined:
             return self._rejected(task, folder, str(declined))
-        except PlacementError as error:  # the proposal's fault, which ends no run
+        except (PlacementError, GoalError) as error:  # the proposal's fault, which ends no run
             return self._rejected(task, folder, error.message)
         effort = replace(effort, cpu_s=self.evaluator.cpu_s - begin - outcome.cpu_s)
         self._outcomes[-1] = replace(outcome, effort=effort)

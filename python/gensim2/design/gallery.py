@@ -21,7 +21,7 @@ INDEX = "index.html"
 
 @dataclass(frozen=True)
 class TasksGallery:
-    """What ``tasks_gallery`` left behind.
+    """Result of ``tasks_gallery``.
 
     Attributes:
         index: the page.

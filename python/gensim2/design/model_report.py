@@ -1,4 +1,4 @@
-"""What a report says of a language model: every question and answer of a task, and what they cost."""
+"""Part of a report about a language model: every question and answer of a task, and what they cost."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ class OfflineDesigner:
 
     @staticmethod
     def _ways(task: TaskSpec, step: Step, brief: Brief) -> Strategies:
-        """What is known of how to do one step of a long task."""
+        """Return known strategies for one step of a long task."""
         things = brief.of(task)
         thing = things[step.object]
         if step.tool == HAND and thing.kind == "rigid":

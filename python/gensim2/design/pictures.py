@@ -1,4 +1,4 @@
-"""Pictures that go along with what a designer is told; drawn when somebody looks at them."""
+"""Pictures that go along with what a designer is told; drawn when they are first read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of one joint, as pieces that long tasks are made of."""
+"""Known tasks of one joint, as pieces of long tasks."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def is_known(brief: Brief, asset_class: str, goal: str) -> bool:
 
 
 def piece_ways(brief: Brief, asset_class: str, goal: str) -> Strategies:
-    """How a known task brings a joint to ``goal``, its strategies under telling names; empty where none is known."""
+    """Return the strategies by which a known task brings a joint to ``goal``, under telling names; empty where none is
+    known."""
     for known in brief.known:
         if joint_goal(known.task) == (asset_class, goal):
             wanted = known.task.steps[0].strategies

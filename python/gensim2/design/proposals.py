@@ -69,7 +69,7 @@ def goal_of(task: TaskSpec) -> str:
 def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
     """Return the task of bringing an object of this class to ``goal``: one object, one step, in people's words."""
     phrase = phrase_of(thing, goal)
-    assert phrase is not None, f"nobody asks for {thing.asset_class} to be {goal}"
+    assert phrase is not None, f"no phrase asks for {thing.asset_class} to be {goal}"
     role = role_of(phrase.noun)
     return TaskSpec(
         name=phrase.name,
@@ -85,14 +85,14 @@ def spec(thing: Affordance, goal: Goal, origin: str = "offline") -> TaskSpec:
 
 
 def phrase_of(thing: Affordance, goal: Goal) -> Phrase | None:
-    """How a person asks for it; None where nobody does."""
+    """Return the phrase by which a person asks for it; None where there is none."""
     if goal in ("half_open", "half_closed"):
         return halfway(thing.asset_class, goal)
     return words(thing.asset_class, goal, thing.joint_type or "revolute")  # type: ignore[arg-type]
 
 
 def criterion_of(role: str, goal: Goal) -> Criterion:
-    """What must hold of an object when its joint is brought to ``goal``."""
+    """Return the criterion of an object whose joint is brought to ``goal``."""
     if goal == "articulated_open":
         return ArticulatedOpen(object=role)
     return ArticulatedClosed(object=role) if goal == "articulated_closed" else ArticulatedBetween(object=role)
@@ -132,7 +132,7 @@ def lift(thing: Affordance, origin: str = "offline") -> TaskSpec:
 
 
 def hand_over(thing: Affordance, direction: Direction, origin: str = "offline") -> TaskSpec:
-    """Return the task of holding a rigid object out to somebody."""
+    """Return the task of handing over a rigid object."""
     role = role_of(thing.noun)
     name, sentence, at = HANDING[direction]
     about = Randomization(x=(-0.05, 0.05), y=(-0.05, 0.05))

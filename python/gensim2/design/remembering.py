@@ -1,4 +1,4 @@
-"""What a run kept goes into the user's library: ``gensim2 tasks add``, and ``gensim2 run-pipeline`` at its end."""
+"""Import of a run's kept tasks into the user's library: ``gensim2 tasks add``, and the end of ``run-pipeline``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gensim2.tasks.spec import Verified
 
 @dataclass(frozen=True)
 class Remembered:
-    """What became of the tasks that a run kept.
+    """Outcome for the tasks that a run kept.
 
     Attributes:
         library: folder of the library; None: there is none.
@@ -38,7 +38,7 @@ class Remembered:
 
 
 def verified(verification: Verification, seed: int) -> Verified:
-    """What the episodes of a verification add up to, as part of a task's provenance.
+    """Summarise the episodes of a verification, as part of a task's provenance.
 
     Args:
         verification: of the task.

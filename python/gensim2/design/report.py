@@ -125,11 +125,12 @@ def _verification(verification: Verification | None, spec: TaskSpec | None) -> d
         "threshold": verification.threshold,
         "rate": verification.rate,
         "seen": verification.instances == "all",
+        "instances": sum(Tally.of(verification.episodes).objects.values()),
     }
 
 
 def _figures(episodes: Sequence[Episode], spec: TaskSpec | None) -> dict[str, Any]:
-    """What a page says of episodes: verdicts with their intervals, causes, objects, steps."""
+    """Return the figures of episodes for a page: verdicts with their intervals, causes, objects, steps."""
     tally = Tally.of(episodes)
     names = [step.name for step in spec.steps] if spec is not None else []
     return {

@@ -37,7 +37,7 @@ LEADERS = 1.96
 
 
 class Evaluator(Protocol):
-    """What the search asks of the simulator; the same interface serves one process or many."""
+    """Interface of the search to the simulator; the same interface serves one process or many."""
 
     def screen(
         self, config: EpisodeConfig, candidates: Sequence[StepStrategies], seeds: Sequence[int]
@@ -52,7 +52,7 @@ class Evaluator(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How much the search may spend; all of it in counts, none in seconds.
+    """Budget of the search; all of it in counts, none in seconds.
 
     Attributes:
         screen_scenes: scenes on which every candidate is planned.
@@ -280,7 +280,7 @@ def _is_tied(result: CandidateResult, best: CandidateResult, errors: float = 1.0
 
 
 def _compared(standing: Sequence[CandidateResult]) -> str:
-    """Who won, by how much, and who is as good, in one sentence."""
+    """Describe in one sentence the winner, its lead and its equals."""
     best = standing[0]
     low, high = interval(round(best.held), best.episodes)
     equal = [other for other in standing[1:] if other.episodes and _is_tied(other, best, LEADERS)]

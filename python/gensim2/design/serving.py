@@ -98,7 +98,7 @@ def into_it(support: Affordance) -> str:
 
 
 def fits(brief: Brief, support: Affordance) -> list[Affordance]:
-    """What people put there, as far as a hand can hold it."""
+    """Return the objects that people put there and a hand can hold."""
     found = [brief.classes[name] for name in belongs(support.asset_class) if name in brief.classes]
     return [thing for thing in found if holdable(thing, brief.settings.stroke)]
 

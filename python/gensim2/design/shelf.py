@@ -23,11 +23,11 @@ VIDEO, STILL = "video.mp4", "still.webp"
 STRIDE = 4
 """Control steps from one frame to the next: without a GPU a picture takes a tenth of a second."""
 SPEED = 2
-"""How much faster than real time films play."""
+"""Speed of films relative to real time."""
 
 
 class Shelf:
-    """What is there of one task of a gallery, and what is to come.
+    """Pictures of one task of a gallery, present and planned.
 
     Args:
         given: the task.

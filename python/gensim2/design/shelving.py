@@ -1,4 +1,4 @@
-"""What a run designed and kept, as a shelf of the package: ``gensim2/tasks/designed``."""
+"""Designed and kept tasks of a run, as a shelf of the package: ``gensim2/tasks/designed``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MADE_JSON = "made.json"
 
 @dataclass(frozen=True)
 class Shelved:
-    """What became of the tasks that a run kept.
+    """Outcome for the tasks that a run kept.
 
     Attributes:
         tasks: names of those that are on the shelf.
@@ -90,7 +90,7 @@ def shelve(run: Path, shelf: Path) -> Shelved:
 
 
 def _made(record: RunRecord) -> dict[str, Any]:
-    """How the run went: what was asked for, what it took."""
+    """Return the record of a run: its arguments and its cost."""
     asked = {name: record.arguments[name] for name in ("single", "long", "verify", "from_empty", "seed", "assets")}
     return {
         "schema_version": 1,

@@ -17,7 +17,7 @@ from gensim2.rollout.tally import Tally
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What ``demo`` leaves.
+    """Result of ``demo``.
 
     Attributes:
         name: of the task.

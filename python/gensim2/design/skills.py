@@ -1,4 +1,4 @@
-"""What the offline designer knows of how things are done: rules over joints, grasps and places, none per class.
+"""Skills of the offline designer: rules over joints, grasps and places, none per class.
 
 Many lie in the library of shared ways (``gensim2/tasks/library/strategies``), written in the joint's own frame; places
 in containers, on plates and in bowls are worked out from sizes. A step is given several, in order of preference: which
@@ -132,7 +132,7 @@ def places_on(support: Affordance, thing: Affordance) -> Strategies:
 
 
 def hand_overs(thing: Affordance, direction: str) -> Strategies:
-    """Ways to hold something round out to somebody: it is held from above, lifted, and carried a little way."""
+    """Ways to hand over something round: it is held from above, lifted, and carried a little way."""
     found: Strategies = {}
     for depth in _DEPTHS:
         height = max(0.0, thing.size[2] / 2 - depth)

@@ -74,7 +74,7 @@ _CAUSES: dict[str, Cause] = {cause.value: cause for cause in Cause}
 
 @dataclass(frozen=True)
 class Evidence:
-    """What trials of one alignment say of one question.
+    """Outcomes of trials of one alignment, for one question.
 
     Attributes:
         question: which.
@@ -116,7 +116,7 @@ def draw(
 
 
 def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, CandidateResult]]) -> Array:
-    """How likely each of ``pool`` is to get three times yes, (N,)."""
+    """Estimate the probability, (N,), that each of ``pool`` gets three times yes."""
     likeness = _Likeness(pool)
     yes: dict[Question, Array] = {question: np.full(len(pool), PRIOR * PRIOR_TRIALS) for question in _YES}
     trials: dict[Question, Array] = {question: np.full(len(pool), PRIOR_TRIALS) for question in _YES}
@@ -129,7 +129,7 @@ def estimates(pool: Sequence[Manipulation], tried: Sequence[tuple[Manipulation, 
 
 
 def evidence(result: CandidateResult) -> Iterator[Evidence]:
-    """What the stages of a candidate say of the three questions."""
+    """Yield the evidence of a candidate's stages for the three questions."""
     for stage in result.stages:
         failed = [(each, each.count / stage.trials) for each in stage.diagnoses]
         no: dict[Question, float] = {"reach": 0.0, "follow": 0.0, "effect": 0.0}
@@ -158,7 +158,8 @@ def blamed(diagnosis: Diagnosis) -> tuple[Question, tuple[Part, ...]]:
 
 
 def _hit(plan: Mapping[str, Any]) -> tuple[Part, ...]:
-    """What else has to be alike for the same to be hit: nothing for the table, the contact for a part of the object."""
+    """Return the other parts that must be alike for the same thing to be hit: nothing for the table, the contact for a
+    part of the object."""
     bodies = [str(each["bodies"][1]) for each in plan.get("collisions", ())]
     return () if not bodies or "table" in bodies else ("offset",)
 
@@ -178,7 +179,7 @@ def _answered(stage: StageResult, no: Mapping[Question, float]) -> Iterator[Evid
 
 
 class _Likeness:
-    """How much alike alignments are, from 0 to 1, part by part.
+    """Similarity of alignments, from 0 to 1, part by part.
 
     Args:
         pool: those that are compared with.

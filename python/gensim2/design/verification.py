@@ -19,7 +19,7 @@ from gensim2.tasks.strategies import Strategies
 #: Share of fresh episodes that must hold for a task to be kept: of one step, of several.
 KEEP_THRESHOLD, KEEP_LONG = 0.8, 0.6
 
-#: Fresh episodes of a verification where nobody says how many.
+#: Fresh episodes of a verification by default.
 VERIFY_EPISODES = 20
 
 #: Episodes after which it is looked at whether the threshold can still be reached.

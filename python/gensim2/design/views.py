@@ -1,4 +1,4 @@
-"""What a language model is shown: an object with its keypoints, and the arm at an actuation pose in a scene.
+"""Pictures for a language model: an object with its keypoints, and the arm at an actuation pose in a scene.
 
 Pictures are drawn in a process of their own, when a model is really asked: the first takes half a minute on a software
 driver, and a driver that crashes takes its process with it.
@@ -169,7 +169,7 @@ def _axes(draw: ImageDraw, size: tuple[int, int], T_world_frame: Any, name: str)
 
 
 def _pixel(point: Any, size: tuple[int, int]) -> tuple[float, float]:
-    """Where a point (3,) in the world is seen."""
+    """Return the pixel of a point (3,) in the world."""
     eye, target = np.array(EYE), np.array(TARGET)
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])

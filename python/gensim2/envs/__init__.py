@@ -7,8 +7,8 @@ env = gym.make("GenSim2-OpenDrawer-v1")
 
 from __future__ import annotations
 
-from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, register_all
+from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, make_vec_env, register_all
 
-__all__ = ["TASK_ENV_ID", "env_id", "make_env", "register_all"]
+__all__ = ["TASK_ENV_ID", "env_id", "make_env", "make_vec_env", "register_all"]
 
 register_all()

@@ -34,12 +34,12 @@ class TaskRow:
 
     @property
     def type(self) -> TaskType:
-        """What the paper calls it."""
+        """Type of the task in the paper's terms."""
         return "single-step" if self.task.is_single_step else "long-horizon"
 
     @property
     def seen(self) -> Literal["train", "all"] | None:
-        """Instances that its strategies were made on; ``"all"`` where one was; None where nobody says."""
+        """Instances that its strategies were made on; ``"all"`` where one was; None where it is unknown."""
         made = self.task.provenance.strategies.values() if self.task.provenance is not None else ()
         found = {each.seen for each in made}
         return "all" if "all" in found else "train" if found else None

@@ -182,7 +182,7 @@ def evaluate(
 
 
 def _about(spec: ControllerSpec, given: TaskInput, data: Path | None) -> dict[str, Any]:
-    """What is said of a controller, which is made once before anything starts.
+    """Describe a controller, which is made once before anything starts.
 
     Raises:
         InputError: it cannot be made, or looks at something else than its data.

@@ -62,7 +62,12 @@ def rows_of(path: Path) -> list[Figure]:
             message = f"{task.name} has {len(task.records)} episodes, not {given.runs} x {given.episodes}"
             raise InputError(message, file=path, field="tasks", remedy=_REMEDY)
         rows.append(_row(task, Condition(**condition), given, document.provenance))
-    return rows
+    if document.provenance is None or not rows:
+        return rows
+    # The command without the folders of whoever ran it.
+    command = " ".join(("gensim2", *command_of(rows, "OBJECTS")))
+    source = document.provenance.model_copy(update={"command": command})
+    return [row.model_copy(update={"source": source}) for row in rows]
 
 
 def _row(task: _Row, condition: Condition, given: _Arguments, source: Source | None) -> Figure:

@@ -37,7 +37,7 @@ DOT = 2
 
 
 def film_path(folder: Path, index: int) -> Path:
-    """Where the film of an episode lies in its task's folder."""
+    """Return the path of an episode's film in its task's folder."""
     return folder / f"video_{index:06d}.mp4"
 
 
@@ -75,9 +75,7 @@ def _frames(
     recording: Recording, scene: SceneConfig, profile: RobotProfile, spec: ObservationSpec, stride: int
 ) -> Iterator[Frame]:
     objects = objects_of(scene, recording.instances)
-    turn, base = profile.T_world_base[:3, :3].T, np.array(profile.base_position)
-    place, target = turn @ (EYE - base), turn @ (TARGET - base)
-    camera = Camera.looking("film", place, target, width=SIZE, height=SIZE, fov=FIELD_OF_VIEW)
+    camera = film_camera(profile)
     solid = RaycastScene(profile, objects, [camera])
     sees = "pointcloud" in spec.modalities
     observer = Observer(profile, objects, spec, recording.seed, scene.task.description) if sees else None
@@ -96,6 +94,13 @@ def _frames(
         points = np.zeros((0, 3)) if cloud is None else cloud.xyz
         colours = np.zeros((0, 3), np.uint8) if cloud is None else cloud.rgb
         yield np.concatenate([picture, dotted(points, colours, camera)], axis=1)
+
+
+def film_camera(profile: RobotProfile) -> Camera:
+    """The camera that looks at a robot and what it works on."""
+    turn, base = profile.T_world_base[:3, :3].T, np.array(profile.base_position)
+    place, target = turn @ (EYE - base), turn @ (TARGET - base)
+    return Camera.looking("film", place, target, width=SIZE, height=SIZE, fov=FIELD_OF_VIEW)
 
 
 def _row(states: Mapping[str, Any], step: int) -> dict[str, Any]:

@@ -48,7 +48,7 @@ START_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class ConfigEpisode:
-    """What one episode follows from beside its scenes' configuration and its seed: plain values that pickle.
+    """Inputs of one episode beside its scenes' configuration and its seed: plain values that pickle.
 
     Attributes:
         config: of the keypoint solver, with the times of its keyframes.
@@ -309,7 +309,7 @@ def _begins(problem: PlanProblem) -> bool:
 
 
 def _lacking(problem: PlanProblem, library: Library) -> str | None:
-    """What of the record's object there is not."""
+    """Return the part of the record's object that is missing; None where it is whole."""
     record = problem.objects.articulated
     if record.cls not in library.classes() or record.id not in library.instances(record.cls):
         return f"there is no {record.cls}/{record.id}"
@@ -358,7 +358,7 @@ def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigE
 
 
 def _losses(episodes: Sequence[Episode], group: _Group, library: Library) -> dict[str, str]:
-    """What is not in the scenes of these episodes, by object."""
+    """Return the parts that the scenes of these episodes lack, by object."""
     found = {}
     for episode in episodes:
         for record in episode.objects.values():

@@ -1,4 +1,4 @@
-"""What other people's libraries raise of damaged files, as one line."""
+"""Errors of third-party readers about damaged files, as one line."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ _LAST = ("result", "error", "memory", "bug")
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a reader may use.
+    """Resource limits of a reader.
 
     Attributes:
         memory: bytes that it may ask for, beyond what it has when it begins.

@@ -71,7 +71,7 @@ def read_regular(path: Path, most: int) -> bytes:
 
 
 def why(error: OSError) -> str:
-    """What an error of :func:`read_regular` says of the file, for a sentence that begins with its name."""
+    """Return the message of an error of :func:`read_regular`, for a sentence that begins with its name."""
     if isinstance(error, NotRegularError | TooLargeError):
         return str(error)
     return f"cannot be read: {error.strerror or error}"
@@ -89,7 +89,7 @@ def refuse_special(found: os.stat_result) -> None:
 
 
 class Reference(NamedTuple):
-    """Where a file's name was found: a file of the folder, and the field in it."""
+    """Origin of a file's name: a file of the folder, and the field in it."""
 
     file: str
     field: str

@@ -1,4 +1,4 @@
-"""What can be said of an object's soundness from its geometry alone."""
+"""Checks of an object's soundness from its geometry alone."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ FORMAT_VERSION = "1"  # of the sheets: another one makes all pictures anew
 
 @dataclass(frozen=True)
 class Gallery:
-    """What ``build_gallery`` left behind.
+    """Result of ``build_gallery``.
 
     Attributes:
         index: the page; pictures lie in ``pictures/`` beside it.

@@ -35,7 +35,7 @@ MARK_RADIUS = 4  # pixels
 
 @dataclass(frozen=True)
 class Mark:
-    """Where a keypoint is seen: pixel ``x``, ``y`` from the upper left, and whether something is in front of it."""
+    """Image position of a keypoint: pixel ``x``, ``y`` from the upper left, and whether something is in front of it."""
 
     x: float
     y: float

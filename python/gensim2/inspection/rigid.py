@@ -20,7 +20,7 @@ SPARE = 0.004  # m that open fingers need to get about an object
 
 
 def geometric_findings(rigid: RigidObject) -> list[Finding]:
-    """What is wrong without physics."""
+    """Return the findings that need no physics."""
     findings: list[Finding] = []
 
     def at_most(check: str, value: float, limit: float) -> None:
@@ -42,7 +42,7 @@ def geometric_findings(rigid: RigidObject) -> list[Finding]:
 
 
 def physical_findings(rigid: RigidObject) -> list[Finding]:
-    """What five seconds on a table show.
+    """Return the findings of five seconds on a table.
 
     Raises:
         InputError: the physics engine does not take the object as it is.

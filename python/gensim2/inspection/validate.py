@@ -97,7 +97,8 @@ def validate(
 
 
 def reaching(instance: Instance) -> list[Finding]:
-    """Where the robot does not get to the head keypoint; needs the robot's model, which comes with the simulator."""
+    """Return the findings about scenes in which the robot does not reach the head keypoint; needs the robot's model,
+    which comes with the simulator."""
     from gensim2.inspection.reach import reach_findings
     from gensim2.robots import robot
 

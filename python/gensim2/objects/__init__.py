@@ -1,4 +1,4 @@
-"""What objects are: articulated and rigid ones, generated and real, one value for each kind.
+"""Object models: articulated and rigid ones, generated and real, one value for each kind.
 
 Libraries are imported when asked for: whoever only holds an object needs none of what makes and reads them.
 """

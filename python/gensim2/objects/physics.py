@@ -17,7 +17,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class ClassRule:
-    """What holds for every instance of a class.
+    """Physics that every instance of a class shares.
 
     Attributes:
         density: kg per cubic metre of collision hull. Effective: a hull stands for a thin shell with air inside.

@@ -1,4 +1,4 @@
-"""Where an object stands in front of the robot, from its geometry alone."""
+"""Placement of an object in front of the robot, from its geometry alone."""
 
 from __future__ import annotations
 

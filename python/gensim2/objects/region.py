@@ -1,4 +1,4 @@
-"""Where on the table objects stand by default: numbers of a table with an arm at its edge, not of any arm."""
+"""Default placement region on the table: numbers of a table with an arm at its edge, not of any arm."""
 
 from __future__ import annotations
 

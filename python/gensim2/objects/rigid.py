@@ -1,4 +1,4 @@
-"""What the rest of the project knows of an object without a joint."""
+"""Model of a rigid object."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ONLY_ID = "0"
 
 @dataclass(frozen=True)
 class Grip:
-    """Where two parallel fingers can hold the object at rest, as long as nothing else is in the way.
+    """Grasp of two parallel fingers on the object at rest, as long as nothing else is in the way.
 
     Attributes:
         point: (3,) middle between the fingertips, metres in the object frame.

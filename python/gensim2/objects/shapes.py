@@ -1,6 +1,6 @@
 """Convex solids with their look: the bricks that generated objects are made of.
 
-Everything here is in an object's model frame: x to the right of somebody who looks at the front, y up, z out of the
+Everything here is in an object's model frame: x to the right as seen from the front, y up, z out of the
 front; metres. A ``Solid`` is one convex collision part, one visual mesh, or both.
 """
 
@@ -249,7 +249,7 @@ def loft(rings: Sequence[Array], look: Look, closed: bool = True) -> Mesh:
 
 
 def turned_profile(a: Vec3, b: Vec3, profile: Sequence[tuple[float, float]], look: Look, sides: int = 48) -> Solid:
-    """What a lathe makes, to look at: a closed profile turned about the line from ``a`` to ``b``.
+    """Build a visual solid of revolution: a closed profile turned about the line from ``a`` to ``b``.
 
     Args:
         profile: (radius in metres, share of the way from ``a`` to ``b``) all around the section of the wall, so that

@@ -1,4 +1,4 @@
-"""What the rest of the project knows of an object: one frozen value a kind, however it was made."""
+"""Types of object models: one frozen value a kind, however it was made."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ Array = npt.NDArray[np.float64]
 Kind = Literal["articulated", "rigid"]
 Source = Literal["generated", "real"]
 Hulls = Literal["default", "original"]
-"""How real meshes become collision parts: taken apart so that cavities stay open, or, as in the original GenSim2, each
-connected piece of a file as its convex hull. Generated objects are made of convex parts: both are the same there."""
+"""Method by which real meshes become collision parts: taken apart so that cavities stay open, or, as in the original
+GenSim2, each connected piece of a file as its convex hull. Generated objects are made of convex parts: both are the
+same there."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class MovingJoint:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where an object stands before randomization.
+    """Pose of an object before randomization.
 
     Attributes:
         position: (3,) root position in the world frame; its lowest point rests on the table at z = 0. A rigid object
@@ -90,7 +91,7 @@ class Placement:
 
 
 class ObjectModel(Protocol):
-    """What articulated and rigid objects have in common: what scenes, placement, records and checks need of one."""
+    """Interface that articulated and rigid objects share: what scenes, placement, records and checks need of one."""
 
     @property
     def asset_class(self) -> str:
@@ -102,7 +103,7 @@ class ObjectModel(Protocol):
 
     @property
     def source(self) -> Source:
-        """Who made it."""
+        """Source of its data."""
 
     @property
     def license(self) -> str:
@@ -114,7 +115,7 @@ class ObjectModel(Protocol):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was odd and by which rule it was repaired."""
+        """Oddities of its files, each with the rule by which it was repaired."""
 
     @property
     def mass(self) -> float:
@@ -130,7 +131,7 @@ class ObjectModel(Protocol):
 
     @property
     def placement(self) -> Placement:
-        """Where it stands before randomization."""
+        """Pose before randomization."""
 
     @property
     def joint(self) -> MovingJoint | None:

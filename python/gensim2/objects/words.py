@@ -1,4 +1,4 @@
-"""How people talk about objects and about what can be done with them."""
+"""Wording for objects and for what can be done with them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ End = Literal["articulated_open", "articulated_closed"]
 """The ends of a joint: openness 1 and 0."""
 
 Goal = Literal["articulated_open", "articulated_closed", "half_open", "half_closed"]
-"""What a joint is brought to: an end, or halfway from the closed or from the open side."""
+"""Target of a joint: an end, or halfway from the closed or from the open side."""
 
 UNKNOWN = 0.6
 """Usefulness of what no table knows: below what people are known to ask for, above what they are known not to."""
@@ -52,7 +52,7 @@ class Phrase:
 
 @dataclass(frozen=True)
 class Purpose:
-    """What several things are done for.
+    """Purpose of several actions.
 
     Attributes:
         say: what a person would say, ``{}`` where it is said what is done: ``"{} to tidy the desk"``.
@@ -67,7 +67,7 @@ class Purpose:
 
 @dataclass(frozen=True)
 class ToAndFro:
-    """What is brought to one end and back.
+    """Joint that is brought to one end and back.
 
     Attributes:
         asset_class: of the object.
@@ -83,7 +83,7 @@ class ToAndFro:
 
 
 def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
-    """How to ask for a class's joint to be brought to one end.
+    """Return the phrase that asks for a class's joint to be brought to one end.
 
     Args:
         asset_class: articulated; one that the table does not know gets a plain phrase from its name.
@@ -100,7 +100,7 @@ def words(asset_class: str, goal: End, joint_type: str = "revolute") -> Phrase:
 
 
 def halfway(asset_class: str, goal: Goal) -> Phrase | None:
-    """How to ask for a class's joint to be left halfway; None where nobody would."""
+    """Return the phrase that asks for a class's joint to be left halfway; None where there is none."""
     entry = _table()["articulated"].get(asset_class, {})
     if goal not in entry:
         return None
@@ -109,7 +109,7 @@ def halfway(asset_class: str, goal: Goal) -> Phrase | None:
 
 
 def purposes() -> tuple[Purpose, ...]:
-    """What people do several things for."""
+    """Return the purposes for which people do several things."""
     ends: dict[str, End] = {"open": "articulated_open", "closed": "articulated_closed"}
     found = []
     for entry in _table()["purposes"]:
@@ -126,7 +126,7 @@ def purposes() -> tuple[Purpose, ...]:
 
 
 def to_and_fro() -> tuple[ToAndFro, ...]:
-    """What people bring to one end and back."""
+    """Return the joints that people bring to one end and back."""
     return tuple(ToAndFro(**entry) for entry in _table()["to_and_fro"])
 
 
@@ -141,7 +141,7 @@ def belongs(asset_class: str) -> tuple[str, ...]:
 
 
 def noun(asset_class: str) -> str:
-    """What a person calls an object of a class, articulated or rigid; the name itself where no table knows it."""
+    """Return the noun for an object of a class, articulated or rigid; the class's name where no table has one."""
     table = _table()
     if asset_class in table["articulated"]:
         return str(table["articulated"][asset_class]["noun"])

@@ -1,4 +1,4 @@
-"""What a policy sees: the same code for a simulated camera and a real one, in training and in evaluation.
+"""Observations of a policy: the same code for a simulated camera and a real one, in training and in evaluation.
 
 Depth pictures of several cameras become one point cloud in the robot's base frame, cropped to the workspace, with the
 robot's own gripper in it, sampled to a set size; beside it stand the robot's joints, its tool pose, its gripper and the
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from gensim2.observations.camera import Camera
     from gensim2.observations.cloud import CloudSettings, EmptyCloudError, PointCloud, Robot, point_cloud
     from gensim2.observations.encoder import Encoder
-    from gensim2.observations.noise import DepthNoise
+    from gensim2.observations.noise import D435, CameraError, DepthNoise
     from gensim2.observations.observation import Observation
     from gensim2.observations.spec import ObservationSpec
     from gensim2.observations.view import Picture, View
 
 __all__ = [
+    "D435",
     "Camera",
+    "CameraError",
     "CloudSettings",
     "DepthNoise",
     "EmptyCloudError",
@@ -39,7 +41,9 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "D435": "gensim2.observations.noise",
         "Camera": "gensim2.observations.camera",
+        "CameraError": "gensim2.observations.noise",
         "CloudSettings": "gensim2.observations.cloud",
         "DepthNoise": "gensim2.observations.noise",
         "EmptyCloudError": "gensim2.observations.cloud",

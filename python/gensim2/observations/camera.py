@@ -28,6 +28,7 @@ class Camera:
         T_base_camera: (4, 4) camera in the robot's base frame.
         far: metres ahead beyond which nothing is seen.
         link: of the robot, that carries it; None: it stands still.
+        depth_scale, depth_bias: true depth is the measured one times the first, plus the second (m): calibration.
     """
 
     name: str
@@ -37,6 +38,8 @@ class Camera:
     T_base_camera: Array
     far: float = 10.0
     link: str | None = None
+    depth_scale: float = 1.0
+    depth_bias: float = 0.0
 
     @staticmethod
     def looking(name: str, eye: npt.ArrayLike, target: npt.ArrayLike, *, width: int, height: int, fov: float) -> Camera:
@@ -54,6 +57,13 @@ class Camera:
         pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
         pose[:3, 3] = place
         return Camera(name, width, height, pinhole(width, height, fov), pose)
+
+    def metres(self, depth: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+        """(H, W) m of (H, W) mm as this camera measures them; 0 stays 0."""
+        found = depth.astype(np.float32) * np.float32(1e-3)
+        if self.depth_scale == 1.0 and self.depth_bias == 0.0:
+            return found
+        return np.where(depth > 0, np.float32(self.depth_scale) * found + np.float32(self.depth_bias), np.float32(0.0))
 
     @cached_property
     def rays(self) -> npt.NDArray[np.float32]:

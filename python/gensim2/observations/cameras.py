@@ -10,10 +10,10 @@ from gensim2.observations.camera import Camera, pinhole
 from gensim2.robots import MountedCamera, RobotProfile
 
 TARGET = (-0.1, 0.0, 0.15)
-"""What they look at, m in the world: the middle of the workspace."""
+"""Point that the cameras look at, m in the world: the middle of the workspace."""
 
 PLACES = {"left": (-0.3, 0.75, 0.65), "right": (-0.3, -0.75, 0.65), "front": (0.75, 0.0, 0.65)}
-"""Where they stand, m in the world: to the left, to the right, on the far side."""
+"""Positions of the cameras, m in the world: to the left, to the right, on the far side."""
 
 PIXELS = 128
 """Width and height of a picture."""

@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.observations.noise import DepthNoise
-from gensim2.observations.sampling import close_to_others, every_so_many, farthest_points
+from gensim2.observations.sampling import farthest_points, inlier_mask, uniform_stride
 from gensim2.observations.view import View
 
 ROBOT_PARTS = ("gripper", "all", "none")
@@ -36,7 +36,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """How a point cloud is made; metres in the robot's base frame.
+    """Settings of a point cloud; metres in the robot's base frame.
 
     Attributes:
         points: in the cloud.
@@ -85,7 +85,7 @@ class CloudSettings:
         known = [each.name for each in fields(CloudSettings)]
         for name in given:
             if name not in known:
-                raise InputError(f"there is no setting {name!r}", field="observation", remedy=f"one of {known}")
+                raise InputError(f"there is no setting {name!r}", field="observation", remedy=near(name, known))
         for corner in ("low", "high"):
             if corner in given:
                 given[corner] = tuple(given[corner])
@@ -109,7 +109,7 @@ class PointCloud:
     Attributes:
         xyz: (N, 3) m in the robot's base frame, in whole numbers of ``RESOLUTION``.
         rgb: (N, 3) of what they lie on.
-        segmentation: (N,) its id; None: nobody knows.
+        segmentation: (N,) its id; None: unknown.
     """
 
     xyz: npt.NDArray[np.float32]
@@ -132,7 +132,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: Robot | N
     counts = np.cumsum([0, *(len(pixels) for pixels in kept)])
     if counts[-1] == 0:
         raise EmptyCloudError("no camera sees anything in the workspace")
-    chosen = every_so_many(int(counts[-1]), settings.candidates or int(counts[-1]))
+    chosen = uniform_stride(int(counts[-1]), settings.candidates or int(counts[-1]))
     parts = [
         pixels[chosen[(chosen >= first) & (chosen < last)] - first]
         for pixels, first, last in zip(kept, counts[:-1], counts[1:], strict=True)
@@ -140,7 +140,7 @@ def point_cloud(views: Sequence[View], settings: CloudSettings, robot: Robot | N
     points = np.concatenate([_points(view, part) for view, part in zip(views, parts, strict=True)])
     rows = np.arange(len(points))
     if settings.outliers is not None:
-        rows = rows[close_to_others(points, settings.neighbors, settings.outliers)]
+        rows = rows[inlier_mask(points, settings.neighbors, settings.outliers)]
     rows = rows[farthest_points(points[rows], settings.points)]
     return _gather(views, parts, points, rows)
 

@@ -18,7 +18,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Observation(Mapping[str, Array]):
-    """What is seen at one instant; as a mapping, arrays by the names that they have in exports.
+    """Observation of one instant; as a mapping, arrays by the names that they have in exports.
 
     Attributes:
         step: control steps since the reset.

@@ -1,4 +1,4 @@
-"""What a robot knows of itself, from its joints: one function for simulators, recordings and robots."""
+"""Proprioception of a robot, from its joints: one function for simulators, recordings and robots."""
 
 from __future__ import annotations
 

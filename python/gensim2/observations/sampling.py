@@ -14,7 +14,7 @@ _TREE_HEIGHT = 5
 """Of fpsample's buckets: fastest between 2,000 and 8,000 points; any gives a farthest point sampling."""
 
 
-def every_so_many(count: int, wanted: int) -> Indices:
+def uniform_stride(count: int, wanted: int) -> Indices:
     """Indices of at most ``wanted`` of ``count`` things, evenly spread over their order."""
     if count <= wanted:
         return np.arange(count)
@@ -44,7 +44,7 @@ def farthest_points(points: Points, wanted: int) -> Indices:
     return np.sort(chosen.astype(np.int64))
 
 
-def close_to_others(points: Points, neighbors: int, deviations: float) -> npt.NDArray[np.bool_]:
+def inlier_mask(points: Points, neighbors: int, deviations: float) -> npt.NDArray[np.bool_]:
     """(N,) whether each point is no outlier: its mean distance to its nearest ``neighbors`` is at most the mean of all
     such distances plus so many standard deviations."""
     from scipy.spatial import cKDTree

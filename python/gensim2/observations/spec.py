@@ -1,4 +1,4 @@
-"""What an observation is made of, as one value that data sets, controllers and checkpoints carry."""
+"""Specification of observations, one value that data sets, controllers and checkpoints carry."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """What is seen of a scene, beside what every observation holds: time, joints, tool pose, gripper, the sentence.
+    """Modalities, cameras and cloud settings of an observation, beside what each one holds: time, joints, tool pose,
+    gripper, the sentence.
 
     Attributes:
         modalities: ``pointcloud``, ``depth`` and ``segmentation`` by ray casting, ``rgb`` by the renderer; none of

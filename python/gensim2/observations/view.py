@@ -1,4 +1,4 @@
-"""What a camera gives: a depth picture, and what belongs to its pixels."""
+"""Output of a camera: a depth picture, and what belongs to its pixels."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class View(Protocol):
 
     @property
     def segmentation(self) -> npt.NDArray[np.int16] | None:
-        """(H, W) id of what each pixel shows, 0 for nothing; None: nobody knows."""
+        """(H, W) id of what each pixel shows, 0 for nothing; None: unknown."""
         ...
 
     def colors_at(self, pixels: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:

@@ -39,7 +39,7 @@ HOLD_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Acts:
-    """What the fingers do along a plan.
+    """Finger commands along a plan.
 
     Attributes:
         fingers: as the strategy says.

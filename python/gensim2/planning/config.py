@@ -20,7 +20,7 @@ from gensim2.tasks.spec import HAND, Step, TaskSpec
 
 @dataclass(frozen=True)
 class ObjectNames:
-    """What a strategy may name of an object.
+    """Names of an object that a strategy may use.
 
     Attributes:
         keypoints: their names.

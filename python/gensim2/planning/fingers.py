@@ -1,4 +1,4 @@
-"""What the fingers do along a step, and the gripper commands for it."""
+"""Finger motions along a step, and the gripper commands for them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Fingers:
     def acts(
         self, scene: Scene, strategy: Strategy, opening: float = OPEN, grip: float = CLOSED, gently: bool = False
     ) -> Acts:
-        """What the fingers do along a step that begins in ``scene``.
+        """Return the finger motions along a step that begins in ``scene``.
 
         Args:
             opening: command at which an empty hand arrives where it closes.

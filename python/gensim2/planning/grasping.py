@@ -28,9 +28,8 @@ SAME_PLACE, SAME_TURN = 0.015, 0.3
 #: Margin (rad) within the friction cone from which on a grasp counts as one that holds.
 HELD = 0.03
 
-#: Metres of lever within which grasps of a thing that may slip keep their order; and the margin (rad) below which it
-#: may: flat faces at a friction of 0.3 leave 0.29.
-LEVER_STEP, SLIPS = 0.005, 0.25
+#: Metres of lever within which grasps of a thing that may slip keep their order.
+LEVER_STEP = 0.005
 
 #: How exactly the hand comes to a grasp: m and rad.
 AT, ALONG = 0.001, 0.02
@@ -49,9 +48,8 @@ def grasps_of(
 
     They are sought and ranked by the strategy's friction: by that of a slippery scene alone, what is a little askew
     would count for more than where the centre of mass lies. What the scene's own friction does not hold comes behind;
-    and of those that leave little of a friction less than the strategy's, those come first whose pads are nearest to
-    the centre of mass, also along the fingers: what is carried turns any way round, and creeps about the line between
-    the pads.
+    and where that friction is less than the strategy's, those come first whose pads are nearest to the centre of mass,
+    also along the fingers: what is carried turns any way round, and creeps about the line between the pads.
 
     Args:
         world: ``scene`` as the solver's own.
@@ -75,9 +73,7 @@ def grasps_of(
         (
             any(is_near(grasp.T_object_hand, each) for each in lost),
             margin_of(grasp, scene, name, strategy) < HELD,
-            int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP)
-            if slips and margin_of(grasp, scene, name, strategy) < SLIPS
-            else 0,
+            int(lever_of(grasp, scene.objects[name], profile) / LEVER_STEP) if slips else 0,
         )
         for grasp in leaning
     ]
@@ -92,7 +88,7 @@ def margin_of(grasp: kpam.Grasp, scene: Scene, name: str, strategy: GraspStrateg
 
 
 def lever_of(grasp: kpam.Grasp, thing: SceneObject, profile: RobotProfile) -> float:
-    """Distance (m) of an object's centre of mass from the line between the pads; 0 where nobody knows it."""
+    """Distance (m) of an object's centre of mass from the line between the pads; 0 where it is unknown."""
     if thing.center_of_mass is None:
         return 0.0
     center = np.linalg.solve(grasp.T_object_hand, np.append(thing.center_of_mass, 1.0))[:3]

@@ -28,7 +28,8 @@ class HullsKey:
 
 
 def crossings(hulls: tuple[Array, ...], points: Array, along: Array) -> tuple[Array, Array]:
-    """Where straight lines enter hulls and leave them; what is known of the hulls is kept by the tuple's identity.
+    """Return where straight lines enter hulls and leave them; what is known of the hulls is kept by the tuple's
+    identity.
 
     Args:
         hulls: H convex vertex sets.

@@ -11,7 +11,7 @@ from gensim2.planning.scene import Scene, SceneBody
 Array = npt.NDArray[np.float64]
 
 FLOOR = "floor"
-"""What is below an object's last keypoint: things put into a container lie on it, a mug below a spout stands on it."""
+"""Surface below an object's last keypoint: things put into a container lie on it, a mug below a spout stands on it."""
 
 UPRIGHT = "rigidbody_object_upright"
 """``UPRIGHT_HEIGHT`` above a rigid object's first keypoint as it stood when the episode began."""

@@ -1,4 +1,4 @@
-"""What a scene will be after a step: its plan taken at its word."""
+"""Prediction of the scene after a step, if its plan comes true."""
 
 from __future__ import annotations
 

@@ -67,5 +67,5 @@ def reach(
 
 
 def _extent(plan: kpam.Plan) -> float:
-    """How far a motion goes: nowhere without a trajectory, else 1 and the part of what comes after the actuation."""
+    """Return the extent of a motion: 0 without a trajectory, else 1 and the part of what comes after the actuation."""
     return 0.0 if plan.trajectory is None else 1.0 + plan.reached_fraction

@@ -71,8 +71,8 @@ class SceneObject:
         object_axis: axis of the object frame that "rotate" motions turn about.
         yaw: rad that the randomization turned it by.
         center_of_mass: (3,) of a rigid object in its frame, m.
-        mass: of a rigid object, kg; None where nobody knows.
-        friction: coefficient of a rigid object's surface; None where nobody knows.
+        mass: of a rigid object, kg; None where it is unknown.
+        friction: coefficient of a rigid object's surface; None where it is unknown.
     """
 
     name: str
@@ -93,7 +93,7 @@ class SceneObject:
 
     @property
     def points(self) -> dict[str, Array]:
-        """What configs may name, as ``keypoints``: these, and of a rigid object ``CENTER`` and ``MEASURED``."""
+        """Points that configs may name, as ``keypoints``: these, and of a rigid object ``CENTER`` and ``MEASURED``."""
         if self.center_of_mass is None:
             return dict(self.keypoints)
         center = self.T_base_object[:3, :3] @ self.center_of_mass + self.T_base_object[:3, 3]
@@ -110,9 +110,9 @@ class Scene:
         objects: by name, in the task's order.
         fixtures: what stands there and is no object: the table.
         held: name of the rigid object in the hand, or None.
-        held_width: distance of the pads (m) at which it was grasped; None where nobody knows.
+        held_width: distance of the pads (m) at which it was grasped; None where it is unknown.
         held_force: with which each finger presses on it, N.
-        finger_friction: coefficient of the fingers' surface; None where nobody knows.
+        finger_friction: coefficient of the fingers' surface; None where it is unknown.
         finger_stiffness: of the fingers' drives, N/m; None: that of the robot's profile.
     """
 
@@ -128,7 +128,7 @@ class Scene:
     finger_stiffness: float | None = None
 
     def grip_friction(self, name: str) -> float | None:
-        """Coefficient between the fingers and a rigid object: the mean of both surfaces; None where nobody knows."""
+        """Coefficient between the fingers and a rigid object: the mean of both surfaces; None where it is unknown."""
         surface = self.objects[name].friction
         return None if surface is None or self.finger_friction is None else 0.5 * (surface + self.finger_friction)
 

@@ -48,7 +48,7 @@ def show(scene: Scene, plan: kpam.Plan, profile: RobotProfile, *, host: str = "l
     server.scene.set_up_direction("+z")
     arm = extras.ViserUrdf(server, model, root_node_name="/arm")
     riding = _draw_scene(server, scene)
-    _draw_plan(server, plan, profile)
+    draw_plan(server, plan, profile)
     robot = profile.model
     places = [robot.joint_names.index(name) for name in arm.get_actuated_joint_names()]
     T_hand_held: Array = np.eye(4)
@@ -121,21 +121,32 @@ def _draw_scene(server: Any, scene: Scene) -> Any:
     return riding
 
 
-def _draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile) -> None:
+def draw_plan(server: Any, plan: kpam.Plan, profile: RobotProfile, name: str = "") -> None:
+    """Draw a plan's keyframes (small where one is not reached), each with its label, and the hand's path.
+
+    Args:
+        server: a ``viser.ViserServer``.
+        plan: in the robot's base frame.
+        profile: the robot.
+        name: of what the plan's parts hang on in the page's tree.
+    """
     for frame in plan.keyframes:
         pose = np.asarray(frame["T_base_hand"], dtype=np.float64)
         server.scene.add_frame(
-            f"/keyframes/{frame['label']}",
+            f"{name}/keyframes/{frame['label']}",
             axes_length=0.06 if frame["reached"] else 0.03,
             axes_radius=0.003,
             wxyz=_quaternion(pose),
             position=pose[:3, 3],
         )
         text = frame["label"] if frame["reached"] else f"{frame['label']} (not reached)"
-        server.scene.add_label(f"/keyframes/{frame['label']}/label", text)
+        server.scene.add_label(f"{name}/keyframes/{frame['label']}/label", text)
     if plan.trajectory is not None:
         path = profile.model.forward_kinematics(plan.trajectory.sample_every(STEP))[:, :3, 3]
         if len(path) > 1:
             server.scene.add_line_segments(
-                "/path", np.stack([path[:-1], path[1:]], axis=1).astype(np.float32), (40, 90, 220), thickness=0.003
+                f"{name}/path",
+                np.stack([path[:-1], path[1:]], axis=1).astype(np.float32),
+                (40, 90, 220),
+                thickness=0.003,
             )

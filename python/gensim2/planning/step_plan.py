@@ -68,9 +68,8 @@ class StepPlan:
         return 2 if not self.is_solved else 0 if self.touches is None else 1
 
     def detail(self) -> dict[str, Any]:
-        """What stands in the way of the whole: residuals missed, the keyframe not reached, bodies that collide; and of
-        one that touches nothing before the actuation pose.
-        """
+        """Details of what prevents the whole motion: residuals missed, the keyframe not reached, bodies that collide;
+        and of one that touches nothing before the actuation pose."""
         touches = {} if self.touches is None else {"touches": self.touches}
         plan = self.whole or self.plan
         if plan is None or self.is_solved:

@@ -51,7 +51,7 @@ class KeypointStrategy:
 
     @property
     def fingers(self) -> kpam.Gripper:
-        """What they do."""
+        """Finger mode of the strategy."""
         return self.solver_config.gripper
 
     @property
@@ -95,7 +95,7 @@ class GraspStrategy(BaseModel):
 
     @property
     def fingers(self) -> kpam.Gripper:
-        """What they do."""
+        """Finger mode of the strategy."""
         return "grasp"
 
     @property

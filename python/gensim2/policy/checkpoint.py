@@ -39,7 +39,7 @@ class CheckpointError(InputError):
 
 
 class DataRecord(BaseModel):
-    """What a policy was trained on.
+    """Record of a policy's training data.
 
     Attributes:
         digest: of all episodes and their observations.
@@ -62,7 +62,7 @@ class DataRecord(BaseModel):
 
 
 class ActionSpec(BaseModel):
-    """What a policy's output means.
+    """Meaning of a policy's output.
 
     Attributes:
         kind: ``joint-relative``: chunks of (m + 2) numbers (:mod:`gensim2.policy.heads.actions`); ``keypose``.

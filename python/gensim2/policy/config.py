@@ -62,7 +62,7 @@ class PolicyConfig(Settings):
 
 @dataclass(frozen=True)
 class TrainConfig(Settings):
-    """How a policy is trained. The attributes are documented by their ``help``."""
+    """Settings of training. The attributes are documented by their ``help``."""
 
     of_what: ClassVar[str] = "training settings"
 

@@ -19,7 +19,7 @@ CLOUDS = "clouds.npz"
 MOST_CLOUDS = 64
 
 Sees = Literal["all", "nothing", "other"]
-"""What of the clouds: all, points at the origin, or the cloud of another scene."""
+"""Ablation of the clouds: none, points at the origin, or the cloud of another scene."""
 
 
 @dataclass(frozen=True)

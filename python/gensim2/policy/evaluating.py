@@ -20,7 +20,7 @@ from gensim2.rollout.worker import chain
 from gensim2.scenes.config import SceneArguments
 
 Control = Literal["blind", "shuffled", "no-op", "expert"]
-"""What stands beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
+"""Controls beside a policy: the policy with all points at the origin, the policy with clouds of other scenes, an arm
 that stands still, and the planner with the whole scene before it (privileged)."""
 CONTROLS: tuple[Control, ...] = get_args(Control)
 
@@ -29,6 +29,20 @@ CONTROL_EPISODES = 30
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
 STANDS_STILL = "gensim2.policy.standing:StandStill"
+
+
+def read_controls(text: str) -> tuple[Control, ...]:
+    """Controls by ``all``, ``none``, or names with commas between them.
+
+    Raises:
+        InputError: there is no such control.
+    """
+    if text in ("all", "none"):
+        return CONTROLS if text == "all" else ()
+    for name in text.split(","):
+        if name not in CONTROLS:
+            raise InputError(f"no control {name!r}", field="--controls", remedy=f"some of {', '.join(CONTROLS)}")
+    return tuple(name for name in CONTROLS if name in text.split(","))
 
 
 @dataclass(frozen=True)
@@ -53,6 +67,11 @@ class PolicyResult:
         """Share of a control's episodes that held; None where it was not run."""
         found = self.rows(control).get(task)
         return None if found is None else float(found["held_mean"])
+
+    def control_episodes(self, task: str) -> int:
+        """Episodes of a task that each control was measured by; 0 where none was."""
+        counts = (found[task]["episodes"] for found in map(self.rows, self.controls) if task in found)
+        return max(counts, default=0)
 
     def rows(self, control: str) -> dict[str, dict[str, Any]]:
         """Rows of a control's table by task, without the records."""

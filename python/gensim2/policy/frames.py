@@ -28,7 +28,7 @@ SEEN = (CLOUD, STATE, VELOCITY, TOOL_POSE, GRIPPER)
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the network takes, in the policy's frame and in SI units.
+    """Inputs of the network, in the policy's frame and in SI units.
 
     Attributes:
         cloud: (B, T, N, C): x, y, z (m), then with ``colour`` red, green, blue (0 to 1), then with ``tool_frame`` the

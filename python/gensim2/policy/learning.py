@@ -21,7 +21,7 @@ from gensim2.policy.keypose.data import plan_scenes
 from gensim2.policy.keypose.source import PlannedSource
 from gensim2.policy.keypose.training import POLICY, TRAINING, train_keypose
 from gensim2.policy.network import fresh_network
-from gensim2.policy.objects import unseen_instances, with_objects, words
+from gensim2.policy.objects import can_be_counted, unseen_instances, with_objects, words
 from gensim2.policy.source import Source
 from gensim2.policy.text import prepare
 from gensim2.policy.train import TrainResult, _batch
@@ -32,9 +32,11 @@ from gensim2.scenes.config import SceneArguments
 from gensim2.seeding import rng
 
 SPEC = ObservationSpec.of({"points": 1024, "candidates": 4096, "robot": "none"})
-"""What a keypose policy looks at: the scene without the robot."""
+"""Observations of a keypose policy: the scene without the robot."""
 SCENES = 2000
 """Of each task at most; more make hands no more exact in a training of minutes."""
+OBJECTS = 200
+"""Generated ones of each class that a keypose policy learns from, where there are as many as are wanted."""
 DATA_SHARE = 0.4
 """Of the CPU time, at most, that goes into data."""
 LEAST_STEPS, MOST_STEPS = 20, 10_000
@@ -43,7 +45,7 @@ LEARN_JSON, RESULT_JSON = "learn.json", "result.json"
 PROBES = 3
 """Steps by which the time of one is measured."""
 CHUNK_SPEC = ObservationSpec.of({"points": 512, "candidates": 2048})
-"""What a policy of action chunks looks at."""
+"""Observations of a policy of action chunks."""
 VIDEOS = 3
 """Episodes of each task that are filmed."""
 EPISODES, SECONDS_AN_EPISODE = 200, 1.5
@@ -103,16 +105,18 @@ class Learned:
 
 @dataclass(frozen=True)
 class LearnResult:
-    """What ``learn`` leaves.
+    """Result of ``learn``.
 
     Attributes:
         out: folder.
         record: what was asked for.
+        test_instances: word for the objects that it was measured on.
         learned: one policy a task, or one for all.
     """
 
     out: str
     record: LearnRecord
+    test_instances: str
     learned: tuple[Learned, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -121,6 +125,7 @@ class LearnResult:
             "schema_version": SCHEMA_VERSION,
             "out": self.out,
             **self.record.model_dump(mode="json", exclude={"tasks", "schema_version", "data_cpu_s"}),
+            "test_instances": self.test_instances,
             "tasks": [row for each in self.learned for row in _rows(each, self.record.policy)],
             "cpu_s": round(sum(each.cpu_s for each in self.learned), 3),
         }
@@ -159,10 +164,10 @@ def learn(
         controls: which; None: all that the policy has.
         videos: episodes of each task that are filmed.
         objects: generated ones of each class to learn from, beyond those that the library lists, drawn by the seed;
-            None: ``instances``, by default ``train``.
+            None: ``instances``, and where that is not given ``OBJECTS``, of real objects those of ``train``.
         verify: leave scenes out whose plans physics refutes; of plans, which are not simulated otherwise.
-        test_instances: objects that the policy is measured on; None: ``test`` where all classes have such a split,
-            else ``new``.
+        test_instances: objects that the policy is measured on; None: ``new`` where it learns from ``objects``, else
+            ``test`` where all classes have such a split, else ``new``.
         seed: of everything.
         out: folder; of one policy it is the checkpoint's, of several each has one in it by its task's name.
         workers: processes that plan and simulate.
@@ -184,8 +189,10 @@ def learn(
     if skipped:
         name, reason = next(iter(skipped.items()))
         raise InputError(reason, field=f"tasks.{name}")
+    if objects is None and "instances" not in scene and policy == "keypose" and all(map(can_be_counted, given)):
+        objects = OBJECTS
     if test_instances is None:
-        test_instances = unseen_instances(given)
+        test_instances = unseen_instances(given) if objects is None else "new"
     if objects is not None:
         if policy != "keypose":
             raise InputError("are drawn for --policy keypose", field="objects")
@@ -227,7 +234,7 @@ def learn(
         )
         spent = record.data_cpu_s[_key(folder, out)]
         learned.append(Learned(folder, demonstrations, spent, trained, measured))
-    result = LearnResult(str(out), record, tuple(learned))
+    result = LearnResult(str(out), record, test_instances, tuple(learned))
     write_json(out / RESULT_JSON, result.to_dict())
     from gensim2.policy.page import write_page
 
@@ -354,7 +361,7 @@ def seconds_a_step(source: Source, policy: PolicyConfig, training: TrainConfig) 
 
 
 def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
-    rows = []
+    rows, tasks = [], len(learned.measured.policy.rows)
     for row in learned.measured.policy.rows:
         told, name = row.to_dict(), row.task.name
         rows.append(
@@ -364,15 +371,21 @@ def _rows(learned: Learned, policy: str) -> list[dict[str, Any]]:
                 "checkpoint": str(learned.folder),
                 "held_mean": float(told["held_mean"]),
                 "interval": told["held_interval"],
+                "strict_mean": told["strict_mean"],
                 "blind_mean": learned.measured.mean_of("blind", name),
                 "shuffled_mean": learned.measured.mean_of("shuffled", name),
                 "no_op_mean": learned.measured.mean_of("no-op", name),
                 "expert_mean": learned.measured.mean_of("expert", name),
                 "episodes": told["episodes"],
+                "control_episodes": learned.measured.control_episodes(name),
+                "different_objects": told["different_objects"],
                 "demonstrations": learned.demonstrations.get(name, 0),
                 "steps": learned.trained.steps,
                 "causes": told["causes"],
-                "cpu_s": round(learned.cpu_s / len(learned.measured.policy.rows), 3),
+                "data_cpu_s": round(learned.data_cpu_s / tasks, 3),
+                "training_cpu_s": round(learned.trained.cpu_s / tasks, 3),
+                "cpu_s": round(learned.cpu_s / tasks, 3),
+                "evaluation_cpu_s": round(learned.measured.cpu_s / tasks, 3),
             }
         )
     return rows

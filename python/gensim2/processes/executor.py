@@ -1,4 +1,4 @@
-"""What runs jobs, whatever machines stand behind it; and what came of a job.
+"""Interface of executors, which run jobs on any machines, and outcomes of jobs.
 
 A job is a pure function of values: run again, here or elsewhere, it gives the same result. So a job that was lost with
 its process is no result and no failure; it is run again. What a function raises on purpose (a ``GenSim2Error``) is its
@@ -17,7 +17,7 @@ from gensim2.errors import GenSim2Error, NotRunError, WriteError
 Result = TypeVar("Result")
 
 TRIES = 3
-"""How often a job is tried before it counts as one that cannot be run."""
+"""Number of tries after which a job counts as one that cannot be run."""
 
 
 class WorkerStartError(GenSim2Error):
@@ -51,7 +51,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """What came of one job: exactly one of a result, an error and failures.
+    """Outcome of one job: exactly one of a result, an error and failures.
 
     Attributes:
         index: of the job.

@@ -235,7 +235,7 @@ class RayPool:
                 raise WorkerStartError(f"actors of the Ray cluster end before their first job: {words}") from error
 
     def _received(self, place: _Place, job: Job, tries: Tries) -> Outcome[Any] | Failure:
-        """What came of the job that an actor was busy with."""
+        """Return the outcome of the job that an actor was busy with."""
         try:
             kind, value, text, cpu_s = pickle.loads(self._ray.get(place.awaited))
         except self._ray.exceptions.RayError as error:
@@ -270,7 +270,7 @@ def _connect(ray: Any, address: str, workers: int | None) -> None:
         InputError: it cannot be joined.
     """
     where: dict[str, Any] = {"address": address}
-    if address == "local":  # said so, for without an address Ray looks for a cluster that somebody else has begun
+    if address == "local":  # said so, for without an address Ray looks for a cluster that another user has begun
         where |= {"num_cpus": workers or len(os.sched_getaffinity(0)), "include_dashboard": False}
     handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     try:

@@ -73,6 +73,6 @@ class Tries:
         return outcomes
 
     def _rest(self) -> Iterator[Job]:
-        """What was not handed out; of an iterator that waits for outcomes, what it has now."""
+        """Yield the jobs that were not handed out; of an iterator that waits for outcomes, those it has now."""
         while (job := self.next()) is not None:
             yield job

@@ -52,7 +52,7 @@ class Worker:
 
     @property
     def job(self) -> Job | None:
-        """What it is busy with."""
+        """Job that it is busy with."""
         return self._job
 
     @property
@@ -78,7 +78,7 @@ class Worker:
             self.connection.send_bytes(payload)
 
     def receive(self, number: int) -> Outcome[Any] | Failure | None:
-        """What came of try ``number`` of the job; None where the worker only says that it is ready for it.
+        """Return the outcome of try ``number`` of the job; None where the worker only says that it is ready for it.
 
         Raises:
             WorkerStartError: the process ended by itself before its first job.
@@ -184,7 +184,7 @@ def preload_modules(modules: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def _single_threaded() -> Iterator[None]:
-    """What starts inside, and what that starts, keeps to one thread: the libraries look when they are imported."""
+    """Keep processes started inside, and their children, to one thread: the libraries look when they are imported."""
     before = {name: os.environ.get(name) for name in SINGLE_THREADED}
     os.environ.update(SINGLE_THREADED)
     try:
@@ -233,7 +233,7 @@ def _serve(connection: Connection, environment: Mapping[str, str], prepare: Call
 
 
 def _end_with_the_parent() -> None:
-    """End this process when the parent is gone, be it killed: a long job would otherwise run on for nobody."""
+    """End this process when the parent is gone, be it killed: a long job would otherwise run on unread."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

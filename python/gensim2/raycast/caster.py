@@ -35,7 +35,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the rays of some cameras met first.
+    """First hits of the rays of some cameras.
 
     Attributes:
         depth: of each camera, (H, W) m ahead; its ``far`` where nothing was met.
@@ -101,7 +101,7 @@ class Caster:
         self._background: tuple[bytes, Hits] | None = None
 
     def cast(self, poses: Array) -> Hits:
-        """What each pixel sees.
+        """Cast the rays of all pixels.
 
         Args:
             poses: (L, 4, 4) of the solids in the base frame.

@@ -1,4 +1,4 @@
-"""Where the links of an articulation stand, from a URDF alone, for a whole episode at once."""
+"""Poses of the links of an articulation, from a URDF alone, for a whole episode at once."""
 
 from __future__ import annotations
 

@@ -10,7 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from gensim2.objects import ObjectModel
-from gensim2.observations import Camera, DepthNoise, EmptyCloudError, Encoder, Observation, ObservationSpec, View
+from gensim2.observations import (
+    Camera,
+    CameraError,
+    DepthNoise,
+    EmptyCloudError,
+    Encoder,
+    Observation,
+    ObservationSpec,
+    View,
+)
 from gensim2.observations.cameras import mounted, observation_cameras, require_cameras
 from gensim2.raycast.kinematics import state_rows
 from gensim2.raycast.scene import RaycastScene
@@ -58,11 +67,17 @@ class Observer:
         self.cameras = tuple((fixed | own)[name] for name in spec.cameras)
         self._links = tuple(dict.fromkeys(camera.link for camera in self.cameras if camera.link is not None))
         self._scene = RaycastScene(profile, objects, self.cameras) if spec.casts else None
+        noise = spec.cloud.noise if spec.casts else None
+        self._noise = None if noise is None else noise.drawn(rng(seed, "noise of the episode"))
+        self._late = 0.0 if noise is None else noise.time * float(rng(seed, "clock error").standard_normal())
+        self._errors: dict[str, CameraError] = {}
+        if noise is not None and any((noise.rotation, noise.translation, noise.scale, noise.bias)):
+            self._errors = {each.name: noise.error(rng(seed, f"error of {each.name}")) for each in self.cameras}
         self._encoder = Encoder(spec, profile, language, None if self._scene is None else self._scene.robot)
 
     @property
     def scene(self) -> RaycastScene:
-        """What rays meet; of a spec that casts any."""
+        """Scene of the rays; of a spec that casts any."""
         assert self._scene is not None, "the spec casts no rays"
         return self._scene
 
@@ -106,12 +121,14 @@ class Observer:
         for row, command in enumerate(commands):
             step = first + row
             try:
+                q, v = robot[row, _ROOT : _ROOT + joints], robot[row, _ROOT + joints :]
+                read = q + np.float32(self._late) * v if self._late else q
                 yield self._encoder.encode(
                     step,
-                    robot[row, _ROOT : _ROOT + joints],
-                    robot[row, _ROOT + joints :],
+                    read,
+                    v,
                     command,
-                    () if poses is None else self.views(poses[row], step, robot[row, _ROOT : _ROOT + joints]),
+                    () if poses is None else self.views(poses[row], step, q, read),
                     None if self._photograph is None else self._photograph(states, row),
                 )
             except EmptyCloudError as error:
@@ -129,25 +146,54 @@ class Observer:
         q = np.asarray(positions, dtype=np.float64)
         return {link: self._profile.model.forward_kinematics(q, link) for link in self._links}
 
-    def views(self, poses: Array, step: int, positions: npt.ArrayLike | None = None) -> tuple[View, ...]:
+    def views(
+        self, poses: Array, step: int, positions: npt.ArrayLike | None = None, read: npt.ArrayLike | None = None
+    ) -> tuple[View, ...]:
         """The cameras' pictures, with the noise of the spec on them.
 
         Args:
             poses: (L, 4, 4), one row of :meth:`RaycastScene.poses`.
             step: control steps since the reset.
             positions: (n,) of all active joints, where the robot carries cameras that are looked through.
+            read: the same as the robot says them; None: as they are.
         """
         views = self.scene.see(poses, {} if positions is None else self._links_at(positions))
-        noise = self.spec.cloud.noise
-        if noise is None:
+        if self._noise is None:
             return views
         generator = rng(self._seed, "depth noise", step)
-        return tuple(_Noisy(view, noise, generator) for view in views)
+        cameras = [view.camera for view in views]
+        if read is not None and self._late:
+            cameras = list(self.cameras_at(read))
+        return tuple(
+            noisy(view, camera, self._noise, self._errors.get(camera.name), generator)
+            for view, camera in zip(views, cameras, strict=True)
+        )
+
+
+def noisy(
+    view: View, believed: Camera, noise: DepthNoise, error: CameraError | None, generator: np.random.Generator
+) -> View:
+    """A view as a real camera gives it.
+
+    Args:
+        view: without noise.
+        believed: the camera as it would be known without an error.
+        noise: of the episode.
+        error: of the episode; None: the camera is where it is believed to be.
+        generator: of all that is drawn.
+    """
+    pixels = np.arange(view.depth.size)
+    colors = view.colors_at(pixels).reshape(*view.depth.shape, 3) if noise.dark_lost else None
+    depth = noise.on(view.depth, generator, colors, float(view.camera.intrinsic[1, 1]))
+    if error is not None:
+        depth = error.on(depth)
+        believed = replace(believed, T_base_camera=believed.T_base_camera @ error.T)
+    return _Noisy(view, believed, depth)
 
 
 class _Noisy:
     """A view with noise on its depth."""
 
-    def __init__(self, view: View, noise: DepthNoise, generator: np.random.Generator) -> None:
-        self.camera, self.segmentation, self.colors_at = view.camera, view.segmentation, view.colors_at
-        self.depth = noise.on(view.depth, generator)
+    def __init__(self, view: View, camera: Camera, depth: npt.NDArray[np.float32]) -> None:
+        self.camera, self.depth = camera, depth
+        self.segmentation, self.colors_at = view.segmentation, view.colors_at

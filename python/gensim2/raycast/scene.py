@@ -69,6 +69,11 @@ class RaycastScene:
         """Of each segmentation id: what it belongs to (an object's name, the robot's agent, ``table``) and its link."""
         return self._names
 
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Solids that rays meet, in the order of :meth:`poses`."""
+        return tuple(self._solids)
+
     def ids(self, owner: str, links: Sequence[str] | None = None) -> tuple[int, ...]:
         """Segmentation ids of what belongs to ``owner``, of some of its links or of all."""
         return tuple(id for id, (who, link) in self._names.items() if who == owner and (links is None or link in links))
@@ -107,7 +112,7 @@ class RaycastScene:
         return np.stack([found[solid.id] for solid in self._solids], axis=1)
 
     def cast(self, poses: Array, links: Mapping[str, Array] | None = None) -> dict[str | None, Hits]:
-        """What the cameras see, by the link that carries them.
+        """Cast the rays of all cameras, by the link that carries them.
 
         Args:
             poses: (L, 4, 4) of the solids in the base frame.

@@ -1,4 +1,4 @@
-"""What the renderer shows of a link: triangles, each with the colour of its material or a place in a texture."""
+"""Visible surfaces of a link: triangles, each with the colour of its material or a place in a texture."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class Surface:
 
 @lru_cache(maxsize=512)
 def read_mesh(file: Path) -> Surface | None:
-    """What a mesh file shows, in its own frame; None: no triangle.
+    """Read the surface of a mesh file, in its own frame; None where it has no triangle.
 
     Raises:
         InputError: it cannot be read.
@@ -156,7 +156,7 @@ def read_mesh(file: Path) -> Surface | None:
 
 @lru_cache(maxsize=128)
 def read_links(file: Path) -> Mapping[str, Surface | None]:
-    """What is shown of each link of a URDF, in its frame; None: nothing. Read once a process.
+    """Read the visible surface of each link of a URDF, in its frame; None where it has none. Read once a process.
 
     Raises:
         InputError: a visual is neither a mesh file nor a box, a cylinder or a sphere, or cannot be read.

@@ -124,7 +124,7 @@ def _check_joints(profile: RobotProfile, refuse: Refuse) -> None:
 
 
 def _check_mimics(profile: RobotProfile, refuse: Refuse) -> None:
-    """What does not move by itself follows in the URDF, too: planning knows of the URDF only."""
+    """Check that joints which follow others mimic them in the URDF, too: planning knows of the URDF only."""
     root = ET.parse(profile.urdf).getroot()
     elements = {str(joint.get("name")): joint.find("mimic") for joint in root.findall("joint")}
     remedy = "give the joint a <mimic> element with these numbers"

@@ -1,4 +1,4 @@
-"""What grasping needs of a gripper: commands to joints, joints to the distance of the pads, forces to commands."""
+"""Interface of grippers for grasping: commands to joints, joints to the distance of the pads, forces to commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where ManiSkill keeps the robots that it ships."""
+"""Folders of the robots that ManiSkill ships."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the project knows of a robot: numbers and names only, read without a simulator."""
+"""Profile of a robot: numbers and names only, read without a simulator."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _no_options() -> kpam.Options:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a robot covers of the table at the start of an episode; metres.
+    """Footprint of a robot on the table at the start of an episode; metres.
 
     Attributes:
         base_half, hand_half: half sides of what its base covers on the table, and its hand at rest.
@@ -57,7 +57,7 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What only a simulation needs of a robot: what stands for its motors there.
+    """Simulation parameters of a robot: drives in the place of its motors.
 
     Attributes:
         agent: name of ManiSkill's agent, under which states are recorded; where ManiSkill has none of that name,
@@ -163,7 +163,7 @@ class RobotProfile:
 
     @property
     def urdf(self) -> Path:
-        """What planning and simulation read.
+        """URDF that planning and simulation read.
 
         Raises:
             MissingExtraError: it comes with a package that is not installed.
@@ -232,13 +232,13 @@ class RobotProfile:
 
     @cached_property
     def arm_columns(self) -> tuple[int, ...]:
-        """Where the m arm joints stand among all active joints."""
+        """Indices of the m arm joints among all active joints."""
         names = self.model.joint_names
         return tuple(names.index(name) for name in self.arm_joints)
 
     @cached_property
     def gripper_columns(self) -> tuple[int, ...]:
-        """Where the g joints of the gripper stand among all active joints."""
+        """Indices of the g gripper joints among all active joints."""
         names = self.model.joint_names
         return tuple(names.index(name) for name in self.gripper.joints)
 

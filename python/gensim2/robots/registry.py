@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.robots.checks import check_profile
 from gensim2.robots.profile import DEFAULT_ROBOT, RobotProfile
 
@@ -25,13 +25,13 @@ PACKAGED = {
     "panda_long": "gensim2.robots.panda_long:panda_long",
     "fetch": "gensim2.robots.fetch:fetch",
 }
-"""Where each robot of the package is made."""
+"""Factory of each robot of the package."""
 
 _registered: dict[str, str] = {}
 """Names that this process knows besides, each with where its robot is made: what other processes are told."""
 
 _made_by: dict[str, Maker] = {}
-"""What was registered, by where it is made."""
+"""Registered robots, by the place of their factory."""
 
 _loading: list[list[str]] = []
 """Names that were registered by the files being loaded, innermost last."""
@@ -117,7 +117,7 @@ def _robot(place: str) -> RobotProfile:
         raise InputError(
             f"no robot {place!r}",
             field="robot",
-            remedy=f"one of {', '.join(robot_names())}, or the path of a Python file that registers one",
+            remedy=f"{near(place, robot_names())}; or give the path of a Python file that registers one",
         )
     profile = _called(make, where)
     if not isinstance(profile, RobotProfile):

@@ -19,7 +19,7 @@ finds the same cheapest pose, and another attempt would be the same motion."""
 
 @dataclass(frozen=True)
 class Attempt:
-    """How an attempt differs from what a task says.
+    """Changes of an attempt to the task's options.
 
     Attributes:
         seed: of the solver.

@@ -108,7 +108,7 @@ class ChainController:
 
     @property
     def reference(self) -> Reference | None:
-        """What the last action is meant to bring about; None where the arm is only held."""
+        """Reference of the last action; None where the arm is only held."""
         return self._reference
 
     @property
@@ -127,7 +127,7 @@ class ChainController:
 
     @property
     def events(self) -> list[Event]:
-        """What was noticed, in order."""
+        """Events so far, in order."""
         return list(self._events)
 
     @property
@@ -223,7 +223,7 @@ class ChainController:
         self._events.append(Event(observation.step, self._step.name, what))
 
     def _deviation(self, observation: PrivilegedObservation, run: ChainPlan) -> Cause | None:
-        """What goes otherwise than planned; takes note of what the hand takes and releases."""
+        """Return the cause of a deviation from the plan, if any; updates what the hand holds."""
         found = self._look(observation, run)
         if found is not None:
             self._notice(observation, found)

@@ -1,4 +1,4 @@
-"""What a chain of steps keeps in mind: the plans that were made, and whose turn it is."""
+"""State of a chain of steps: the plans that were made, and whose turn it is."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class RolloutArguments(SceneArguments, total=False):
 
 @dataclass(frozen=True)
 class RolloutOptions:
-    """What all episodes of a run have in common beside their scenes.
+    """Options that all episodes of a run share beside their scenes.
 
     Attributes:
         open_loop: everything is planned at the start, with the first strategy of each step.
@@ -71,7 +71,7 @@ DEFAULT_ROLLOUT = RolloutOptions()
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """What the episodes of one task follow from beside strategies and seed: plain values that pickle.
+    """Inputs of the episodes of one task beside strategies and seed: plain values that pickle.
 
     Attributes:
         scene: of the task.
@@ -83,7 +83,7 @@ class EpisodeConfig:
 
     @property
     def task(self) -> TaskSpec:
-        """What is to be done."""
+        """Task of the episodes."""
         return self.scene.task
 
 

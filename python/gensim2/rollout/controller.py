@@ -17,7 +17,7 @@ from gensim2.tasks.measurement import Measurement
 Action = npt.NDArray[np.float32]
 
 ACTUATION: Literal["actuation"] = "actuation"
-"""What an event is called by which the hand is at an actuation pose."""
+"""Name of the event that the hand is at an actuation pose."""
 
 PROPRIOCEPTIVE = ObservationSpec(modalities=())
 """The robot's own state and no camera."""
@@ -25,7 +25,7 @@ PROPRIOCEPTIVE = ObservationSpec(modalities=())
 
 @dataclass(frozen=True, eq=False)
 class PrivilegedObservation(Observation):
-    """What a privileged controller sees beside what a robot could: the truth of a simulated world.
+    """Observation of a privileged controller, beyond that of a robot: the truth of a simulated world.
 
     Attributes:
         measurement: of the objects and the gripper, this instant.
@@ -56,7 +56,7 @@ class PrivilegedObservation(Observation):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What an action is meant to bring about at the end of its control step, whatever drives the robot.
+    """Reference of an action at the end of its control step, independent of the robot's drives.
 
     Attributes:
         joint_positions, joint_velocities: (m,) of the arm, rad or m, and a second.
@@ -73,7 +73,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Event:
-    """What a controller noticed.
+    """Event reported by a controller.
 
     Attributes:
         at_step: control steps since the reset.
@@ -124,7 +124,7 @@ def is_privileged(controller: Controller | type) -> bool:
 
 
 def spec_of(controller: Controller) -> ObservationSpec:
-    """What a controller looks at.
+    """Return the observation spec of a controller.
 
     Raises:
         InputError: its ``observation_spec`` is none.
@@ -136,7 +136,7 @@ def spec_of(controller: Controller) -> ObservationSpec:
 
 
 def reference_of(controller: Controller) -> Reference | None:
-    """What a controller's last action is meant to bring about; None where it says nothing."""
+    """Return the reference of a controller's last action; None where it says nothing."""
     reference: Reference | None = getattr(controller, "reference", None)
     return reference
 
@@ -154,6 +154,6 @@ def history_of(controller: Controller) -> Sequence[StepRecord]:
 
 
 def events_of(controller: Controller) -> Sequence[Event]:
-    """What a controller noticed, in order; empty where it says nothing."""
+    """Return the events that a controller reports, in order; empty where it reports none."""
     events: Sequence[Event] = getattr(controller, "events", ())
     return events

@@ -30,7 +30,7 @@ class ControllerError(InputError):
 
 @dataclass(frozen=True)
 class ControllerSpec:
-    """How a controller is made, wherever it is to run.
+    """Recipe of a controller, for any process.
 
     Attributes:
         target: ``module:Class``, or ``FILE.py:Class``.

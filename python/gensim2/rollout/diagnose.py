@@ -40,7 +40,7 @@ PLAN_CAUSES = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """How an episode ended.
+    """End of an episode.
 
     Attributes:
         goal: the goal holds at the end.
@@ -106,7 +106,7 @@ class _Facts:
     outcome: Outcome
 
     def fault_of(self, index: int, step: Step) -> Fault | None:
-        """What went wrong in a step; None where it was accomplished."""
+        """Return the fault of a step; None where it was accomplished."""
         record = self.records.get(step.name)
         if record is None:
             return Cause.TIME_OVER, {"control_steps": len(self.trace) - 1}
@@ -134,7 +134,7 @@ class _Facts:
         return (Cause.TIME_OVER if self.outcome.cut else Cause.STOPPED_SHORT), {}
 
     def context(self, step: Step) -> dict[str, Any]:
-        """What is worth knowing beside a step's fault: its last plan, and every deviation so far."""
+        """Return the context of a step's fault: its last plan, and every deviation so far."""
         record = self.records.get(step.name)
         found: dict[str, Any] = {}
         if record is not None and record.plans:
@@ -170,7 +170,7 @@ class _Facts:
         return (Cause.GRASP_LOST if lost else Cause.GRASP_MISSED), {"distance": distance}
 
     def _passed_by(self, record: StepRecord, step: Step, own: Sequence[Turn]) -> Fault | None:
-        """What became of an object that was where it should be only while the hand held it."""
+        """Return the fault of an object that was at its goal only while the hand held it."""
         if record.done or step.tool == HAND or not step.done or not own:
             return None
         measured = self.trace[own[-1].first : own[-1].last + 1]
@@ -189,7 +189,7 @@ def _has_motion(plan: PlanRecord) -> bool:
 
 
 def _fault_of_plans(plans: Sequence[PlanRecord]) -> Fault | None:
-    """What the plan lacks that was followed last, or that was made last where none was."""
+    """Return the fault of the plan that was followed last, or made last where none was followed."""
     if not plans:
         return None
     followed = [plan for plan in plans if plan.ran]

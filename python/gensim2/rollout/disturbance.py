@@ -1,4 +1,4 @@
-"""What goes wrong in a real room, at a seeded moment: an object is pushed, a grasp is opened."""
+"""Disturbances at a seeded moment: an object is pushed, a grasp is opened."""
 
 from __future__ import annotations
 

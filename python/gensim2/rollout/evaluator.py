@@ -83,7 +83,7 @@ class PoolEvaluator:
 
     @property
     def executor(self) -> Executor:
-        """What runs the jobs."""
+        """Executor of the jobs."""
         return self._executor
 
     @property

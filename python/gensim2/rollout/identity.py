@@ -1,4 +1,4 @@
-"""What the results of a run follow from, in digests: a run that is gone on with must have the same."""
+"""Digests of the inputs of a run: a run that is gone on with must have the same."""
 
 from __future__ import annotations
 

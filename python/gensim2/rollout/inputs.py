@@ -1,4 +1,4 @@
-"""What a user hands to the commands: all of it is checked before anything starts.
+"""Inputs of the commands: all of them are checked before anything starts.
 
 First what costs nothing (files, fields, names), then what needs one object of the class.
 """
@@ -164,7 +164,7 @@ def _only(given: TaskInput, names: set[str]) -> TaskInput:
 
 
 def chosen_word(spec: TaskSpec, library: Library, instances: str, seed: int) -> str:
-    """What ``--instances`` says of a task, ``random`` replaced by what the seed draws.
+    """Return the word of ``--instances`` for a task, ``random`` replaced by what the seed draws.
 
     Raises:
         InputError: a class has no such instance or split.
@@ -251,7 +251,7 @@ def task_and_strategies(task: str) -> tuple[TaskSpec, Strategies]:
 
 
 def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, ObjectNames]:
-    """What strategies may name of one object for each of the task, of those that ``word`` stands for."""
+    """Return the names that strategies may use of each of the task's objects, of those that ``word`` stands for."""
     found: dict[str, ObjectNames] = {}
     for name, ids in _taken(spec, library, word).items():
         model = library.load(spec.objects[name].asset_class, ids[0])

@@ -1,4 +1,4 @@
-"""What the measurements of a step's turn say of why its criterion did not come true."""
+"""Faults of a step whose criterion did not come true, from the measurements of its turn."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def fault_of_criterion(
 
 
 def drift(measured: Sequence[Measurement], at_actuation: Measurement | None, name: str) -> float | None:
-    """Metres that a rigid object went before the hand was at its actuation pose; None: it stayed, or nobody knows."""
+    """Metres that a rigid object went before the hand was at its actuation pose; None: it stayed, or it is unknown."""
     if at_actuation is None or name not in at_actuation.poses:
         return None
     moved = change(measured[0], at_actuation, name).distance

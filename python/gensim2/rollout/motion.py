@@ -1,4 +1,4 @@
-"""How far things went between two instants, and whether they are at rest."""
+"""Displacements between two instants, and whether they are at rest."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FARTHEST = 10.0
 
 @dataclass(frozen=True)
 class Change:
-    """What became of one object between two instants.
+    """Change of one object between two instants.
 
     Attributes:
         openness: change of its joint's openness, signed; 0 of a rigid object.
@@ -53,7 +53,7 @@ class Change:
 
 
 def change(before: Measurement, after: Measurement, name: str) -> Change:
-    """What became of one object."""
+    """Return the change of one object."""
     if name in after.openness:
         return Change(openness=after.openness[name] - before.openness[name])
     then, now = before.poses[name], after.poses[name]
@@ -69,7 +69,7 @@ def change(before: Measurement, after: Measurement, name: str) -> Change:
 
 
 def changes(before: Measurement, after: Measurement) -> Mapping[str, Change]:
-    """What became of every object."""
+    """Return the change of every object."""
     return {name: change(before, after, name) for name in (*after.openness, *after.poses)}
 
 

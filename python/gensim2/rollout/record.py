@@ -1,4 +1,4 @@
-"""What is known of an episode when it is over: one plain value, as JSON in logs, for tables, designers and reports."""
+"""Record of an episode that is over: one plain value, as JSON in logs, for tables, designers and reports."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Cause(StrEnum):
 
 
 class StrictMiss(StrEnum):
-    """What an episode lacks for ``strict``."""
+    """Reason for which an episode is not ``strict``."""
 
     NOT_HELD = "not held"
     NOT_LET_GO = "the hand has not let go"
@@ -56,7 +56,7 @@ class StrictMiss(StrEnum):
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """What stood on the table and where: every draw of the episode.
+    """Object on the table and its pose: every draw of the episode.
 
     Attributes:
         asset_class, id, source, content_hash: which object.

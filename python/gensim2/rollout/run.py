@@ -40,8 +40,8 @@ from gensim2.tasks.criteria import all_hold
 from gensim2.tasks.measurement import Measurement
 
 Stop = Literal["controller", "goal"]
-"""Who ends an episode: the controller alone, by None; or also the goal, where it has held for ``GOAL_SECONDS``, and
-the step limit, so that one that never says that it is done can be judged."""
+"""Stopping rule of an episode: by the controller alone, which returns None; or also the goal, where it has held for
+``GOAL_SECONDS``, and the step limit, so that one that never says that it is done can be judged."""
 STOPS: tuple[Stop, ...] = get_args(Stop)
 
 GOAL_SECONDS = 0.5
@@ -50,7 +50,7 @@ GOAL_SECONDS = 0.5
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """What came of one episode.
+    """Result of one episode.
 
     Attributes:
         episode: what is known of it.
@@ -202,7 +202,7 @@ class _Motion:
         return self.steps > 0 and is_at_rest(self.trace[-2], self.trace[-1], self._period)
 
     def observation(self) -> Observation:
-        """What the controller may look at, by the spec that it has now."""
+        """Return the controller's observation, by the spec that it has now."""
         spec = spec_of(self._controller)
         if self._seen is None or self._seen[:2] != (self.steps, spec):
             self._seen = (self.steps, spec, self._world.observe(spec))
@@ -229,7 +229,7 @@ class _Motion:
             self.step(self._action)
 
     def recording(self) -> Recording | None:
-        """What was recorded, where anything was."""
+        """Recording, if one was asked for."""
         return self._recorder.finish() if self._recorder is not None and self.steps else None
 
     def measure_at(self, step: int) -> Measurement:
@@ -241,7 +241,7 @@ class _Motion:
 
 
 def _at_actuation(trace: Sequence[Measurement], events: Sequence[Event]) -> Measurement | None:
-    """What was measured when the hand was first at an actuation pose; None where the controller tells of none."""
+    """Return the measurement at the first actuation pose; None where the controller reports none."""
     first = next((event.at_step for event in events if event.what == ACTUATION), None)
     return None if first is None else trace[first]
 

@@ -1,4 +1,4 @@
-"""What becomes of a scene in which no arm moves: a goal that comes about by itself counts for nothing."""
+"""No-op baseline: the scene in which no arm moves. A goal that comes about by itself counts for nothing."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class StillController:
 
 @dataclass(frozen=True)
 class StillResult:
-    """What the objects did by themselves.
+    """Result of the no-op baseline.
 
     Attributes:
         success: the goal holds at the end.
@@ -75,7 +75,7 @@ class StillResult:
 def still_arm(
     world: World, seed: int, *, options: Mapping[str, Any] | None = None, steps: int | None = None
 ) -> StillResult:
-    """What becomes of the scene of ``seed`` where no arm moves, after ``steps`` control steps and the time to settle.
+    """Run the no-op baseline in the scene of ``seed``: no arm moves for ``steps`` control steps and the time to settle.
 
     The scene is built without the arm: one that stands still touches nothing, and without it physics is ten times
     quicker. Objects that have lain still for ``STILL_SECONDS`` from the start will not start later, since nothing in

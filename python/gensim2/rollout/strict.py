@@ -39,7 +39,7 @@ OTHERS_DISTANCE, OTHERS_TILT = 0.03, math.radians(20.0)
 def strict_misses(
     world: World, start: Measurement, at_actuation: Measurement | None, later: Measurement
 ) -> StrictMisses:
-    """What an episode lacks whose goal held when it was judged.
+    """Return the reasons for which an episode whose goal held is not strict.
 
     Args:
         world: as it stands a second after the last command.
@@ -99,7 +99,7 @@ def _moving(world: World, measured: Measurement) -> dict[str, float]:
 
 
 def _disturbed(start: Measurement, at_actuation: Measurement) -> dict[str, float]:
-    """How far each object went that was moved too early: openness or metres."""
+    """Return the displacement of each object that was moved too early: openness or metres."""
     return {
         name: abs(moved.openness) if name in start.openness else moved.distance
         for name, moved in changes(start, at_actuation).items()
@@ -137,7 +137,7 @@ def _is_inside(world: World, scene: Scene, container: str, rigid: str) -> bool:
 
 
 def _moved_beside(start: Measurement, later: Measurement, acted_on: Set[str]) -> dict[str, dict[str, float]]:
-    """What became of objects that no step acts on and that did not stay where they were."""
+    """Return the displacements of objects that no step acts on and that did not stay in place."""
     moved = {}
     for name, points in later.keypoints.items():
         if name in acted_on:

@@ -12,7 +12,7 @@ from gensim2.rollout.record import Episode
 
 @dataclass(frozen=True)
 class Tally:
-    """What episodes add up to.
+    """Counts over episodes.
 
     Attributes:
         episodes: how many there are.

@@ -1,4 +1,4 @@
-"""Whose turn it was: which measurements belong to which step of a task."""
+"""Assignment of measurements to the steps of a task."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def paper_verdict(task: TaskSpec, turns: Sequence[Turn]) -> bool:
 
 
 def judged_steps(history: Sequence[StepRecord], turns: Sequence[Turn]) -> list[StepRecord]:
-    """What is known of each step that was begun, once however many turns it had; made up where there is no history."""
+    """Return the record of each step that was begun, once whatever its turns; made up where there is no history."""
     own: dict[str, list[Turn]] = {}
     for turn in turns:
         own.setdefault(turn.step.name, []).append(turn)

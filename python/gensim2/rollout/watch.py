@@ -1,4 +1,4 @@
-"""What a chain of steps looks out for while a plan is executed: what went otherwise than planned."""
+"""Monitors of a chain of steps: deviations from the plan that is executed."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Held:
     Attributes:
         name: of the object.
         T_hand_object: (4, 4) as it was when the fingers had closed.
-        width: distance of the pads that the grasp was planned for, m; None where nobody knows it.
-        force: with which each finger is to press on it, N; None where nobody knows it.
+        width: distance of the pads that the grasp was planned for, m; None where it is unknown.
+        force: with which each finger is to press on it, N; None where it is unknown.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Held:
 
 
 def taken(profile: RobotProfile, q: Array, measured: Measurement, plan: StepPlan) -> Held | None:
-    """What the hand holds once the fingers have closed; None: they have closed on nothing."""
+    """Return what the hand holds once the fingers have closed; None where they closed on nothing."""
     if plan.picks is None or plan.after is None or measured.finger_opening < _least_opening(plan.width):
         return None
     T_hand_base = np.linalg.inv(profile.model.forward_kinematics(plan.after.q))

@@ -1,4 +1,4 @@
-"""What one simulator worker does: plan on a scene, run an episode.
+"""Jobs of one simulator worker: plan on a scene, run an episode.
 
 Functions here run in worker processes; their arguments and results are plain values that pickle.
 """
@@ -259,7 +259,7 @@ _kept: dict[tuple[str, str], Controller] = {}
 
 @lru_cache(maxsize=4096)
 def still_episode(scene: SceneConfig, seed: int) -> StillResult:
-    """What the scene of this seed does by itself; a search asks for the same seeds again and again."""
+    """Run the no-op baseline of this seed, cached: a search asks for the same seeds again and again."""
     from gensim2.rollout.still import still_arm
 
     return still_arm(simulator(scene), seed)

@@ -1,4 +1,4 @@
-"""What the loop needs: a body that acts and sees, and of a simulator what only it knows."""
+"""Protocols of the loop: a body that acts and sees, and of a simulator what only it knows."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Placed(Protocol):
 
     @property
     def default_pose(self) -> str | None:
-        """Whose default pose it was put from, ``"default"`` or ``"original"``; None: its pose was given."""
+        """Source of the default pose that it was drawn about, ``"default"`` or ``"original"``; None: given."""
         ...
 
     @property
@@ -63,7 +63,7 @@ class Placed(Protocol):
 
 
 class Setup(Protocol):
-    """What a reset drew."""
+    """Initial state that a reset drew."""
 
     @property
     def objects(self) -> Mapping[str, Placed]:
@@ -87,7 +87,7 @@ class Setup(Protocol):
 
 
 class Body(Protocol):
-    """What acts: a simulated robot, or a real one.
+    """Robot that acts: a simulated one, or a real one.
 
     Attributes:
         profile: of the robot.
@@ -98,7 +98,7 @@ class Body(Protocol):
     waits: bool
 
     def reset(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Where an episode begins."""
+        """Begin an episode."""
         ...
 
     def step(self, action: npt.ArrayLike) -> None:
@@ -106,7 +106,7 @@ class Body(Protocol):
         ...
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """What is seen now."""
+        """Observe the present instant."""
         ...
 
     def close(self) -> None:

@@ -28,7 +28,7 @@ class WrappedController:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """What the controller looks at next."""
+        """Spec of the controller's next observation."""
         return spec_of(self._controller)
 
     @property

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.objects import Instance, RigidObject, open_library
 from gensim2.objects.library.selection import taken_instances, words_of_objects
 from gensim2.objects.types import Hulls
@@ -17,7 +17,7 @@ from gensim2.tasks.spec import TaskSpec
 
 
 class ObjectSource(Protocol):
-    """What the environment needs of an object library."""
+    """Interface of object libraries for environments."""
 
     def source(self, asset_class: str, /) -> str: ...
     def instances(self, asset_class: str, /) -> tuple[str, ...]: ...
@@ -69,8 +69,7 @@ def chosen_instances(
     given = dict(instances) if isinstance(instances, Mapping) else {}
     for name in given:
         if name not in task.objects:
-            known = ", ".join(task.objects)
-            raise InputError(f"there is no object {name!r}", field="instances", remedy=f"there are {known}")
+            raise InputError(f"there is no object {name!r}", field="instances", remedy=near(name, task.objects))
     chosen: dict[str, tuple[str, ...]] = {}
     classes = {name: spec.asset_class for name, spec in task.objects.items()}
     asked = words_of_objects(

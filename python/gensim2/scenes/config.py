@@ -18,12 +18,12 @@ from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name
 from gensim2.tasks.presets import DEFAULT_PRESET, PresetName, preset
 from gensim2.tasks.spec import TaskSpec
 
-Drawn = str | tuple[str, ...] | frozenset[tuple[str, str]]
-"""Instances that scenes draw from: one word, several ids, or (object's name, word) pairs."""
+Drawn = str | tuple[str, ...] | frozenset[tuple[str, str | tuple[str, ...]]]
+"""Instances that scenes draw from: one word, several ids, or (object's name, word or ids) pairs."""
 
 
 class SceneArguments(TypedDict, total=False):
-    """What scenes of a task follow from beside their seed, by keyword; nothing else in the package spells it.
+    """Inputs of the scenes of a task beside their seed, by keyword; nothing else in the package spells it.
 
     Keys:
         assets: folder of objects, ``"builtin"``, or None for ``GENSIM2_ASSETS`` or else the built-in library. An
@@ -48,7 +48,7 @@ SCENE_FIELDS: tuple[str, ...] = tuple(SceneArguments.__annotations__)
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What the scenes of all tasks of a run follow from.
+    """Options that the scenes of all tasks of a run share.
 
     Attributes:
         assets: a folder of objects or ``"builtin"``.
@@ -111,7 +111,7 @@ class SceneOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneConfig(SceneOptions):
-    """What the scenes of one task follow from beside their seed: plain values that pickle.
+    """Inputs of the scenes of one task beside their seed: plain values that pickle.
 
     Attributes:
         task: what is to be done.
@@ -127,7 +127,7 @@ class SceneConfig(SceneOptions):
 
     @property
     def options(self) -> SceneOptions:
-        """What the scenes share with those of other tasks."""
+        """Options shared with the scenes of other tasks."""
         return SceneOptions(**self.to_record())
 
     @property

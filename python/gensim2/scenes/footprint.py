@@ -1,4 +1,4 @@
-"""What an object covers of the table, seen from above, whether two such outlines keep apart, and how low it comes."""
+"""Outlines of objects seen from above, their separation, and the height of their lowest point."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def _vary(
     robot: RobotProfile,
     randomization: Preset,
 ) -> tuple[dict[str, Factors], tuple[float, ...]]:
-    """What is drawn besides the task's ranges: factors of each object's physics, and the robot's start."""
+    """Draw what a preset varies besides the task's ranges: factors of each object's physics, and the robot's start."""
     if not randomization.varies:
         return dict.fromkeys(task.objects, AS_IT_IS), robot.reset_qpos
     generator = rng(seed, f"{task.name}/{randomization.name}")

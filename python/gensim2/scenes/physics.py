@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.yaml_files import read_yaml
 
 Ours = Literal["default", "original"]
@@ -23,7 +23,7 @@ Redraw = Literal["placement", "none"]
 
 @dataclass(frozen=True)
 class PhysicsSwitches:
-    """What the physics of a scene is made of; ``"default"`` is the project's own, ``"original"`` the original's.
+    """Switches of the physics of a scene; ``"default"`` is the project's own, ``"original"`` the original's.
 
     Attributes:
         joint_friction: Coulomb friction and damping of the object, or PhysX's coefficient by class.
@@ -91,8 +91,7 @@ def physics_switches(word: str) -> PhysicsSwitches:
     name, *changes = word.split("+")
     name = _FORMER.get(name, name)
     if name not in PRESETS:
-        known = f"one of {', '.join(PHYSICS_NAMES)}"
-        raise InputError(f"no physics {word!r}", field="physics", remedy=known)
+        raise InputError(f"no physics {word!r}", field="physics", remedy=near(name, PHYSICS_NAMES))
     given = dict(change.partition("=")[::2] for change in changes)
     return _changed(PRESETS[name], given, None)
 
@@ -124,8 +123,8 @@ def _read(path: Path) -> PhysicsSwitches:
 def _changed(base: PhysicsSwitches, given: Mapping[str, Any], file: Path | None) -> PhysicsSwitches:
     for name, value in given.items():
         if name not in SWITCHES:
-            known = ", ".join(SWITCHES)
-            raise InputError(f"no switch {name!r}", file=file, field=name if file else "physics", remedy=known)
+            where = name if file else "physics"
+            raise InputError(f"no switch {name!r}", file=file, field=where, remedy=near(name, SWITCHES))
         if value not in SWITCHES[name]:
             remedy = f"one of {', '.join(SWITCHES[name])}"
             raise InputError(f"no {name} {value!r}", file=file, field=name if file else "physics", remedy=remedy)

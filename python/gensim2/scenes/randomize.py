@@ -1,4 +1,4 @@
-"""What differs between episodes of one task: drawn from (seed, task, preset), as plain values."""
+"""Random variables of the episodes of one task: drawn from (seed, task, preset), as plain values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ START_SPREAD = 0.1
 
 @dataclass(frozen=True)
 class Draw:
-    """What is drawn for one object, apart from what the object itself says.
+    """Random draw for one object.
 
     Attributes:
         instance: id of the instance.

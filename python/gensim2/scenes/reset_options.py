@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 
 RESET_OPTIONS = frozenset({"instance", "openness", "offset", "pose"})
 """Reset options of ours; ManiSkill knows ``reconfigure``, ``env_idx`` and ``reset_to_env_states`` besides."""
@@ -40,14 +40,14 @@ def read_options(options: Mapping[str, Any] | None, names: Sequence[str]) -> Map
             _check_maniskill(option, value)
             continue
         if option not in RESET_OPTIONS:
-            known = ", ".join(sorted(RESET_OPTIONS))
-            raise InputError("unknown reset option", field=str(option), remedy=f"known: {known}")
+            remedy = near(option, sorted(RESET_OPTIONS))
+            raise InputError("unknown reset option", field=str(option), remedy=remedy)
         if value is None:
             continue
         if isinstance(value, Mapping):
             for name, own in value.items():
                 if name not in found:
-                    raise InputError(f"there is no object {name!r}", field=option, remedy=f"there are {_list(names)}")
+                    raise InputError(f"there is no object {name!r}", field=option, remedy=near(name, names))
                 if own is not None:
                     _check(option, own, f"{option}.{name}")
                     found[name][option] = own

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Unpack
 
 from gensim2.robots import DEFAULT_ROBOT
 from gensim2.robots import robot as robot_profile
 from gensim2.scenes.arguments import as_library, as_task, check_names, check_words, chosen_instances
 from gensim2.scenes.config import SceneArguments
-from gensim2.scenes.initial_state import InitialState, sample_initial_state
+from gensim2.scenes.goal import check_false_at_start, check_reachable
+from gensim2.scenes.initial_state import InitialState, PlacementError, sample_initial_state
 from gensim2.scenes.physics import DEFAULT_PHYSICS, physics_name, physics_switches
-from gensim2.scenes.reset_options import read_options
+from gensim2.scenes.reset_options import ObjectOptions, read_options
 from gensim2.tasks.presets import DEFAULT_PRESET, preset
 from gensim2.tasks.spec import TaskSpec
+
+GOAL_SEEDS = range(8)
+"""Seeds whose scenes a goal is tried in where it holds in the first that is drawn."""
 
 
 class SceneSampler:
@@ -45,9 +49,10 @@ class SceneSampler:
         check_names(self.task, self.profile)
         self.library = as_library(scene.get("assets"))
         self.instances = chosen_instances(self.library, self.task, scene.get("instances", "all"))
+        self._goal_is_checked = False
 
     def sample(self, seed: int, options: Mapping[str, Any] | None = None) -> InitialState:
-        """Return the initial state of a seed.
+        """Return the initial state of a seed; the first call also checks the task's goal.
 
         Args:
             seed: 0 to 2**32 - 1.
@@ -56,14 +61,35 @@ class SceneSampler:
         Raises:
             InputError: an option cannot be used, or an object's files.
             PlacementError: there is no room for all objects.
+            GoalError: the goal holds at the start whatever is drawn, or nothing can reach it.
         """
         given = read_options(options, tuple(self.task.objects))
+        state = self._draw(seed, given)
+        if not self._goal_is_checked:
+            placed = {name for name, own in given.items() if {"offset", "pose"} & set(own)}
+            check_reachable(self.task, state, self.profile, placed)
+            check_false_at_start(self.task, self._drawn(state), self.profile)
+            self._goal_is_checked = True
+        return state
+
+    def _drawn(self, first: InitialState) -> Iterator[InitialState]:
+        """The state that was drawn first and, where the caller still wants to know, those of other seeds."""
+        yield first
+        nothing = read_options(None, tuple(self.task.objects))
+        for seed in GOAL_SEEDS:
+            try:
+                state = self._draw(seed, nothing)
+            except PlacementError:  # says nothing about the goal, and is raised when that seed is asked for
+                continue
+            yield state
+
+    def _draw(self, seed: int, options: Mapping[str, ObjectOptions]) -> InitialState:
         return sample_initial_state(
             self.task,
             self.library,
             self.instances,
             seed,
-            given,
+            options,
             self.profile,
             physics_switches(self.physics),
             self.randomization,

@@ -17,13 +17,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from gensim2.lazy import lazy_names
-from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, register_all
+from gensim2.sim.registration import TASK_ENV_ID, env_id, make_env, make_vec_env, register_all
 
 if TYPE_CHECKING:
     from gensim2.sim.env import GenSim2Env
     from gensim2.sim.headless import HeadlessEnv
 
-__all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "register_all"]
+__all__ = ["TASK_ENV_ID", "GenSim2Env", "HeadlessEnv", "env_id", "make_env", "make_vec_env", "register_all"]
 
 __getattr__ = lazy_names(__name__, {"GenSim2Env": "gensim2.sim.env", "HeadlessEnv": "gensim2.sim.headless"})
 

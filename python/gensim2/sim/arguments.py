@@ -18,6 +18,32 @@ def check_one_of(value: Any, known: Sequence[str], field: str) -> None:
         raise InputError(f"must be one of {', '.join(known)}, is {value!r}", field=field)
 
 
+OBS_MODES = (
+    "raycast",
+    "state",
+    "state_dict",
+    "none",
+    "pointcloud",
+    "rgb",
+    "depth",
+    "segmentation",
+    "rgb+depth",
+    "sensor_data",
+)
+"""Observation modes that errors name: the project's own first, then ManiSkill's most used; joined by ``+``."""
+
+
+def check_obs_mode(obs_mode: str | None, error: Exception) -> None:
+    """Refuse an observation mode that ManiSkill has refused, naming those that there are.
+
+    Raises:
+        InputError: ``error`` is about the observation mode.
+    """
+    if obs_mode is not None and obs_mode != "raycast" and obs_mode in str(error):
+        remedy = f"one of {', '.join(OBS_MODES)}; raycast needs no renderer"
+        raise InputError(f"no observation mode {obs_mode!r}", field="obs_mode", remedy=remedy) from error
+
+
 def checked_seed(seed: Any) -> int | None:
     """The seed of a reset: a whole number, one in a list as vectorized environments give it, or None."""
     if isinstance(seed, list | tuple | np.ndarray) and np.ndim(seed) == 1:

@@ -84,7 +84,8 @@ class Arm:
         return articulation_state(self.articulation)
 
     def observed(self, tool: bool = True) -> list[Row]:
-        """What observations begin with: qpos, qvel, pose of the tool in the base frame (7,), NaN without ``tool``."""
+        """Return the first part of observations: qpos, qvel, pose of the tool in the base frame (7,), NaN without
+        ``tool``."""
         qpos = self.articulation.qpos
         return [qpos, self.articulation.qvel, tool_pose(self._profile, qpos) if tool else NO_POSE]
 
@@ -116,7 +117,7 @@ def parsed(
 def built(
     builder: ArticulationBuilder, scene: sapien.Scene, pose: sapien.Pose, *, tendons: bool = True
 ) -> physx.PhysxArticulation:
-    """What a builder makes in a scene, its root at ``pose``.
+    """Build an articulation in a scene, its root at ``pose``.
 
     Args:
         tendons: whether PhysX couples joints that mimic one another.

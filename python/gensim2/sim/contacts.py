@@ -1,4 +1,4 @@
-"""What the robot touches."""
+"""Contacts of the robot."""
 
 from __future__ import annotations
 

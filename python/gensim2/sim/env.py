@@ -21,7 +21,7 @@ from gensim2.scenes.config import split_arguments
 from gensim2.scenes.reset_options import RESET_OPTIONS, read_options
 from gensim2.scenes.sampler import SceneSampler
 from gensim2.sim import agents, rendering
-from gensim2.sim.arguments import check_one_of, checked_action, checked_seed
+from gensim2.sim.arguments import check_obs_mode, check_one_of, checked_action, checked_seed
 from gensim2.sim.arm import base_pose
 from gensim2.sim.gripper import Transmission
 from gensim2.sim.managed import build_part, spare_imports_from_collection
@@ -31,6 +31,7 @@ from gensim2.sim.registration import MODULE, recordable
 from gensim2.sim.scene_state import RobotReader, read_scene
 from gensim2.sim.table import build_table
 from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.reward import StagedReward
 from gensim2.tasks.spec import TaskSpec
 
 
@@ -50,6 +51,8 @@ class GenSim2Env(RaycastObservations):
         obs_mode: ManiSkill's, or ``"raycast"``: an :class:`~gensim2.observations.Observation` without a renderer, its
             arrays by name (docs/observations.md).
         observation: an :class:`~gensim2.observations.ObservationSpec` or its fields, for ``"raycast"``.
+        reward_mode: ``"sparse"`` (default; 1 where the goal holds, else 0), ``"normalized_dense"`` (0 to 1, rising as
+            steps are done; it keeps which of them have been, so it is read once a step) or ``"none"``.
         render_backend: ``"auto"`` renders only where observations or ``render_mode`` need it and a driver
             works.
         kwargs: those of :class:`~gensim2.scenes.config.SceneArguments`, and as in ManiSkill's ``BaseEnv``;
@@ -65,7 +68,7 @@ class GenSim2Env(RaycastObservations):
         InputError: an argument or a reset option is wrong.
     """
 
-    SUPPORTED_REWARD_MODES = ("sparse", "none")
+    SUPPORTED_REWARD_MODES = ("sparse", "normalized_dense", "none")
 
     def __init__(
         self,
@@ -80,13 +83,18 @@ class GenSim2Env(RaycastObservations):
         obs_mode: str | None = None,
         observation: ObservationSpec | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        reward_mode: str | None = None,
         **kwargs: Any,
     ) -> None:
-        if num_envs != 1 or sim_backend not in ("cpu", "physx_cpu", "auto"):
-            raise InputError("one environment a process, on physx_cpu", field="num_envs", remedy="use processes")
+        if num_envs != 1:
+            remedy = "gensim2.make_vec_env makes several, each in a process of its own"
+            raise InputError(f"must be 1, is {num_envs!r}", field="num_envs", remedy=remedy)
+        if sim_backend not in ("cpu", "physx_cpu", "auto"):
+            raise InputError(f"must be physx_cpu, is {sim_backend!r}", field="sim_backend")
         if reconfiguration_freq not in (None, 1):
             raise InputError("must be 1: an episode is repeatable in a fresh scene only", field="reconfiguration_freq")
         check_one_of(render_mode, self.metadata["render_modes"], "render_mode")
+        check_one_of(reward_mode, self.SUPPORTED_REWARD_MODES, "reward_mode")
         check_words(obs_mode=obs_mode, control_mode=control_mode, render_backend=render_backend)
         scene, rest = split_arguments(kwargs)
         self._sampler = sampler = SceneSampler(task, **scene)
@@ -114,9 +122,11 @@ class GenSim2Env(RaycastObservations):
                 reconfiguration_freq=1,
                 obs_mode=obs_mode if self._seen is None else "none",  # as far as ManiSkill is concerned
                 render_mode=render_mode,
+                reward_mode=reward_mode,
                 **rest,
             )
         except (AssertionError, NotImplementedError) as error:  # ManiSkill's word for an argument that it does not know
+            check_obs_mode(obs_mode, error)
             raise InputError(f"ManiSkill refuses an argument: {error}", remedy="see its BaseEnv") from error
         except RuntimeError as error:
             if "failed to find device" not in str(error):
@@ -142,7 +152,8 @@ class GenSim2Env(RaycastObservations):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None and ":" not in spec.id:
-            spec = dataclasses.replace(spec, id=f"{MODULE}:{spec.id}")
+            limit = spec.max_episode_steps or self.max_episode_steps
+            spec = dataclasses.replace(spec, id=f"{MODULE}:{spec.id}", max_episode_steps=limit)
             assert spec is not None
             spec.kwargs = recordable(spec.kwargs)
         self._spec = spec
@@ -204,6 +215,7 @@ class GenSim2Env(RaycastObservations):
         self.agent.robot.set_pose(base_pose(self.profile))
         for part in self._parts.values():
             part.put()
+        self._reward = StagedReward(self.task)
 
     def _before_simulation_step(self) -> None:
         self._transmission.before_substep()
@@ -228,6 +240,10 @@ class GenSim2Env(RaycastObservations):
         """(1,) float: 1 where the task's goal holds, else 0."""
         reward: torch.Tensor = info["success"].to(torch.float32)
         return reward
+
+    def compute_normalized_dense_reward(self, obs: Any, action: torch.Tensor, info: dict[str, Any]) -> torch.Tensor:
+        """(1,) float from 0 to 1: :class:`~gensim2.tasks.reward.StagedReward`, 1 exactly where the goal holds."""
+        return torch.tensor([self._reward.of(self.measure())], dtype=torch.float32)
 
     def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """One control step. ``truncated`` from ``max_episode_steps`` on.

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import sapien
 from sapien.wrapper.articulation_builder import ArticulationBuilder
 
-from gensim2.errors import GenSim2Error, InputError
+from gensim2.errors import GenSim2Error, InputError, near
 from gensim2.objects import RigidObject
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning.scene import Scene
@@ -191,7 +191,7 @@ class HeadlessEnv(SceneAccessMixin):
             InputError: there is no such object.
         """
         if name not in self.parts:
-            raise InputError(f"there is no object {name!r}", field="name", remedy=f"there are {', '.join(self.parts)}")
+            raise InputError(f"there is no object {name!r}", field="name", remedy=near(name, self.parts))
         self._parts[name].nudge(dx, dy, dyaw)
 
     # ------------------------------------------------------------ measurement
@@ -234,7 +234,7 @@ class HeadlessEnv(SceneAccessMixin):
         return found
 
     def observe(self, spec: ObservationSpec) -> Observation:
-        """What is seen of this instant; of one state, spec and seed always the same bytes.
+        """Observe this instant; of one state, spec and seed always the same bytes.
 
         Args:
             spec: what is looked at. Colour pictures (``rgb``) cost a second scene with a renderer, 2 GB.
@@ -308,7 +308,7 @@ def _build(scene: sapien.Scene, name: str, thing: PlacedObject, physics: Physics
 
 @dataclass
 class _Known:
-    """What one process has to find out once of an articulated object: its parsed URDF, and how it was cooked."""
+    """Data of an articulated object that one process computes once: its parsed URDF, and how it was cooked."""
 
     builder: ArticulationBuilder
     warnings: tuple[str, ...] | None = None

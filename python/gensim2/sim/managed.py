@@ -1,4 +1,4 @@
-"""What it takes to work with ManiSkill: objects in a scene of its, ready to be read, and spared time."""
+"""Bridge to ManiSkill: objects in its scenes, ready to be read, and spared time."""
 
 from __future__ import annotations
 

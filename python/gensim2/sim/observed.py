@@ -1,4 +1,4 @@
-"""What an environment lets a policy see: ManiSkill's observations, with where the objects stand, or the project's."""
+"""Observations of an environment: ManiSkill's observations, with where the objects stand, or the project's."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class RaycastObservations(SceneAccessMixin, BaseEnv):  # type: ignore[misc]
 
     @property
     def obs_mode(self) -> str:
-        """What observations are of."""
+        """Observation mode."""
         return str(super().obs_mode) if self._seen is None else RAYCAST
 
     def observe(self) -> Observation:

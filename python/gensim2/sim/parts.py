@@ -97,7 +97,8 @@ class ArticulatedPart:
         return articulation_state(self.articulation)
 
     def observed(self) -> dict[str, Row]:
-        """What observations hold of it: openness (1,), qpos (1,), poses of root and moving link (7,), in the world."""
+        """Return its part of state observations: openness (1,), qpos (1,), poses of root and moving link (7,), in the
+        world."""
         return {
             "openness": np.array([self.openness], dtype=np.float32),
             "qpos": np.asarray(self.articulation.qpos, dtype=np.float32),
@@ -208,7 +209,7 @@ class RigidPart:
         return np.concatenate([pose_row(self.entity), *velocity]).astype(np.float32)
 
     def observed(self) -> dict[str, Row]:
-        """What observations hold of it: its pose (7,) in the world."""
+        """Return its part of state observations: its pose (7,) in the world."""
         return {"pose": pose_row(self.entity)}
 
     def scene_object(self, T_base_world: Array) -> SceneObject:

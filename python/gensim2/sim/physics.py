@@ -36,7 +36,7 @@ CREEP_SPEED = 5e-5
 
 
 class JointResistance(Protocol):
-    """What resists an object's joint."""
+    """Resistance of an object's joint."""
 
     def update(self) -> None:
         """To be called before each physics step."""
@@ -75,7 +75,7 @@ class Physics:
         )
 
     def sim_config(self, robot: RobotProfile) -> SimConfig:
-        """What ManiSkill is told: these settings, and the robot's rates."""
+        """Return ManiSkill's settings: these, and the robot's rates."""
         return SimConfig(
             sim_freq=robot.simulation.physics_hz,
             control_freq=robot.control_hz,
@@ -114,7 +114,7 @@ class Physics:
         profile: RobotProfile,
         classes: Collection[str] = (),
     ) -> None:
-        """What a scene with rigid objects needs besides, once it is built.
+        """Prepare a scene with rigid objects, once it is built.
 
         Args:
             system: of the scene.
@@ -205,7 +205,7 @@ class CoulombFriction:
 
     PhysX's own articulation friction is a coefficient on the load that the joint carries: it has no threshold
     in N m, and creeps (measured on a 0.3 kg lid, 0.26 N m of gravity torque: 0.23 rad in 5 s at coefficient
-    1). SAPIEN sets it to 0.05 where nobody says otherwise, which is enough to double the resistance of a
+    1). SAPIEN sets it to 0.05 by default, which is enough to double the resistance of a
     moving lid; here it is 0.
 
     Instead a velocity drive with target zero and a force limit is Coulomb friction, regularized below

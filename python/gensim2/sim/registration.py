@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec, registry
 
+from gensim2.errors import InputError
 from gensim2.tasks.library import load_task, packaged_names
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
@@ -43,13 +44,54 @@ def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env
         InputError: there is no such task, or an argument is none of the environment's.
         ImportError: the simulator is not installed.
     """
+    id, given = _id_and_arguments(task)
+    return gym.make(id, **given, **kwargs)
+
+
+def make_vec_env(
+    task: str | TaskSpec | Mapping[str, Any],
+    num_envs: int,
+    vectorization_mode: str = "async",
+    *,
+    vector_kwargs: Mapping[str, Any] | None = None,
+    **kwargs: Any,
+) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """Several environments of a task as one ``gymnasium.vector.VectorEnv`` of NumPy arrays, (n, ...) each.
+
+    ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which takes off the batch of one that ManiSkill gives
+    every value.
+
+    Args:
+        task: as for :func:`make_env`.
+        num_envs: n.
+        vectorization_mode: ``"async"``, a process each, or ``"sync"``, all in this one.
+        vector_kwargs: of gymnasium's class.
+        kwargs: as for :func:`make_env`, the same in each.
+
+    Raises:
+        InputError: there is no such task or mode, or an argument is none of the environment's.
+        ImportError: the simulator is not installed.
+    """
+    if vectorization_mode not in ("async", "sync"):
+        raise InputError(f"must be async or sync, is {vectorization_mode!r}", field="vectorization_mode")
+    if not isinstance(num_envs, int) or isinstance(num_envs, bool) or num_envs < 1:
+        raise InputError(f"must be a whole number from 1, is {num_envs!r}", field="num_envs")
+    # Here: it brings PyTorch, which registering needs not.
+    from mani_skill.utils.wrappers import CPUGymWrapper
+
+    id, given = _id_and_arguments(task)
+    return gym.make_vec(
+        id, num_envs, vectorization_mode, dict(vector_kwargs or {}), wrappers=[CPUGymWrapper], **given, **kwargs
+    )
+
+
+def _id_and_arguments(task: str | TaskSpec | Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     if isinstance(task, str):
         task = load_task(task)
     elif not isinstance(task, TaskSpec):
         task = parse_task(dict(task))
     id = env_id(task)
-    given: dict[str, Any] = {"task": task} if id.endswith(TASK_ENV_ID) else {}
-    return gym.make(id, **given, **kwargs)
+    return id, {"task": task} if id.endswith(TASK_ENV_ID) else {}
 
 
 def register_all() -> None:
@@ -63,18 +105,13 @@ def register_all() -> None:
 def _register(id: str, max_episode_steps: int | None, kwargs: dict[str, object]) -> None:
     if id in registry:
         return
-    time_limit = WrapperSpec(
-        "MSTimeLimit",
-        "mani_skill.utils.registration:TimeLimitWrapper",
-        {"max_episode_steps": max_episode_steps},
-    )
+    time_limit = WrapperSpec("TimeLimit", "gensim2.sim.time_limit:TimeLimit", {"registered": max_episode_steps})
     gym.register(
         id,
         entry_point=_ENTRY_POINT,
         max_episode_steps=max_episode_steps,
         disable_env_checker=True,  # ManiSkill batches every value, which the checker takes for errors
-        # The limit of a task that is not in the library is known only to the environment itself.
-        additional_wrappers=(time_limit,) if max_episode_steps is not None else (),
+        additional_wrappers=(time_limit,),
         kwargs=dict(kwargs),
     )
 

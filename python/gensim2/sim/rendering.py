@@ -26,6 +26,8 @@ NO_DRIVER = (
     "(on Debian or Ubuntu install mesa-vulkan-drivers 24.3 or newer)"
 )
 
+WITHOUT_RENDERER = "obs_mode 'raycast' (point clouds, depth, segmentation) or 'state', which need none"
+
 
 @cache
 def can_render() -> bool:
@@ -100,12 +102,14 @@ def backend(asked: str, obs_mode: str | None, render_mode: str | None) -> str:
     needs_pictures = obs_mode not in (None, "none", "state", "state_dict")
     if asked == "none":
         if needs_pictures:
-            raise InputError(f"obs_mode {obs_mode!r} needs rendering", field="render_backend")
+            raise InputError(
+                f"obs_mode {obs_mode!r} needs rendering", field="render_backend", remedy=f"use {WITHOUT_RENDERER}"
+            )
         return "none"
     if asked != "auto":
         return asked
     if needs_pictures and not can_render():
-        raise InputError(NO_DRIVER, field="obs_mode", remedy="use obs_mode 'state'")
+        raise InputError(NO_DRIVER, field="obs_mode", remedy=f"use {WITHOUT_RENDERER}")
     if not (needs_pictures or render_mode is not None) or not can_render():
         # Without a driver an environment with a render mode still simulates; render() itself then says why
         # not.

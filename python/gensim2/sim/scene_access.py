@@ -23,7 +23,7 @@ class SceneAccessMixin:
 
     @property
     def setup(self) -> InitialState:
-        """What stands on the table: what was drawn at the last reset."""
+        """Initial state that was drawn at the last reset."""
         self._require_open()
         if self._setup is None:
             raise GenSim2Error("the environment has not been reset yet")
@@ -37,9 +37,10 @@ class SceneAccessMixin:
 
     @property
     def object_warnings(self) -> tuple[str, ...]:
-        """What building the objects lost, by object."""
+        """Losses in building the objects, by object."""
         return tuple(f"{part.name}: {warning}" for part in self.parts.values() for warning in part.warnings)
 
     def measure(self) -> Measurement:
-        """What criteria and verdicts go by, this instant, in the world frame; without an arm, as if it stood still."""
+        """Measure the present instant in the world frame, for criteria and verdicts; without an arm, as if it stood
+        still."""
         return measure(self._robot, self.parts)

@@ -23,7 +23,7 @@ _TABLE_HULLS = (corners(),)
 
 
 class RobotReader:
-    """What is read of a robot in a scene.
+    """Reader of a robot's state in a scene.
 
     Args:
         profile: of the robot.
@@ -90,7 +90,7 @@ class RobotReader:
 
 
 def measure(robot: RobotReader, parts: Parts) -> Measurement:
-    """What criteria and verdicts go by, this instant, in the world frame."""
+    """Measure the present instant in the world frame, for criteria and verdicts."""
     articulated = {name: part for name, part in parts.items() if isinstance(part, ArticulatedPart)}
     rigid = {name: part for name, part in parts.items() if isinstance(part, RigidPart)}
     return Measurement(
@@ -106,7 +106,7 @@ def measure(robot: RobotReader, parts: Parts) -> Measurement:
 
 
 def read_scene(robot: RobotReader, parts: Parts) -> Scene:
-    """Where everything stands, in the robot base frame; what the hand holds is for the caller to know."""
+    """Return the poses of everything in the robot's base frame; what the hand holds is for the caller to know."""
     T_world_base = robot.profile.T_world_base  # exact: the simulator's own value is rounded to float32
     T_base_world = np.asarray(np.linalg.inv(T_world_base), dtype=np.float64)
     return Scene(

@@ -22,6 +22,9 @@ AJAR = (0.3, 0.7)
 NEAR = 0.05
 """Horizontal distance (m) within which the paper calls two points together."""
 
+SCALE = 0.3
+"""Distance (m) over which progress towards a point falls off."""
+
 Threshold = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -45,6 +48,10 @@ class ArticulatedOpen(_Criterion):
         """Whether it holds; NaN never does."""
         return measured.openness[self.object] > self.threshold
 
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        return _share(measured.openness[self.object] / self.threshold)
+
 
 class ArticulatedClosed(_Criterion):
     """The object's openness is below ``threshold``."""
@@ -61,6 +68,10 @@ class ArticulatedClosed(_Criterion):
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
         return measured.openness[self.object] < self.threshold
+
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        return _share((1.0 - measured.openness[self.object]) / (1.0 - self.threshold))
 
 
 class ArticulatedBetween(_Criterion):
@@ -86,6 +97,11 @@ class ArticulatedBetween(_Criterion):
         """Whether it holds; NaN never does."""
         return self.low < measured.openness[self.object] < self.high
 
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        openness = measured.openness[self.object]
+        return _share(min(openness / self.low, (1.0 - openness) / (1.0 - self.high)))
+
 
 class RigidLifted(_Criterion):
     """The rigid object is at least ``height`` (m) higher than where it stood at the reset."""
@@ -102,6 +118,10 @@ class RigidLifted(_Criterion):
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
         return float(measured.poses[self.rigid][2] - measured.starts[self.rigid][2]) > self.height
+
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        return _share(float(measured.poses[self.rigid][2] - measured.starts[self.rigid][2]) / self.height)
 
 
 class RigidMoved(_Criterion):
@@ -120,9 +140,18 @@ class RigidMoved(_Criterion):
 
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
-        x, y = measured.poses[self.rigid][:2] - measured.starts[self.rigid][:2]
-        along, across = {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
+        along, across = self._way(measured)
         return bool(along > self.distance and abs(across) < along / 2)
+
+    def _way(self, measured: Measurement) -> tuple[float, float]:
+        """Displacement (m) along the direction and across it, as the robot sees them."""
+        x, y = map(float, measured.poses[self.rigid][:2] - measured.starts[self.rigid][:2])
+        return {"away": (x, y), "closer": (-x, y), "left": (y, x), "right": (-y, x)}[self.direction]
+
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        along, across = self._way(measured)
+        return _share((along - max(0.0, abs(across) - along / 2)) / self.distance)
 
 
 class RigidOnRigid(_Criterion):
@@ -145,6 +174,11 @@ class RigidOnRigid(_Criterion):
         x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
         return math.hypot(x, y) < self.threshold and bool(z < self.height)
 
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        x, y, z = (measured.poses[self.rigid] - measured.poses[self.support])[:3]
+        return nearness(math.hypot(max(0.0, math.hypot(x, y) - self.threshold), max(0.0, z - self.height)))
+
 
 class DistanceArticulatedRigid(_Criterion):
     """The measured points of an articulated and a rigid object are within ``threshold`` (m), horizontally."""
@@ -164,6 +198,11 @@ class DistanceArticulatedRigid(_Criterion):
         between = measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2]
         return math.hypot(*between) < self.threshold
 
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        between = measured.point(self.articulated)[:2] - measured.point(self.rigid)[:2]
+        return nearness(math.hypot(*between) - self.threshold)
+
 
 class DistanceGripperRigid(_Criterion):
     """Any keypoint of the gripper is within ``threshold`` (m) of the rigid object's measured point, horizontally."""
@@ -181,6 +220,10 @@ class DistanceGripperRigid(_Criterion):
         """Whether it holds; NaN never does."""
         return _from_gripper(measured, self.rigid) < self.threshold
 
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        return nearness(_from_gripper(measured, self.rigid) - self.threshold)
+
 
 class DistanceGripperArticulated(_Criterion):
     """Any keypoint of the gripper is within ``threshold`` (m) of the articulated object's point, horizontally."""
@@ -197,6 +240,10 @@ class DistanceGripperArticulated(_Criterion):
     def holds(self, measured: Measurement) -> bool:
         """Whether it holds; NaN never does."""
         return _from_gripper(measured, self.articulated) < self.threshold
+
+    def progress(self, measured: Measurement) -> float:
+        """Return how near it is to holding, 0 to 1: 1 where it holds."""
+        return nearness(_from_gripper(measured, self.articulated) - self.threshold)
 
 
 OF_GRIPPER = (DistanceGripperRigid, DistanceGripperArticulated)
@@ -219,6 +266,16 @@ Criterion = Annotated[
 def all_hold(criteria: tuple[Criterion, ...], measured: Measurement) -> bool:
     """Whether every criterion holds at once; none at all hold."""
     return all(criterion.holds(measured) for criterion in criteria)
+
+
+def nearness(distance: float) -> float:
+    """Return 1 where a distance (m) is zero or less, and less the farther: 0.24 at ``SCALE``, nearly 0 at 1 m."""
+    return _share(1.0 - math.tanh(max(0.0, distance) / SCALE))
+
+
+def _share(value: float) -> float:
+    """A number brought into 0..1; NaN is no progress."""
+    return 0.0 if math.isnan(value) else float(min(1.0, max(0.0, value)))
 
 
 def _from_gripper(measured: Measurement, name: str) -> float:

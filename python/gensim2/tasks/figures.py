@@ -1,7 +1,7 @@
-"""How often the library's tasks succeed: measured figures as data, from which every table of the project is made.
+"""Success rates of the library's tasks: measured figures as data, from which every table of the project is made.
 
-``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``scripts/figures.py`` and by nobody else: a
-row is what the episodes of one file say of one task.
+``figures.json`` is written from the JSON files of ``gensim2 benchmark`` by ``scripts/figures.py`` alone: a row
+is what the episodes of one file say of one task.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OWNERS = {"default": "our physics", "original": "the original's physics"}
 
 
 class Condition(_Value):
-    """What a row was measured under.
+    """Conditions of a measurement.
 
     Attributes:
         objects: ``"generated"`` ones, or ``"real"`` ones from a folder.
@@ -65,12 +65,12 @@ class Condition(_Value):
 
     @property
     def in_words(self) -> str:
-        """Whose physics, which objects, and what else is not the paper's protocol."""
+        """Physics, objects and deviations from the paper's protocol, in words."""
         whose = [OWNERS[self.physics]] if self.physics in OWNERS else []
         return ", ".join([*whose, f"{self.objects} objects", *self._deviations()])
 
     def _deviations(self) -> list[str]:
-        """What is not the paper's protocol, in words."""
+        """Return the deviations from the paper's protocol, in words."""
         found = {
             f"physics {self.physics}": self.physics not in OWNERS,
             f"robot {self.robot}": self.robot != "panda",
@@ -94,7 +94,7 @@ class Verdicts(_Value):
 
 
 class Source(_Value):
-    """Where a row comes from.
+    """Source of a row.
 
     Attributes:
         commit: of the sources; ``-modified`` behind it where they were no longer those.

@@ -20,7 +20,7 @@ from typing import Any
 
 from platformdirs import user_data_path
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.foreign.archive import open_archive, read_member
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
@@ -85,9 +85,7 @@ def task_names(origin: str | None = None) -> tuple[str, ...]:
     found = tuple(name for name in task_names() if origin_of(load_task(name)) == origin)
     if not found:
         known = sorted({str(origin_of(load_task(name))) for name in task_names()})
-        raise InputError(
-            f"no task of the library is of {origin!r}", field="origin", remedy=f"one of {', '.join(known)}"
-        )
+        raise InputError(f"no task of the library is of {origin!r}", field="origin", remedy=near(origin, known))
     return found
 
 
@@ -97,7 +95,7 @@ def packaged_names() -> tuple[str, ...]:
 
 
 def origin_of(task: TaskSpec) -> str | None:
-    """Who proposed a task; None where nobody says."""
+    """Return who proposed a task; None where that is not known."""
     return None if task.provenance is None else task.provenance.origin
 
 
@@ -114,8 +112,8 @@ def task_folder(name: str) -> Traversable:
     if own is not None and name in names_in(own):
         return own / name
     by_lower = {known.lower(): known for known in task_names()}
-    near = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
-    remedy = f"did you mean {', '.join(near)}?" if near else "gensim2 tasks list names all"
+    alike = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)]
+    remedy = f"did you mean {', '.join(alike)}?" if alike else "gensim2 tasks list names all"
     raise InputError(f"unknown task {name!r}", remedy=remedy)
 
 
@@ -225,15 +223,14 @@ def strategy_files(folder: Traversable, task: TaskSpec) -> dict[str, Traversable
         if file is None:
             shared = (name for shelf in _shared() for name in _files_in(shelf))
             there = sorted({*_files_in(folder / STRATEGIES), *shared})
-            near = difflib.get_close_matches(name, there, n=1)
-            remedy = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(there) or 'none'}"
-            raise InputError(f"a step names a strategy {name!r} without a file", file=str(places[0]), remedy=remedy)
+            what = f"a step names a strategy {name!r} without a file"
+            raise InputError(what, file=str(places[0]), remedy=near(name, there))
         found[name] = file
     return found
 
 
 def _places(folder: Traversable, name: str) -> list[Traversable]:
-    """Where the file of a strategy may lie, first its own task's."""
+    """Return the paths at which the file of a strategy may lie, first its own task's."""
     former = [folder / f"{name}.yaml"] if name == version_1.STRATEGY else []
     return [folder / STRATEGIES / f"{name}.yaml", *former, *(shelf / f"{name}.yaml" for shelf in _shared())]
 

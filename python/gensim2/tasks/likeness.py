@@ -111,7 +111,7 @@ def normal_words(sentence: str) -> tuple[str, ...]:
 
 
 def likeness(one: tuple[str, ...], other: tuple[str, ...]) -> float:
-    """How alike the words of two sentences are, in whatever order and however often: 0 to 100."""
+    """Return the similarity of the words of two sentences, in whatever order and however often: 0 to 100."""
     return float(fuzz.token_sort_ratio(" ".join(set(one)), " ".join(set(other))))
 
 
@@ -122,7 +122,7 @@ def _concerned(task: TaskSpec) -> list[str]:
 
 
 def _called(task: TaskSpec) -> dict[str, str]:
-    """What each object is called: its class, with a number where there are several."""
+    """Return the name of each object: its class, with a number where there are several."""
     seen: Counter[str] = Counter()
     called = {}
     for name in [*_concerned(task), *task.objects]:

@@ -1,4 +1,4 @@
-"""What is measured of a scene at one instant: all that criteria and verdicts go by, free of any simulator's types."""
+"""Measurement of a scene at one instant: all that criteria and verdicts go by, free of any simulator's types."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.files import sync_folder, write_json
 from gensim2.tasks.exporting import write_task
 from gensim2.tasks.library import (
@@ -50,7 +50,7 @@ LEAST_SHARE = 0.6
 
 
 class UnverifiedTaskError(InputError):
-    """A task was to be added that nobody has verified, or that did not hold."""
+    """A task was to be added that was not verified, or that did not hold."""
 
 
 class KnownTaskError(InputError):
@@ -77,7 +77,7 @@ class Memory:
 
     @property
     def folder(self) -> Path:
-        """Where it lies.
+        """Folder of the library.
 
         Raises:
             InputError: the user wants none, or it is an archive.
@@ -98,7 +98,7 @@ class Memory:
         return names_in(self._folder)
 
     def run_of(self, name: str) -> str | None:
-        """Folder of the run that a task comes from; None where nobody says, or it is no task of this library.
+        """Folder of the run that a task comes from; None where it is unknown, or it is no task of this library.
 
         Raises:
             InputError: what was written down when it was added cannot be read.
@@ -133,7 +133,7 @@ class Memory:
         Raises:
             UnverifiedTaskError: too few episodes, or too few that held.
             KnownTaskError: the library, or the package, has this name or such a task.
-            InputError: nobody says who proposed it, a strategy is missing, or the folder cannot be written to.
+            InputError: it does not say who proposed it, a strategy is missing, or the folder cannot be written to.
         """
         _check_verified(task, verification)
         kept = _with_verification(task, verification)
@@ -171,7 +171,7 @@ class Memory:
                 continue
             if name in packaged_names():
                 raise InputError(f"{name} is part of the package", remedy="only your own tasks can be removed")
-            raise InputError(f"there is no task {name!r} in {self.folder}", remedy="gensim2 tasks list names all")
+            raise InputError(f"there is no task {name!r} in {self.folder}", remedy=near(name, own))
         with self._locked():
             for name in dict.fromkeys(names):
                 self._remove(name)
@@ -181,7 +181,7 @@ class Memory:
         try:
             (self.folder / name).rename(gone)
         except FileNotFoundError:
-            return  # somebody else was quicker
+            return  # another process was quicker
         sync_folder(self.folder)
         shutil.rmtree(gone)
 

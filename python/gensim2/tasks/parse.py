@@ -73,7 +73,7 @@ def _walk(location: tuple[int | str, ...]) -> tuple[tuple[int | str, ...], type[
 
 
 def _kinds(kind: Any) -> list[Any]:
-    """What a value may be, None apart: annotations and unions taken away."""
+    """List the types that a value may have, None apart: annotations and unions taken away."""
     if get_origin(kind) is Annotated:
         return _kinds(get_args(kind)[0])
     if get_origin(kind) in (Union, types.UnionType):
@@ -82,7 +82,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 
 def _inside(kind: Any, part: int | str) -> Any:
-    """What stands at a field, a key or an index."""
+    """Return the value at a field, a key or an index."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         fields = kind.model_fields
         return next((field.annotation for name, field in fields.items() if part in (name, field.alias)), None)

@@ -1,4 +1,4 @@
-"""How much of a scene is drawn: the task's own ranges, half of them, or more than they say."""
+"""Presets of randomization: the task's own ranges, half of them, or more than they say."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DEFAULT_PRESET: PresetName = "paper"
 
 @dataclass(frozen=True)
 class Preset:
-    """What becomes of a task's ranges, and what is drawn besides.
+    """Scale of a task's ranges, and what is drawn besides.
 
     Attributes:
         name: as in ``--randomization``.

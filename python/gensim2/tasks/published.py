@@ -1,4 +1,4 @@
-"""What others report of the tasks, beside our own figures: the paper (Table 4), and its release as it was measured."""
+"""Published figures of the tasks, beside our own: the paper (Table 4), and its release as it was measured."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ MEASURED: dict[str, tuple[int, int]] = {
     "CloseRefrigeratorDoor": (7, 10),
     "OpenRefrigeratorDoor": (9, 10),
 }
-"""What the original's public release reached when it was run: episodes that count as the paper counts, of how many.
+"""Results of the original's public release: episodes that count as the paper counts, of how many.
 
 Real objects and ranges as in the paper. By task only these ten episodes are known; ``MEASURED_IN_ALL`` are all thirty
 of each.

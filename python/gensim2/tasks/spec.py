@@ -1,4 +1,4 @@
-"""What a task is: one frozen, validated value that serializes to YAML and JSON.
+"""Task specification: one frozen, validated value that serializes to YAML and JSON.
 
 A task names its objects (roles) and its steps. A step is one actuation pose with its motions and with what the gripper
 does there; a task of a single step is the smallest case. How a step is done is not part of the spec: it names
@@ -23,7 +23,7 @@ STEPS_A_SECOND = 20
 HAND = "hand"
 """Name of the robot's own tool; no object is called so."""
 TABLE = "table"
-"""Name of what objects stand on where nobody says otherwise; no object is called so."""
+"""Name of what objects stand on by default; no object is called so."""
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
 """Of an object, a step or a strategy."""
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -73,7 +73,7 @@ class _Value(BaseModel):
 
 
 class Place(_Value):
-    """Where an object stands before its randomization.
+    """Placement of an object before its randomization.
 
     Attributes:
         on: ``"table"``, or the name of another object, in or on which it rests.
@@ -92,6 +92,12 @@ class Randomization(_Value):
 
     The yaw is drawn between 0 and ``yaw`` where the drawn y offset is positive and between 0 and ``-yaw`` where it is
     not: with a positive one, what lies to the side is turned towards the robot; with a negative one, away from it.
+
+    Attributes:
+        x, y: offset from the object's place, m; one number stands for the range from minus it to it.
+        yaw: largest turn about the vertical, rad; its sign says which way what lies to the side is turned.
+        openness_mean: of the joint at the start; None takes the instance's default.
+        openness_spread: by which the openness may differ from the mean, either way; the result is kept within 0 to 1.
     """
 
     x: Offset = (-0.1, 0.1)
@@ -142,7 +148,7 @@ class Step(_Value):
 
 
 class Made(_Value):
-    """How a strategy came about.
+    """Origin of a strategy.
 
     Attributes:
         by: ``"search"``: a designer found it; ``"model"``: a language model wrote it; ``"hand"``: a person did.
@@ -154,7 +160,7 @@ class Made(_Value):
 
 
 class Verified(_Value):
-    """What fresh episodes said of a task and its strategies, on scenes that no design saw.
+    """Result of fresh episodes of a task and its strategies, on scenes that no design saw.
 
     Attributes:
         episodes: how many there were.
@@ -186,7 +192,7 @@ class Verified(_Value):
 
 
 class Provenance(_Value):
-    """Where a task comes from.
+    """Provenance of a task.
 
     Attributes:
         origin: who proposed it: ``"paper"`` for what the paper's tables list, else the designer's name.
@@ -209,9 +215,9 @@ class TaskSpec(_Value):
         description: what a person would ask for, one phrase in lower case.
         objects: by name, in the order in which they are placed.
         steps: in order.
-        goal: what must hold at the end, all of it; None: what the last step's ``done`` says.
+        goal: what must hold at the end, all of it; None stands for the last step's ``done``.
         max_episode_steps: steps, ``STEPS_A_SECOND`` of them a second, after which an episode is truncated.
-        provenance: where it comes from; None where nobody says.
+        provenance: where it comes from; None where that is not known.
     """
 
     schema_version: Literal[2] = 2
@@ -258,7 +264,7 @@ class TaskSpec(_Value):
 
     @property
     def success(self) -> tuple[Criterion, ...]:
-        """What must hold at the end: ``goal``, or what the last step's ``done`` says."""
+        """Criteria that must hold at the end: ``goal``, or the last step's ``done``."""
         return self.steps[-1].done if self.goal is None else self.goal
 
     @property

@@ -56,7 +56,7 @@ def upgraded(data: dict[str, Any], file: str | None) -> dict[str, Any]:
 
 
 def place_of(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
-    """Where version 1 has what stands at ``location`` in version 2."""
+    """Return the location in version 1 of what stands at ``location`` in version 2."""
     for new, old in _PLACES.items():
         if location[: len(new)] == new:
             return old + location[len(new) :]

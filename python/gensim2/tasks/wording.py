@@ -19,7 +19,7 @@ _WAYS = {"away": "away from the robot", "closer": "towards the robot", "left": "
 
 
 def criterion_in_words(criterion: Criterion) -> str:
-    """What must hold: ``"openness of the drawer above 0.8"``."""
+    """Describe a criterion: ``"openness of the drawer above 0.8"``."""
     if isinstance(criterion, ArticulatedOpen | ArticulatedClosed):
         side = "above" if isinstance(criterion, ArticulatedOpen) else "below"
         return f"openness of the {_said(criterion.object)} {side} {criterion.threshold:g}"
@@ -46,7 +46,7 @@ def name_in_words(name: str) -> str:
 
 
 def place_in_words(thing: ObjectSpec) -> str:
-    """Where an object stands before its randomization."""
+    """Describe an object's placement before its randomization."""
     where = "on the table" if thing.place.on == TABLE else f"in or on the {_said(thing.place.on)}"
     turned = f", turned by {math.degrees(thing.place.yaw):.0f}°" if thing.place.yaw else ""
     if thing.place.at is None:

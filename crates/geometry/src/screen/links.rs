@@ -1,4 +1,4 @@
-//! What is made of a robot's shapes once, whatever stands about it.
+//! Data precomputed from a robot's shapes, whatever stands about it.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use super::cover::{Ball, ball_around, cover};
 use super::exact::Piece;
 use crate::{JointKind, Robot};
 
-/// What is made of a robot's shapes once, whatever stands about it.
+/// Data precomputed from a robot's shapes, whatever stands about it.
 #[derive(Debug, Clone, Default)]
 pub struct Cover {
     /// Balls that contain each link's shapes, in its frame.

@@ -49,7 +49,7 @@ impl Sphere {
     }
 }
 
-/// What stands for the ball around a group without shapes.
+/// Placeholder of the ball around a group without shapes.
 const NOTHING: Sphere = Sphere { center: [0.0; 3], radius: 0.0, inner: -1e9 };
 
 #[derive(Debug, Clone)]
@@ -59,7 +59,7 @@ struct Cluster {
     balls: std::ops::Range<usize>,
 }
 
-/// What a group is near to, for a screen.
+/// Thing near a group, for a screen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Other {
     /// One convex shape of a body.
@@ -75,7 +75,7 @@ pub enum Other {
 pub struct Suspect {
     /// The group; of a pair, the first.
     pub group: usize,
-    /// What it may be too near to.
+    /// Things that it may be too near to.
     pub other: Other,
     /// Lower bound of what each lane leaves beyond the distance that is needed (m).
     pub gap: [f32; LANES],

@@ -27,7 +27,7 @@ pub(crate) struct PointGrid {
     origin: Point3<f64>,
     cell: f64,
     dims: [usize; 3],
-    /// What rounding to single precision may change of a distance (m).
+    /// Bound on the rounding error of a distance in single precision (m).
     slack: f32,
 }
 

@@ -26,7 +26,7 @@ impl Frames {
         }
     }
 
-    /// Where a point of the frame is.
+    /// Position of a point of the frame (m).
     #[inline(always)]
     #[must_use]
     pub fn point(&self, p: &[f32; 3]) -> Points {
@@ -34,7 +34,7 @@ impl Frames {
         [x + self.t[0], y + self.t[1], z + self.t[2]]
     }
 
-    /// Where a direction of the frame points.
+    /// Direction of the frame, in the base frame.
     #[inline(always)]
     #[must_use]
     pub fn direction(&self, p: &[f32; 3]) -> Points {
@@ -65,7 +65,7 @@ struct Fixed {
     t: [f32; 3],
 }
 
-/// How a joint turns what it carries: `A + sin B + cos C`.
+/// Rotation of a joint's child: `A + sin B + cos C`.
 #[derive(Debug, Clone)]
 enum Motion {
     None,

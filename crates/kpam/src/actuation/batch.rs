@@ -58,7 +58,7 @@ pub(super) struct BatchProjection {
     frames: Vec<Frames>,
 }
 
-/// What is known of the start in one lane.
+/// State of the start in one lane.
 #[derive(Clone, Copy)]
 struct Seat {
     /// Number of the start; none where the lane is empty.

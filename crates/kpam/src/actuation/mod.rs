@@ -35,7 +35,7 @@ pub(crate) struct Candidate {
     pub cost: f64,
 }
 
-/// What the search found.
+/// Result of the search.
 pub(crate) struct Actuation {
     /// Distinct poses that meet every constraint, cheapest first.
     pub candidates: Vec<Candidate>,
@@ -55,7 +55,7 @@ pub(crate) struct ActuationSearch<'p> {
     weights: Row,
     /// Residuals below which a projection has arrived.
     near: f64,
-    /// Where projections aim at within the tolerances.
+    /// Target of projections within the tolerances.
     aim: Aim,
     placed: Placed,
     batch: BatchProjection,

@@ -24,7 +24,7 @@ pub(super) const INNER: f64 = 1e-3;
 const POINT_AIM: f64 = 0.7;
 const ANGLE_AIM: f64 = 0.4;
 
-/// Where inside the tolerances a projection aims at; at their middle where it says nothing.
+/// Target of a projection inside the tolerances; at their middle where it says nothing.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Aim {
     /// Off each point constraint's target (m).
@@ -181,7 +181,7 @@ impl ActuationSearch<'_> {
 }
 
 impl Resolved {
-    /// How small the residuals must be together for every constraint to hold: well inside the tightest tolerance.
+    /// Bound on the residuals' norm under which every constraint holds: well inside the tightest tolerance.
     pub(super) fn nearness(&self) -> f64 {
         let points = self.points.iter().map(|p| p.tolerance);
         let angles = self.axes.iter().map(|a| a.tolerance);

@@ -1,4 +1,4 @@
-//! Where the search for actuation poses starts: values spread evenly, the same on every machine.
+//! Start values of the search for actuation poses spread evenly, the same on every machine.
 
 use super::ActuationSearch;
 use crate::model::{MOST_JOINTS, Row};
@@ -7,7 +7,7 @@ use crate::model::{MOST_JOINTS, Row};
 pub(super) const NEARBY: f64 = 0.4;
 /// Every so many starts one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
 const ANYWHERE: usize = 3;
-/// Where the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.
+/// If the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.
 const FURTHER: f64 = 2.0 * NEARBY;
 /// Points of the sequence from one seed to the next: more than a plan spends, and no multiple of a base.
 const STRETCH: usize = 104_729;

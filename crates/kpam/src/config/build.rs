@@ -11,7 +11,7 @@ use crate::ConfigError;
 pub(super) const MOST_ENTRIES: usize = 200;
 /// Numbers beyond this are taken for damage: metres, radians and seconds of a table-top scene are far smaller.
 pub(super) const LARGEST: f64 = 1e6;
-/// How far (m) a hand may move back once it has let go.
+/// Range (m) of the hand's retreat once it has let go.
 const BACK: RangeInclusive<f64> = 0.01..=0.3;
 /// Directions have length 1 within this.
 const UNIT: f64 = 1e-6;

@@ -37,9 +37,9 @@ pub enum TargetAxis {
     },
     /// From one keypoint of the object to another.
     Keypoints {
-        /// Where it begins.
+        /// Start of the axis.
         from: String,
-        /// Where it ends.
+        /// End of the axis.
         to: String,
     },
 }
@@ -161,7 +161,7 @@ impl Motion {
     }
 }
 
-/// What the fingers do.
+/// Finger mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Gripper {
@@ -280,13 +280,13 @@ impl SolverConfig {
         &self.post
     }
 
-    /// What the fingers do.
+    /// Finger mode.
     #[must_use]
     pub fn gripper(&self) -> Gripper {
         self.gripper
     }
 
-    /// How far (m) the hand moves back along its own z axis at the end, once the fingers have opened; none where it stays.
+    /// Retreat (m) of the hand along its own z axis at the end, once the fingers have opened; none where it stays.
     #[must_use]
     pub fn let_go(&self) -> Option<f64> {
         self.let_go

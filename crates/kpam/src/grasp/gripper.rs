@@ -213,7 +213,7 @@ impl ParallelGripper {
         }
     }
 
-    /// What does not move, hand frame.
+    /// Static parts, hand frame.
     #[must_use]
     pub fn palm(&self) -> &[Convex] {
         &self.palm

@@ -1,4 +1,4 @@
-//! What two pads touch as they close: seen by lines between them, spread evenly over their faces.
+//! Contacts of two closing pads: seen by lines between them, spread evenly over their faces.
 
 use gensim2_geometry::Pose;
 use nalgebra::{Point3, Vector3};
@@ -10,7 +10,7 @@ const LINES: [usize; 2] = [3, 11];
 /// Matter within this of the first touched counts as touched (m): pads and objects give a little.
 const GIVE: f64 = 5e-4;
 
-/// What one pad touches.
+/// Contact of one pad.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
     /// Part of the pad that touches, 0..1.
@@ -21,7 +21,7 @@ pub(super) struct Patch {
     pub normal: Vector3<f64>,
 }
 
-/// How an object sits between closed pads.
+/// Hold of an object between closed pads.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hold {
     /// Distance of the pads (m).
@@ -35,7 +35,7 @@ pub(super) struct Hold {
     pub press: Vector3<f64>,
 }
 
-/// How far a pad has come when it touches, where, and the normal there.
+/// Travel of a pad when it touches, the contact point, and the normal there.
 type Touch = (f64, Point3<f64>, Vector3<f64>);
 
 /// Memory reused between holds.
@@ -47,7 +47,7 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    /// What pads of half extents `pad` touch that close from `opening` in the grip frame `grip` (object frame); `None`
+    /// Contacts of pads of half extents `pad` that close from `opening` in the grip frame `grip` (object frame); `None`
     /// where there is nothing between them, or matter where they are when open.
     pub fn hold(&mut self, surface: &Surface, grip: &Pose, pad: [f64; 2], opening: f64) -> Option<Hold> {
         let half = 0.5 * opening;

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{ProblemError, Role, Scene};
 
-/// What a search for grasps may set.
+/// Options of a search for grasps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
@@ -74,7 +74,7 @@ pub struct Grasp {
     pub opening: f64,
     /// Rank: 0 to 1, higher is better.
     pub score: f64,
-    /// What the rank is made of.
+    /// Terms of the rank.
     pub quality: Quality,
 }
 

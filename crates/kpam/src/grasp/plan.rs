@@ -25,7 +25,7 @@ pub struct Target {
     pub free_axis: Option<Vector3<f64>>,
 }
 
-/// What is to be picked, and where it goes.
+/// Object to pick, and its destination.
 #[derive(Debug, Clone)]
 #[must_use]
 pub struct GraspTask {

@@ -1,4 +1,4 @@
-//! What makes a grasp good.
+//! Quality of grasps.
 
 use gensim2_geometry::Pose;
 use nalgebra::{Point3, Vector3};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::hold::Hold;
 
-/// What a grasp's rank is made of.
+/// Terms of a grasp's rank.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Quality {
@@ -31,7 +31,7 @@ const ROOMY: f64 = 0.006;
 /// Weights of margin, contact, lever, clearance and tilt; they add up to 1.
 const WEIGHTS: [f64; 5] = [0.25, 0.25, 0.3, 0.1, 0.1];
 
-/// What holds of an object while it is grasped.
+/// Properties of a grasped object.
 pub(super) struct Physics {
     /// Half angle of the friction cone (rad).
     pub cone: f64,

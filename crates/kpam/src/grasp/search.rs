@@ -13,7 +13,7 @@ use crate::ProblemError;
 
 /// Directions about a closing axis from which the hand comes.
 const TURNS: usize = 12;
-/// How far the pads reach beyond the touched places, as parts of a pad's length, deepest first.
+/// Reach of the pads beyond the touched places, as parts of a pad's length, deepest first.
 const DEPTHS: [f64; 4] = [0.75, 0.5, 0.3, 0.15];
 /// Least such reach.
 const SHALLOWEST: f64 = 0.04;
@@ -131,7 +131,7 @@ impl Search<'_> {
         Some(low)
     }
 
-    /// What the pads hold in a hand pose, if they hold anything and the hand gets there.
+    /// Hold of the pads in a hand pose, if they hold anything and the hand gets there.
     fn attempt(&self, trial: &Trial, lines: &mut Lines, sweep: &mut HandSweep<'_>) -> Option<Found> {
         let pad = self.gripper.pad();
         let opening = (trial.width + 2.0 * ROOM).min(self.gripper.stroke()[1]);

@@ -30,7 +30,7 @@ impl Plane {
 
 #[derive(Debug)]
 enum Piece {
-    /// What lies under all planes.
+    /// Part under all planes.
     Hull(Vec<Plane>),
     /// A triangle of a closed mesh.
     Triangle([Point3<f64>; 3]),
@@ -131,7 +131,7 @@ impl Surface {
         Some((p, if enters { -normal } else { normal }))
     }
 
-    /// Where a line runs through matter, in order.
+    /// Intervals of a line inside matter, in order.
     pub fn spans(&self, origin: &Point3<f64>, direction: &Vector3<f64>, out: &mut Vec<Span>) {
         out.clear();
         let mut crossings: Vec<(f64, Vector3<f64>)> = Vec::new();

@@ -22,7 +22,7 @@ pub(super) struct Attempt {
     pub travel: Vec<Vec<f64>>,
     /// Free motions that stop wherever they turn, for where those of `approach` do not stand once they are timed.
     pub corners: Vec<Vec<Row>>,
-    /// What the free motion keeps, and what each path does.
+    /// Margins of the free motion and of each path.
     pub kept: Margins,
     pub margins: Vec<Margins>,
     /// Number of whole paths after the actuation and the fraction of the next one.
@@ -61,7 +61,7 @@ impl Attempt {
         }
     }
 
-    /// How far the motion goes.
+    /// Extent of the motion.
     pub fn score(&self) -> f64 {
         if self.timed.is_some() { self.extent() } else { 0.0 }
     }
@@ -71,7 +71,7 @@ impl Attempt {
         self.timed.is_some() && self.failure.is_none()
     }
 
-    /// How far it goes if the approach to it is free: nowhere, if it does not get to the actuation pose and past it.
+    /// Extent if the approach to it is free: zero, if it does not get to the actuation pose and past it.
     fn extent(&self) -> f64 {
         let short = self.failure.as_ref().is_some_and(|f| f.keyframe() <= self.motions.actuation);
         if short { 0.0 } else { 1.0 + self.after.0 as f64 + self.after.1 }
@@ -156,7 +156,7 @@ impl Planner<'_> {
         out
     }
 
-    /// A hit that turns an attempt down. Where there is a score to beat, nobody is told of it: any will do.
+    /// A hit that turns an attempt down. Where there is a score to beat, its reason is not reported: any will do.
     fn judge(&mut self, bar: Option<f64>, look: impl FnOnce(&mut World<'_>) -> Option<Hit>) -> Option<Hit> {
         self.world.be_hasty(bar.is_some() && !self.explain && self.problem.options.avoid_collisions);
         let hit = look(&mut self.world);

@@ -1,4 +1,4 @@
-//! What is emitted is what was swept: the motion in time is looked at once more, whole.
+//! Check that what is emitted is what was swept: the motion in time is looked at once more, whole.
 
 use super::attempt::Attempt;
 use super::failure::Failure;

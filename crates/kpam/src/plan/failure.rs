@@ -33,7 +33,7 @@ impl Failure {
         }
     }
 
-    /// How planning ends with it.
+    /// Status of planning that ends with it.
     pub fn lack(&self) -> Lack {
         match self {
             Self::Unreachable { .. } => Lack::Unreachable,

@@ -25,7 +25,7 @@ pub use replay::{MOST_CHECKS, joint_travel, min_clearance};
 pub use request::Request;
 use resume::former_pose;
 
-/// How one constraint is met.
+/// Residual of one constraint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Residual {
@@ -33,7 +33,7 @@ pub struct Residual {
     pub name: String,
     /// Largest coordinate difference (m) or angle from the target angle (rad).
     pub residual: f64,
-    /// What the config allows.
+    /// Tolerance of the config.
     pub tolerance: f64,
     /// Whether it does.
     pub satisfied: bool,
@@ -65,7 +65,7 @@ pub struct Collision {
     pub toward: String,
     /// Signed distance (m).
     pub distance: f64,
-    /// Where, in the base frame (m).
+    /// Place in the base frame (m).
     pub point: [f64; 3],
 }
 
@@ -90,11 +90,11 @@ pub struct Touch {
     pub bodies: [String; 2],
     /// Label of the keyframe.
     pub at: String,
-    /// How deep (m).
+    /// Depth (m).
     pub depth: f64,
 }
 
-/// How far the object's joint is taken to move by a motion of which that is not known.
+/// Assumed travel of the object's joint by a motion of which that is not known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Guess {
@@ -106,7 +106,7 @@ pub struct Guess {
     pub depth: f64,
 }
 
-/// What became of an actuation pose.
+/// Outcome of an actuation pose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct TriedPose {
@@ -114,39 +114,39 @@ pub struct TriedPose {
     pub q: Vec<f64>,
     /// Its number in the order of trial.
     pub rank: usize,
-    /// How its motion ended.
+    /// Status of its motion.
     pub status: Status,
     /// One sentence for a person.
     pub reason: String,
 }
 
-/// What was solved, each residual, and what failed.
+/// Result of planning: motion, residuals, failures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Plan {
     /// Version of this value's layout.
     pub schema_version: u32,
-    /// How planning ended, and the motion.
+    /// Outcome of planning, with the motion.
     pub outcome: Outcome,
     /// One sentence for a person.
     pub reason: String,
     /// Clearance (m) that the motion keeps from what it may not touch, but for what is `tight`.
     pub margin: f64,
-    /// What is nearer than that at the start or at a keyframe.
+    /// Pairs that are nearer than that at the start or at a keyframe.
     pub tight: Vec<Tight>,
-    /// What overlaps at keyframes, and may.
+    /// Permitted overlaps at keyframes.
     pub touches: Vec<Touch>,
     /// Motions that move the object's joint by an amount that is a guess.
     pub guesses: Vec<Guess>,
     /// Limits (`acceleration`, `jerk`) of which nothing was said, so that plain ones are assumed.
     pub assumed_limits: Vec<String>,
-    /// What a caller should know beside that.
+    /// Warnings to the caller.
     pub warnings: Vec<String>,
     /// The cheapest pose that meets the constraints, obstacles left out.
     pub q_actuation: Option<Vec<f64>>,
     /// Its cost.
     pub cost: Option<f64>,
-    /// Where no pose meets them: the one that misses least.
+    /// If no pose meets them: the one that misses least.
     pub q_best_effort: Option<Vec<f64>>,
     /// The actuation pose that the trajectory takes (or that came furthest).
     pub q_plan: Option<Vec<f64>>,
@@ -154,7 +154,7 @@ pub struct Plan {
     pub rank: Option<usize>,
     /// Number of poses whose motion was tried.
     pub tried: usize,
-    /// What became of each of them, where [`Request::explain`] asks for it.
+    /// Outcome of each of them, where [`Request::explain`] asks for it.
     pub tried_poses: Vec<TriedPose>,
     /// Constraints at `q_plan`, else at `q_actuation`, else at `q_best_effort`.
     pub residuals: Vec<Residual>,
@@ -162,14 +162,14 @@ pub struct Plan {
     pub keyframes: Vec<KeyframeReport>,
     /// Part of the motion after the actuation pose that can be taken, 0..1 of its paths.
     pub reached_fraction: f64,
-    /// What is in the way.
+    /// Obstacle.
     pub collisions: Vec<Collision>,
     /// Deepest judged overlap at the start (m).
     pub start_overlap: f64,
 }
 
 impl Plan {
-    /// How planning ended, as a word.
+    /// Status as a word.
     #[must_use]
     pub fn status(&self) -> Status {
         self.outcome.status()
@@ -258,7 +258,7 @@ pub fn plan_with(problem: &KeypointProblem, request: &Request<'_>) -> Result<(Pl
     Ok((plan, times))
 }
 
-/// How far (m) outside the workspace box the hand has to be where it meets the constraints; `None` where it meets them
+/// Distance (m) of the hand outside the workspace box where it meets the constraints; `None` where it meets them
 /// nowhere, or there is no box.
 fn outside_the_box(problem: &KeypointProblem, model: &Model, resolved: &Resolved) -> Option<f64> {
     let [low, high] = problem.options.workspace?;

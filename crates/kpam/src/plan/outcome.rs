@@ -1,10 +1,10 @@
-//! How planning ended, and the motion that it ended with.
+//! Outcome of planning, with its motion.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Trajectory;
 
-/// How planning ended, as a word; [`Outcome`] holds the motion that belongs to it.
+/// Status of planning, as a word; [`Outcome`] holds the motion that belongs to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -94,7 +94,7 @@ impl From<Lack> for Status {
     }
 }
 
-/// How planning ended: what is solved, whole or in part, owns its motion.
+/// Outcome of planning: what is solved, whole or in part, owns its motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -107,7 +107,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// How planning ended, as a word.
+    /// Status as a word.
     #[must_use]
     pub fn status(&self) -> Status {
         match self {

@@ -16,12 +16,12 @@ use crate::resolve::Resolved;
 use crate::timing::{Builder, CannotStop, Dynamics, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
 use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
 
-/// What has been tried, and the best of it.
+/// Trials so far, and the best of them.
 #[derive(Default)]
 struct Trial {
     best: Option<Attempt>,
     tried: usize,
-    /// What became of each pose, where that is asked for.
+    /// Outcome of each pose, where that is asked for.
     poses: Vec<TriedPose>,
     /// Poses that lack nothing but the free approach, with their ranks.
     again: Vec<(Row, usize)>,
@@ -50,9 +50,9 @@ pub(super) struct Approach {
     pub pieces: Vec<Vec<Row>>,
     /// The same motion with a stop wherever it turns.
     pub corners: Vec<Vec<Row>>,
-    /// What it keeps.
+    /// Margins that it keeps.
     pub kept: Margins,
-    /// What it hits where hits do not count.
+    /// Hits, where hits do not count.
     pub hit: Option<Hit>,
 }
 
@@ -68,12 +68,12 @@ pub(super) struct Planner<'p> {
     pub lead: usize,
     /// Clearance (m) that is kept from what may not be touched.
     pub margin: f64,
-    /// What is in the way of all of them, once that was looked at.
+    /// Obstacle to all of them, once that was looked at.
     lead_judged: Option<Option<Hit>>,
-    /// What a trajectory of this problem is built from.
+    /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
-    /// Where the start leaves what it overlaps, once that was looked for.
+    /// State in which the start has left what it overlaps, once that was looked for.
     pub exit: Option<Option<Row>>,
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
@@ -219,7 +219,7 @@ impl<'p> Planner<'p> {
         }
     }
 
-    /// What the robot is too deep inside of at the start, if anything.
+    /// Body that the robot is too deep inside of at the start, if any.
     pub(super) fn too_deep(&self) -> Option<Hit> {
         let options = &self.problem.options;
         let deep = options.avoid_collisions && self.world.start_overlap > options.start_depth;
@@ -255,7 +255,7 @@ impl<'p> Planner<'p> {
         trial.keep(attempt);
     }
 
-    /// What the trials come to; `cheapest` is the pose that obstacles aside would be taken.
+    /// Result of the trials; `cheapest` is the pose that obstacles aside would be taken.
     fn conclude(&mut self, trial: Trial, cheapest: &Candidate) -> Plan {
         let solved = trial.done();
         let Trial { best, tried, poses, .. } = trial;

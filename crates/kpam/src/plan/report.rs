@@ -1,4 +1,4 @@
-//! What a plan says: residuals, keyframes, reasons.
+//! Report of a plan: residuals, keyframes, reasons.
 
 use gensim2_geometry::{Pose, pose_to_matrix};
 
@@ -115,7 +115,7 @@ impl Planner<'_> {
         out
     }
 
-    /// What is nearer than the margin or overlaps at the start and at keyframes, and what is a guess.
+    /// Pairs nearer than the margin or overlapping at the start and at keyframes, and what is a guess.
     fn tell_of_contacts(&mut self, attempt: &Attempt, out: &mut Plan) {
         let course = self.world.course;
         let start = self.start.position;
@@ -168,7 +168,7 @@ impl Planner<'_> {
         }
     }
 
-    /// What became of one pose.
+    /// Outcome of one pose.
     pub(super) fn explained(&self, attempt: &Attempt) -> TriedPose {
         let label = |k: usize| attempt.motions.keyframes[k].label.clone();
         let (status, reason) = match &attempt.failure {

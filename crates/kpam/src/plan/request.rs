@@ -1,9 +1,9 @@
-//! What a caller may ask of planning beside the problem.
+//! Requests to planning beside the problem.
 
 use super::Plan;
 use crate::Cancel;
 
-/// What a caller may ask of planning beside the problem; the default asks for nothing.
+/// Requests to planning beside the problem; the default asks for nothing.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Request<'a> {

@@ -29,7 +29,7 @@ pub(super) struct Stretch<'a> {
     pub waypoints: Cow<'a, [Row]>,
     /// Travel of the object's joint at the waypoints.
     pub travel: Cow<'a, [f64]>,
-    /// What is judged along it, and what it keeps.
+    /// Pairs checked along it, and the margins that it keeps.
     pub leg: WorldLeg,
     pub kept: &'a Margins,
     /// Keyframe at its end; none for part of the approach or of a path.
@@ -160,7 +160,7 @@ impl Planner<'_> {
         legs
     }
 
-    /// How many of the legs can be driven in one go.
+    /// Number of legs that can be driven in one go.
     fn joined(&mut self, legs: &[Stretch<'_>], velocity: &Row) -> usize {
         let mut count = legs.len();
         // A leg fewer may bend otherwise at the end, never more.

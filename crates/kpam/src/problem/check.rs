@@ -64,7 +64,7 @@ impl KeypointProblem {
         self.resolve().map(|_| ())
     }
 
-    /// What the hand picks and releases is there, and the joint's travel has an entry a motion.
+    /// Check that what the hand picks and releases is there, and that the joint's travel has an entry a motion.
     fn check_acts(&self) -> Result<(), ProblemError> {
         let fail = |field: &str, message: String| Err(ProblemError::new(format!("options.{field}"), message));
         for (field, names) in [("pick", &self.options.pick), ("release", &self.options.release)] {

@@ -34,7 +34,7 @@ pub struct Qp<'a> {
     pub bounds: &'a [Bound],
 }
 
-/// How a QP ended.
+/// Status of a QP.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum QpOutcome {

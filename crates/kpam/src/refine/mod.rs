@@ -36,7 +36,7 @@ const SMALL: f64 = 5e-3;
 /// Waypoints where none are asked for.
 const WAYPOINTS: f64 = 40.0;
 
-/// What a refinement may set.
+/// Options of a refinement.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RefineOptions {

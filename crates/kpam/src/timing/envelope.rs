@@ -10,20 +10,20 @@ use crate::model::{MOST_JOINTS, Row};
 
 /// Velocities towards an end below this (rad/s or m/s) are none: rounding.
 const STILL: f64 = 1e-9;
-/// What the square of a velocity may exceed its bound by (rad^2/s^2): rounding.
+/// Tolerance of the square of a velocity beyond its bound (rad^2/s^2): rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// How fast a joint may move towards either end of its range: `-offset + sqrt(gain (upper - q))` upwards and
+/// Velocity limit of a joint towards either end of its range: `-offset + sqrt(gain (upper - q))` upwards and
 /// `offset - sqrt(gain (q - lower))` downwards, beside its constant limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Braking {
-    /// Where the upper bound would be `-offset` (rad or m).
+    /// Position at which the upper bound would be `-offset` (rad or m).
     pub upper: f64,
-    /// Where the lower bound would be `offset` (rad or m).
+    /// Position at which the lower bound would be `offset` (rad or m).
     pub lower: f64,
     /// Twice the deceleration that the bound allows for (rad/s^2 or m/s^2), above 0.
     pub gain: f64,
-    /// What is taken off (rad/s or m/s), 0 at the least.
+    /// Reduction (rad/s or m/s), 0 at the least.
     pub offset: f64,
 }
 

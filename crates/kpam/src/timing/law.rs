@@ -10,7 +10,7 @@ use super::torque::Load;
 use crate::Cancel;
 use crate::model::{MOST_JOINTS, Row};
 
-/// How the speed along a path is found.
+/// Method for the speed along a path.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Method {
@@ -25,7 +25,7 @@ pub enum Method {
 const ROUNDS: usize = 6;
 /// Share of the acceleration limit aimed at, so that most cells need no second round.
 const AIM: f64 = 0.998;
-/// Where the whole would take this much longer at most, it does, and no further round is made.
+/// If the whole would take this much longer at most, it does, and no further round is made.
 const NEGLIGIBLE: f64 = 1.003;
 /// A motion that would have to take this many times as long passes a place where a joint may not move on.
 pub(crate) const IMPASSABLE: f64 = 1.5;

@@ -1,4 +1,4 @@
-//! How a motion that is under way gets onto a path: along the line on which it moves, and off it in a turn.
+//! Transition of a motion that is under way onto a path: along the line on which it moves, and off it in a turn.
 
 use super::motion::Node;
 use super::spline::{Spline, distance};
@@ -6,7 +6,7 @@ use super::stop::{self, CannotStop};
 use super::trajectory::Builder;
 use crate::model::{MOST_JOINTS, Row};
 
-/// What is asked of the braking time along the line, beyond the least.
+/// Factor on the least braking time along the line.
 const ROOM: f64 = 1.02;
 /// Turns are tried about places this many braking times away.
 const TURNS: [f64; 3] = [1.0, 1.6, 2.6];
@@ -23,7 +23,7 @@ pub(crate) struct Start {
     pub acceleration: Row,
 }
 
-/// What a motion does before it can be planned.
+/// First part of a motion, before the planned one.
 #[derive(Debug, Clone)]
 pub(crate) enum Lead {
     /// Nothing: it is at rest.
@@ -35,7 +35,7 @@ pub(crate) enum Lead {
 }
 
 impl Lead {
-    /// Where planning begins: where the motion can rest.
+    /// State from which planning begins: one in which the motion can rest.
     pub fn rest(&self) -> Row {
         match self {
             Self::Resting(position) => *position,

@@ -1,4 +1,4 @@
-//! What the joints can do.
+//! Limits of the joints.
 
 use serde::{Deserialize, Serialize};
 

@@ -63,7 +63,7 @@ impl Bands {
         (low, high)
     }
 
-    /// How the room between the bounds of u that `range` gave changes with x.
+    /// Derivative by x of the room between the bounds of u that `range` gave.
     fn room_slope(&self, cell: usize, x: f64, step: f64, (low, high): (f64, f64)) -> f64 {
         let (mut below, mut above) = (-0.5 / step, -0.5 / step);
         for band in self.of(cell) {

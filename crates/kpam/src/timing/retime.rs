@@ -8,7 +8,7 @@ use super::trajectory::{Builder, Refusal, Trajectory};
 use crate::model::{JointMap, MOST_JOINTS};
 use crate::{Cancel, ProblemError};
 
-/// What a retiming may set beside waypoints and limits.
+/// Options of a retiming beside waypoints and limits.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct RetimeOptions {
@@ -24,7 +24,7 @@ pub struct RetimeOptions {
     pub start_time: f64,
     /// Position limits (rad or m) that a start under way has to stop within.
     pub position_limits: Option<(Vec<f64>, Vec<f64>)>,
-    /// How the speed along the path is found.
+    /// Method for the speed along the path.
     pub method: Method,
     /// Ends the retiming from another thread, with an error that says so.
     pub cancel: Option<Cancel>,

@@ -2,7 +2,7 @@
 
 use crate::model::{MOST_JOINTS, Row};
 
-/// How far (rad or m) a motion in time may lie off its curve: on cubics in time between places on it, and averaged.
+/// Deviation (rad or m) of a motion in time from its curve: on cubics in time between places on it, and averaged.
 const IN_TIME: f64 = 2e-4;
 
 /// Waypoints nearer to each other than this are one (rad or m).

@@ -11,7 +11,7 @@ use crate::model::{MOST_JOINTS, Row};
 pub struct CannotStop {
     /// Number of the joint among those that move.
     pub joint: usize,
-    /// What it does at the least.
+    /// Least speed reduction.
     pub reason: String,
 }
 

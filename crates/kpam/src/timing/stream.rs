@@ -1,4 +1,4 @@
-//! What a control loop asks of a motion: samples without allocation, the fastest stop along it, going over to another.
+//! Interface of motions to control loops: samples without allocation, the fastest stop along it, going over to another.
 
 use super::limits::{Limits, TOLERANCE};
 use super::motion::{Node, Piece, peaks};

@@ -21,7 +21,7 @@ pub struct Trajectory {
     pieces: Vec<Piece>,
     joints: JointMap,
     times: Vec<f64>,
-    /// What it keeps to, of the joints that move.
+    /// Limits that it keeps, of the joints that move.
     limits: Limits,
 }
 
@@ -58,7 +58,7 @@ pub(crate) enum Refusal {
     Cancelled,
 }
 
-/// What a trajectory is built from.
+/// Inputs of a trajectory.
 #[derive(Debug, Clone)]
 pub(crate) struct Builder {
     limits: Limits,
@@ -141,7 +141,7 @@ impl Builder {
         nodes.last().map_or((*position, *velocity), |n| (n.position, n.velocity))
     }
 
-    /// Where a path has to begin that goes on from a position at a velocity: averaging looks that far ahead.
+    /// Start of a path that goes on from a position at a velocity: averaging looks that far ahead.
     pub fn ahead(&self, position: &Row, velocity: &Row) -> Row {
         let mut out = *position;
         for v in 0..self.limits.joints() {
@@ -267,7 +267,7 @@ impl Builder {
 }
 
 impl Trajectory {
-    /// What is read is a motion: times that increase, and pieces that follow each other.
+    /// Checks on reading: it is a motion: times that increase, and pieces that follow each other.
     fn check(&self) -> Result<(), ProblemError> {
         let fits = |piece: &Piece| piece.is_sound() && piece.joints() == self.joints.indices().len();
         let follow = self.pieces.windows(2).all(|pair| pair[0].counts <= pair[1].counts);
@@ -348,7 +348,7 @@ impl Trajectory {
         &self.limits
     }
 
-    /// How all joints follow from those that move.
+    /// Map from the joints that move to all joints.
     pub(crate) fn map(&self) -> &JointMap {
         &self.joints
     }

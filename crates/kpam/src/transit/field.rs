@@ -1,4 +1,4 @@
-//! Where a robot is free: configurations and straight edges, eight configurations at a time, and in full where that
+//! Free space of a robot: configurations and straight edges, eight configurations at a time, and in full where that
 //! cannot tell.
 
 use std::time::Instant;
@@ -29,12 +29,12 @@ pub(super) struct Field<'s> {
     pub scene: &'s Scene,
     pub world: &'s Compiled,
     pub model: &'s Model,
-    /// What has to be kept.
+    /// Margins to keep.
     pub needs: Needs,
-    /// How far the robot's furthest points move with each variable, in the mean (m): the metric of the search.
+    /// Mean displacement (m) of the robot's furthest points by each variable: the metric of the search.
     pub weights: Row,
     pub resolution: f64,
-    /// What holds all along.
+    /// Path constraints.
     pub along: Option<Along>,
     /// Configurations looked at.
     pub checks: u64,

@@ -1,4 +1,4 @@
-//! Where a motion is to end, and the joint vectors that bring a link there.
+//! Goal of a motion, and the joint vectors that bring a link there.
 
 use gensim2_geometry::{Chain, ChainFrames, JointKind, Pose, rotation_log};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -9,7 +9,7 @@ use crate::free_space::Draws;
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::{ProblemError, Scene};
 
-/// Where a motion is to end.
+/// Goal of a motion.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Goal {
@@ -17,7 +17,7 @@ pub enum Goal {
     Joints(Vec<Vec<f64>>),
     /// With a link at a pose in the base frame; the hand where none is named.
     Pose {
-        /// Where the link is to be.
+        /// Target pose of the link.
         pose: Pose,
         /// Name of the link.
         link: Option<String>,
@@ -152,7 +152,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// What is left to the goal: shift (m) and turn (rad), base frame.
+    /// Error to the goal: shift (m) and turn (rad), base frame.
     fn left(&mut self, x: &Row) -> Vector6<f64> {
         self.model.map().positions(x, &mut self.q);
         let placed = self.chain.forward(&self.q, &mut self.frames);

@@ -27,7 +27,7 @@ use rounding::Rounding;
 use sweep::Sweep;
 use tree::Manner;
 
-/// What the search keeps beyond the margin (m), for the curve that the corners are rounded to.
+/// Clearance of the search beyond the margin (m), for the curve that the corners are rounded to.
 const CURVED: f64 = 1e-3;
 /// Most searches.
 const TRIES: usize = 200;
@@ -38,7 +38,7 @@ const SHORTEST: usize = 1000;
 const PLAIN: usize = 250;
 /// Edges are looked at this many times finer at the most.
 const FINEST: f64 = 8.0;
-/// How many times finer the edges that are left are looked at once more.
+/// Factor by which the remaining edges are checked more finely.
 const FINER: f64 = 4.0;
 
 /// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
@@ -100,7 +100,7 @@ enum Stuck {
     Untimed,
 }
 
-/// What an end of a motion is nearer to than the margin: group, what, and distance.
+/// Pair at an end of a motion that is nearer than the margin: group, thing, and distance.
 type Close = Vec<(usize, Other, f64)>;
 
 impl Transit<'_> {

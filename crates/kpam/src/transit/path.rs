@@ -1,4 +1,4 @@
-//! What holds all along a free motion: directions of the tool that keep an angle to directions of the base, as the axis
+//! Path constraints of a free motion: directions of the tool that keep an angle to directions of the base, as the axis
 //! constraints of a config say it. A glass that is carried stays upright.
 
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ struct Axis {
     tolerance: f64,
 }
 
-/// What holds all along a motion.
+/// Path constraints of a motion.
 #[derive(Debug, Clone)]
 pub(super) struct Along {
     axes: Vec<Axis>,

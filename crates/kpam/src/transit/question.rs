@@ -1,4 +1,4 @@
-//! What a motion to a goal may set, and what comes of it.
+//! Question and answer of a motion to a goal: options, motion, and the reason where there is none.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use crate::options::LimitSet;
 use crate::{Cancel, Options, ProblemError, SolverConfig, Trajectory};
 
-/// What a motion to a goal may set.
+/// Options of a motion to a goal.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct TransitOptions {
@@ -133,7 +133,7 @@ impl std::fmt::Display for NoMotion {
 }
 
 impl TransitOptions {
-    /// What it asks of timing, as a problem's options say it.
+    /// Timing options, in the form of a problem's.
     pub(super) fn limits(&self) -> Options {
         Options {
             velocity_scale: self.velocity_scale,

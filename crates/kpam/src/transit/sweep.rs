@@ -21,7 +21,7 @@ const CLOSE: f32 = 0.02;
 struct Look {
     time: f64,
     q: Vec<f64>,
-    /// What each group, and each pair of groups, leaves beyond what is needed (m).
+    /// Slack (m) of each group and of each pair of groups.
     gaps: Vec<f32>,
     /// Whether the gap was measured.
     measured: Vec<bool>,
@@ -33,7 +33,7 @@ struct Look {
     levers: Vec<f32>,
 }
 
-/// What sweeps a motion.
+/// Sweep of a motion.
 pub(super) struct Sweep<'s> {
     pub scene: &'s Scene,
     pub model: &'s Model,
@@ -207,7 +207,7 @@ impl<'s> Sweep<'s> {
         look.gaps[place] = (least - 1e-8) as f32;
     }
 
-    /// What is measured to be too near in a configuration.
+    /// Pairs measured to be too near in a configuration.
     fn touching(&mut self, look: &Look) -> Option<Approached> {
         let screen = self.screen();
         let place = (0..look.gaps.len()).find(|p| look.measured[*p] && look.gaps[*p] < -1e-7)?;

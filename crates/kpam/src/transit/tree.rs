@@ -24,7 +24,7 @@ const SPREAD: f64 = 0.6;
 /// Variables that move the robot less than this (m a unit) are drawn as if they moved it so much.
 const LIGHTEST: f64 = 0.05;
 
-/// How a search goes about it.
+/// Parameters of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Manner {
     /// Whole edges, to samples drawn anywhere.
@@ -163,7 +163,7 @@ fn sample(field: &Field<'_>, tree: &Tree, draws: &mut Draws, manner: Manner) -> 
     target
 }
 
-/// What became of an edge.
+/// Outcome of an edge.
 enum Grown {
     /// It is free: its end.
     Whole(usize),

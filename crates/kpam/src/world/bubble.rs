@@ -1,4 +1,4 @@
-//! What a free state says of its neighbours (Quinlan's bubbles).
+//! Free neighbourhoods of free states (Quinlan's bubbles).
 
 use crate::model::{MOST_JOINTS, Row};
 
@@ -54,7 +54,7 @@ impl Bubble {
         self.pairs.iter().all(|p| self.used(carried, p, steps) <= p.gap)
     }
 
-    /// How many times `steps` one can go from the centre and stay inside.
+    /// Number of times that `steps` can be taken from the centre inside.
     pub fn times(&self, carried: &Carried, steps: &[f64]) -> f64 {
         self.pairs.iter().map(|p| p.gap / self.used(carried, p, steps)).fold(f64::INFINITY, f64::min)
     }
@@ -63,7 +63,7 @@ impl Bubble {
         &self.levers[group * self.joints..(group + 1) * self.joints]
     }
 
-    /// What a step uses of a pair's gap, at most. A point at distance r from a joint's axis moves at most r + d per
+    /// Largest part of a pair's gap that a step uses. A point at distance r from a joint's axis moves at most r + d per
     /// radian while it stays within d of where it is.
     fn used(&self, carried: &Carried, p: &Near, steps: &[f64]) -> f64 {
         let mut way = 0.0;

@@ -18,7 +18,7 @@ pub struct Nearness {
     pub second: String,
     /// Signed distance (m).
     pub distance: f64,
-    /// Where, in the base frame (m).
+    /// Place in the base frame (m).
     pub point: Point3<f64>,
 }
 
@@ -31,7 +31,7 @@ pub struct Checker<'s> {
     batch: Batch,
     suspects: Vec<(usize, Other)>,
     poses: Vec<Pose>,
-    /// What tells of places, made when that is first asked.
+    /// Measure of places, made on first use.
     full: Option<Full<'s>>,
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use super::{EXACT, Leg, Margins, State, World};
 use crate::model::{MOST_JOINTS, Row};
 
-/// What a judged pair has left of its margin (m), and how that changes with each variable (m per rad or m).
+/// Slack of a checked pair beyond its margin (m), and its gradient by each variable (m per rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Clearance {
     pub gap: f64,

@@ -62,7 +62,7 @@ impl Compiled {
         Self { screen, names, carriers, judged }
     }
 
-    /// What has to be kept where every judged pair keeps `margin` (m).
+    /// Margins in which every checked pair keeps `margin` (m).
     pub fn needs(&self, margin: f64) -> Needs {
         let need = |judged: &bool| if *judged { margin } else { f64::NEG_INFINITY };
         Needs { bodies: self.judged.iter().map(need).collect(), pairs: vec![margin; self.screen.pairs().len()] }

@@ -29,13 +29,13 @@ impl Margins {
         Self { clearance, ..self.clone() }
     }
 
-    /// What is asked of a group and a body that stands, where `clearance` is kept.
+    /// Margin of a group and a body that stands, where `clearance` is kept.
     pub fn body(&self, known: &Overlaps, group: usize, body: usize, clearance: f64) -> f64 {
         let (start, picked) = known.body(group, body);
         self.asked(&self.bodies, (group, body), clearance, start, picked)
     }
 
-    /// What is asked of two things that may overlap by `depth`, or as they do at the start.
+    /// Margin of two things that may overlap by `depth`, or as they do at the start.
     pub(super) fn touching(&self, known: &Overlaps, group: usize, seen: Seen, depth: f64) -> f64 {
         let (start, _) = match seen {
             Seen::Body(body) => known.body(group, body),
@@ -44,7 +44,7 @@ impl Margins {
         (-depth).min(start) - TOUCH
     }
 
-    /// What is asked of a pair of groups.
+    /// Margin of a pair of groups.
     pub fn pair(&self, known: &Overlaps, pair: usize) -> f64 {
         let (start, picked) = known.pair(pair);
         self.asked(&self.pairs, pair, self.clearance, start, picked)

@@ -53,7 +53,7 @@ pub(crate) struct Hit {
     pub at: Point3<f64>,
 }
 
-/// What is nearer than it may be before the motion can do anything about it, as signed distances (m, infinite where
+/// Pairs nearer than they may be before the motion can do anything about it, as signed distances (m, infinite where
 /// nothing is): at the start, and where a body is picked. It may not come nearer.
 #[derive(Debug, Default)]
 pub(crate) struct Overlaps {
@@ -87,7 +87,7 @@ impl Overlaps {
     }
 }
 
-/// Where things are: joint values of the arm, and how far the object's joint has moved from where it stood (rad or m).
+/// State: joint values of the arm, and how far the object's joint has moved from where it stood (rad or m).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct State<'x> {
     pub x: &'x Row,

@@ -15,7 +15,7 @@ pub(crate) struct Clearances {
     pub object: f64,
 }
 
-/// What a visit to a near thing is about.
+/// Subject of a visit to a near thing.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Seen {
     Body(usize),
@@ -58,7 +58,7 @@ impl World<'_> {
         whole
     }
 
-    /// What margins ask of a group and something else in a leg.
+    /// Margin of a group and another thing in a leg.
     pub(super) fn asked(&self, leg: Leg, margins: &Margins, group: usize, seen: Seen) -> f64 {
         if let Some(depth) = self.depth(leg, group, seen) {
             return margins.touching(&self.known, group, seen, depth);
@@ -77,7 +77,7 @@ impl World<'_> {
         }
     }
 
-    /// How deep (m) two things may overlap in a leg, where they may.
+    /// Depth (m) by which two things may overlap in a leg, where they may.
     pub(super) fn depth(&self, leg: Leg, group: usize, seen: Seen) -> Option<f64> {
         let table = self.table(leg);
         match seen {
@@ -98,7 +98,7 @@ impl World<'_> {
         self.table(leg).reached[body] && leg == self.course.last_before_actuation() && touches
     }
 
-    /// How near (m) two things have to be to count: as `reach` says, where they may not touch.
+    /// Distance (m) below which two things count: as `reach` says, where they may not touch.
     fn judged(&self, leg: Leg, group: usize, seen: Seen, reach: f64) -> f64 {
         if self.depth(leg, group, seen).is_some() { f64::NEG_INFINITY } else { reach }
     }
@@ -241,7 +241,7 @@ impl World<'_> {
         out
     }
 
-    /// What is nearer than `clearance` (m) in a state though it may not touch, and what overlaps where it may; how near
+    /// Pairs nearer than `clearance` (m) in a state that may not touch, and overlaps where it may; how near
     /// or deep (m), and whether it may.
     pub fn nearest(&mut self, state: State<'_>, leg: Leg, clearance: f64) -> Vec<(Hit, bool)> {
         self.place(state, leg);
@@ -291,7 +291,7 @@ impl World<'_> {
     }
 }
 
-/// What a distance is reported as.
+/// Report of a distance.
 enum Kind {
     Table,
     Object,

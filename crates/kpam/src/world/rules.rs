@@ -1,4 +1,4 @@
-//! What may touch what in each leg: roles, or contact windows, compiled once into a table.
+//! Contact rules of each leg: roles, or contact windows, compiled once into a table.
 
 use gensim2_geometry::{Robot, judged_pairs};
 
@@ -8,7 +8,7 @@ use super::movers::{Movers, is_below};
 use super::travel::joint_steps;
 use crate::{Body, KeypointProblem, Role};
 
-/// What moves as one.
+/// Group that moves as one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Group {
     /// A link of the robot.
@@ -19,7 +19,7 @@ pub(crate) enum Group {
     Moved(usize),
 }
 
-/// What poses a group in a leg.
+/// Source of a group's pose in a leg.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Carrier {
     /// It is a link.
@@ -55,7 +55,7 @@ impl Verdict {
 
 /// The world in one leg.
 pub(crate) struct LegWorld {
-    /// What poses each group.
+    /// Source of each group's pose.
     pub carriers: Vec<Carrier>,
     /// Groups that are there.
     pub present: Vec<usize>,
@@ -65,7 +65,7 @@ pub(crate) struct LegWorld {
     pub reached: Vec<bool>,
     /// Numbers of the pairs of groups that are looked at.
     pub pairs: Vec<usize>,
-    /// How deep (m) each pair of groups may overlap, where it may.
+    /// Depth (m) by which each pair of groups may overlap, where it may.
     pub depths: Vec<Option<f64>>,
     /// Which joints carry which groups.
     pub carried: Carried,
@@ -133,9 +133,9 @@ impl<'p> Cast<'p> {
 
 /// The hand as a body. A hand link without shapes is a point of the link that carries it.
 struct Hand {
-    /// What holds what is held: that link and all that hangs on it.
+    /// Links that hold the held body: that link and all that hangs on it.
     holds: Vec<bool>,
-    /// What may touch: the same, unless that link is one of the arm's own, which a joint carries.
+    /// Links that may touch: the same, unless that link is one of the arm's own, which a joint carries.
     touches: Vec<bool>,
 }
 

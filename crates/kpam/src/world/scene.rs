@@ -1,4 +1,4 @@
-//! What stands about a robot: bodies, and the joints of objects that move them. Built once, shared, and cheap to
+//! Surroundings of a robot: bodies, and the joints of objects that move them. Built once, shared, and cheap to
 //! derive another from.
 
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ impl SceneJoint {
         &self.name
     }
 
-    /// Where it is and how it stands.
+    /// Pose.
     #[must_use]
     pub fn joint(&self) -> &ObjectJoint {
         &self.joint

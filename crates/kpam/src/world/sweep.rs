@@ -26,7 +26,7 @@ const SLOWEST: f64 = 0.2;
 /// The next bubble is looked for so much of the last one's reach beyond its end: one that does not reach back is wasted.
 const AGAIN: f64 = 0.7;
 
-/// Where a sweep goes on (waypoints).
+/// Place at which a sweep goes on (waypoints).
 struct Onwards {
     /// Up to here all is inside the bubble.
     proven: f64,
@@ -126,7 +126,7 @@ impl World<'_> {
         Ok(bubble)
     }
 
-    /// How far each joint moves, the object's last.
+    /// Travel of each joint, the object's last.
     pub(super) fn steps(&mut self, from: (&Row, f64), to: (&Row, f64)) -> Vec<f64> {
         let mut steps = std::mem::take(&mut self.steps);
         self.movers.steps(from.0, to.0, &mut steps);
@@ -239,7 +239,7 @@ impl World<'_> {
         on
     }
 
-    /// How far along a way a bubble about a place `t` (waypoints) reaches, and where to go on; `reach` is set to how far
+    /// Extent along a way of a bubble about a place `t` (waypoints), and the place to go on; `reach` is set to how far
     /// is to be looked from there.
     fn onwards(&mut self, bubble: &Bubble, way: &Way<'_>, leg: Leg, gone: &Gone, t: f64, reach: &mut f64) -> Onwards {
         let last = way.waypoints.len() - 1;

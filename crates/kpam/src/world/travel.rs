@@ -1,4 +1,4 @@
-//! How far the object's joint has moved along a motion after the actuation.
+//! Travel of the object's joint along a motion after the actuation.
 
 use std::ops::Range;
 
@@ -85,7 +85,7 @@ pub(crate) fn even(part: &Range<f64>, count: usize) -> Vec<f64> {
     (0..count).map(|k| part.start + (part.end - part.start) * k as f64 / steps).collect()
 }
 
-/// How far a small way of the contact point takes the joint.
+/// Travel of the joint by a small way of the contact point.
 fn carried(joint: &ObjectJoint, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     match joint.kind {
         ObjectJointKind::Prismatic => (to - from).dot(&joint.axis),

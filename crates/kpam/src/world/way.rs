@@ -9,7 +9,7 @@ use crate::model::Row;
 pub(crate) struct Way<'w> {
     pub waypoints: &'w [Row],
     pub travel: &'w [f64],
-    /// How far (rad or m) each joint may lie off the straight segment after each waypoint; none where it does not.
+    /// Deviation (rad or m) of each joint from the straight segment after each waypoint; none where it does not.
     pub off: &'w [Row],
 }
 
@@ -48,7 +48,7 @@ impl<'w> Way<'w> {
     }
 }
 
-/// How far each joint has gone along a way (rad or m), the object's last: no place of it is further from another.
+/// Path length of each joint along a way (rad or m), the object's last: no place of it is further from another.
 pub(super) struct Gone {
     pub joints: usize,
     /// Sums up to each waypoint, one row each.
@@ -58,7 +58,7 @@ pub(super) struct Gone {
 }
 
 impl World<'_> {
-    /// How far the joints have gone along a way at each waypoint.
+    /// Path length of the joints along a way at each waypoint.
     pub(super) fn gone(&mut self, way: &Way<'_>) -> Gone {
         let joints = self.movers.len() + 1;
         let mut out = Gone { joints, sums: vec![0.0; joints], off: vec![0.0; joints] };
@@ -86,7 +86,7 @@ impl World<'_> {
         }
     }
 
-    /// How far each joint moves over the segment after waypoint `k`.
+    /// Travel of each joint over the segment after waypoint `k`.
     pub(super) fn segment(&mut self, way: &Way<'_>, k: usize) -> Vec<f64> {
         let (a, b) = (way.state(k), way.state(k + 1));
         self.steps((a.x, a.travel), (b.x, b.travel))

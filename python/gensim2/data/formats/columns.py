@@ -80,5 +80,5 @@ def current(camera: str) -> str:
 
 
 def formerly_nested(group: str) -> str | None:
-    """What stands before a camera's name in the columns of a group in zarr's ``data``, as exports once had them."""
+    """Return what precedes a camera's name in the columns of a group in zarr's ``data``, as old exports have them."""
     return next((prefix for prefix in (IMAGE, DEPTH) if group == f"{prefix}{_CAMERAS}"), None)

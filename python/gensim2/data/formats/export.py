@@ -165,6 +165,6 @@ def _copy_native(dataset: DataSet, chosen: Chosen, out: Path) -> None:
 
 
 def _record(dataset: DataSet, chosen: Chosen) -> DatasetRecord:
-    """What the chosen episodes follow from; not all of those that were collected are among them."""
+    """Return the record of the chosen episodes; not all of those that were collected are among them."""
     tasks = {store.name: dataset.record.tasks[store.name] for store, _ in chosen}
     return dataset.record.model_copy(update={"tasks": tasks, "complete": False})

@@ -128,7 +128,8 @@ def _compare(dataset: DataSet, found: Iterator[Frames], path: Path, progress: Pr
 
 
 def _difference(ours: Frames, theirs: Frames) -> str | None:
-    """What differs, if anything; of what episodes do not hold (clouds, pictures) only that it has all frames."""
+    """Return the first difference, or None; of data that episodes do not hold (clouds, pictures) only that it has all
+    frames."""
     if ours.sentence != theirs.sentence:
         return "the sentence"
     for name in EPISODE_COLUMNS:

@@ -35,7 +35,7 @@ FILES_PER_CHUNK = 1000
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 INDEX_NAME = "__index_level_0__"
-"""What pandas calls an index without a name."""
+"""Name in pandas of an index without a name."""
 
 Array = npt.NDArray[Any]
 

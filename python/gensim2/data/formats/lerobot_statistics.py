@@ -1,4 +1,4 @@
-"""What ``meta/stats.json`` of a LeRobot data set says of a column, gathered episode by episode."""
+"""Statistics of a column in ``meta/stats.json`` of a LeRobot data set, gathered episode by episode."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class Totals:
-    """What statistics of any number of frames follow from, number by number."""
+    """Running sums from which the statistics of any number of frames follow, element by element."""
 
     count: int
     low: Array

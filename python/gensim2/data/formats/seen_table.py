@@ -1,4 +1,4 @@
-"""What an export's observations were seen with: the spec, the cameras, the names of segmentation ids."""
+"""Provenance of an export's observations: the spec, the cameras, the names of segmentation ids."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def _whole(tree: ForeignTree, name: str) -> npt.NDArray[np.int64]:
 
 
 def shown(shape: Sequence[int]) -> str:
-    """A shape for people: numbers that nobody would read are shortened."""
+    """A shape for people: long numbers are shortened."""
     return f"({', '.join(str(size) if size < 10**15 else 'over 10^15' for size in shape)})"
 
 

@@ -1,4 +1,4 @@
-"""Where text of an endpoint comes in: within one deadline, of bounded size, without keys or half characters.
+"""Reader of an endpoint's text: within one deadline, of bounded size, without keys or half characters.
 
 All that an endpoint says, answers, refusals, headers and broken protocol, passes :class:`Boundary` before anything
 stores, prints or raises it. An endpoint may be broken, or a stranger's.

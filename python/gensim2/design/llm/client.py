@@ -19,7 +19,7 @@ from gensim2.errors import InputError, MissingExtraError, ModelError, one_line
 #: Characters that make a token where an endpoint does not count them.
 CHARACTERS_A_TOKEN = 4
 
-#: Tokens that a picture is taken for where nobody counts.
+#: Tokens that a picture is taken for where the endpoint does not count.
 PICTURE_TOKENS = 1500
 
 #: Tokens beyond which a count of an endpoint is none.
@@ -140,7 +140,7 @@ class Client:
             finish, usage = choice.finish_reason, raw.parse().usage
             refusal = getattr(choice.message, "refusal", None)
         except (ValueError, TypeError, AttributeError, IndexError, RecursionError):
-            # No chat completion, or one that was cut off: whatever it was meant to say, nobody can tell.
+            # No chat completion, or one that was cut off: its meaning is lost.
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
         except self._openai.APIResponseValidationError:
             return self._told(question, "", "it could not be read as a chat completion", None, raw.retries_taken)
@@ -192,7 +192,7 @@ class Client:
 
 
 def estimated_tokens(question: Question) -> int:
-    """What a question is about as long as, in tokens."""
+    """Estimate the length of a question, in tokens."""
     characters = sum(len(message.text) for message in question.messages)
     pictures = sum(len(message.pictures) for message in question.messages)
     return characters // CHARACTERS_A_TOKEN + PICTURE_TOKENS * pictures + 1

@@ -38,7 +38,7 @@ _ANY_MOTION = {"pre_actuation_motions": [["translate_z", -0.08]]}
 
 
 def problems_of_constraints(data: Any) -> list[str]:
-    """What is wrong with a constraint list, beside the names of keypoints."""
+    """List the faults of a constraint list, beside the names of keypoints."""
     if not isinstance(data, list) or not data:
         return [f'"{CONSTRAINTS}" must be a list of constraints']
     if len(data) > MOST_CONSTRAINTS:
@@ -47,7 +47,7 @@ def problems_of_constraints(data: Any) -> list[str]:
 
 
 def problems_of_config(config: Mapping[str, Any]) -> list[str]:
-    """What is wrong with a whole config, beside the names of keypoints."""
+    """List the faults of a whole config, beside the names of keypoints."""
     unknown = [name for name in config if name not in ALLOWED]
     if unknown:
         return [
@@ -66,7 +66,7 @@ def cleaned(data: Mapping[str, Any]) -> dict[str, Any]:
 def problems_of_names(
     task: TaskSpec, step: Step, config: Mapping[str, Any], things: Mapping[str, Affordance], profile: RobotProfile
 ) -> list[str]:
-    """What a config names that tool and objects do not have.
+    """List the names in a config that tool and objects do not have.
 
     Args:
         things: the task's objects, by their names in it.

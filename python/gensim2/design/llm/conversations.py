@@ -42,7 +42,7 @@ class Dropped(GenSim2Error):
 
 @dataclass(frozen=True)
 class Ask(Generic[T]):
-    """What a stage wants to know.
+    """Question of a stage.
 
     Attributes:
         stage: which prompt.

@@ -33,7 +33,7 @@ GRASPS: Strategies = {
     "grasp": {"grasp": "antipodal"},
     "grasp_from_any_side": {"grasp": "antipodal", "tilt": 1.6, "candidates": 60},
 }
-"""How a rigid object is taken up: by rule, as the paper's ``grasp``."""
+"""Strategies that take up a rigid object: by rule, as the paper's ``grasp``."""
 
 
 class LLMDesigner:
@@ -216,7 +216,7 @@ class LLMDesigner:
         return found.model_copy(update={"steps": steps, "objects": objects, "provenance": task.provenance})
 
     def _fixed(self, task: TaskSpec, step: Step) -> Strategies | None:
-        """How a step is done that nobody is asked about."""
+        """Return the strategies of a step that no question is asked about; None where one is."""
         known = self._skills.get(task.name, {}).get(step.name)
         if known is not None:
             return known

@@ -22,7 +22,7 @@ MOST_PIECES = 40
 #: Values inside each other, more than any answer needs.
 MOST_DEPTH = 20
 
-#: Brackets inside each other beyond which nobody tries to repair a text: the time goes with the square.
+#: Brackets inside each other beyond which a text is not repaired: the time goes with the square.
 MOST_BRACKETS = 200
 
 #: Name that a list gets which stands by itself.

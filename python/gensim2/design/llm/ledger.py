@@ -1,4 +1,4 @@
-"""What a run's questions cost, and whether the next one may be asked."""
+"""Ledger of a run's questions: their cost, and whether the budget allows the next one."""
 
 from __future__ import annotations
 

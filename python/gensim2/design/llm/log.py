@@ -1,4 +1,4 @@
-"""What was asked and what became of it, on disk: ``conversations.json`` in the run's ``model`` folder."""
+"""Log of questions and their outcomes, on disk: ``conversations.json`` in the run's ``model`` folder."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Log:
 
 
 def read_log(folder: Path) -> LogRecord:
-    """The conversations of a run; none where nobody was asked.
+    """The conversations of a run; none where no question was asked.
 
     Raises:
         InputError: the file is damaged.

@@ -125,7 +125,7 @@ class Model:
         return self._cached(question)
 
     def _cached(self, question: Question) -> Answer | None:
-        """What the cache has; an entry that cannot be read is none, and will be replaced."""
+        """Return the cached answer; an entry that cannot be read counts as missing and is replaced."""
         if self._cache is None:
             return None
         try:

@@ -1,4 +1,4 @@
-"""How a language model is asked: what a config file or the command line says of it. The key is no part of it."""
+"""Options of a language model, from a config file or the command line. The key is no part of it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ModelOptions(BaseModel):
         timeout: seconds for one try of one answer, from the first byte sent to the last received.
         retries: further tries of a question after a failure of the endpoint or of the network.
         concurrency: questions under way at once.
-        price_in, price_out: USD for a million tokens of questions and of answers; None: nobody knows.
+        price_in, price_out: USD for a million tokens of questions and of answers; None: unknown.
         budget: USD that a run may spend; None: any amount.
         structured: whether answers are asked for by a JSON schema; ``"auto"``: until the endpoint refuses one.
     """

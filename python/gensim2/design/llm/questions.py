@@ -1,4 +1,4 @@
-"""What is asked of a model and what it says, as plain values."""
+"""Questions to a model and its answers, as plain values."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back.
+    """Answer of a model.
 
     Attributes:
         text: empty where the endpoint gave nothing that can be read.

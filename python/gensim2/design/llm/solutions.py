@@ -41,7 +41,7 @@ class Views(Protocol):
 
 @dataclass(frozen=True)
 class Asking:
-    """How a model's designs are asked for.
+    """Settings for requesting designs from a model.
 
     Attributes:
         mode: ``"explore"``: tasks of one motion; ``"topdown"``: long tasks, taken apart; ``"bottomup"``: long tasks,
@@ -156,7 +156,7 @@ def tried_of(step: Step, results: Sequence[CandidateResult]) -> list[solving.Tri
 
 
 def in_words(config: Config) -> str:
-    """What a config does, in one phrase."""
+    """Describe in one phrase what a config does."""
     points = [each["target_keypoint_name"] for each in config["constraint_list"] if "target_keypoint_name" in each]
     motions = [
         " ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in motion)

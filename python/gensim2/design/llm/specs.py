@@ -37,7 +37,7 @@ STANDS_OPEN = 0.95
 
 
 def roles_of(articulated: Affordance, rigid: Affordance | None) -> tuple[str, str | None]:
-    """What a task calls its two objects."""
+    """Return the names of a task's one or two objects."""
     role = role_of(articulated)
     if rigid is None:
         return role, None

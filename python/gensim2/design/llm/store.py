@@ -100,7 +100,7 @@ class AnswerStore:
         self.path = path
 
     def model(self) -> ModelRecord:
-        """Who was asked.
+        """Record of the model that was asked.
 
         Raises:
             InputError: the folder holds no record, or one that cannot be read.

@@ -1,4 +1,4 @@
-"""What a brief says of a class, in the words of the prompts."""
+"""Wording of a brief about a class, for prompts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gensim2.tasks.spec import TaskSpec
 
 
 def motion(thing: Affordance) -> str:
-    """How its joint moves: ``"a hinge of 110°"``."""
+    """Describe the motion of its joint: ``"a hinge of 110°"``."""
     if thing.joint_type is None or thing.joint_range is None:
         return "rigid"
     low, high = thing.joint_range

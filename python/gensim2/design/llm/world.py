@@ -1,4 +1,4 @@
-"""What the prompts say there is, and what answers may name: a brief, read once."""
+"""World of the prompts: the objects and names that answers may use, from a brief."""
 
 from __future__ import annotations
 
@@ -102,6 +102,6 @@ def sentence_of(text: object, problems: list[str], field: str = "task-descriptio
 
 
 def role_of(thing: Affordance) -> str:
-    """What a task calls an object: its noun, as a name."""
+    """Return an object's name in tasks, made of its noun."""
     role = re.sub(r"[^a-z0-9]+", "_", thing.noun.lower()).strip("_")[:50]
     return f"the_{role}" if role in (HAND, TABLE) or not role[:1].isalpha() else role

@@ -1,8 +1,8 @@
-"""A process that can do nothing but compute and answer: for programs that nobody has read.
+"""A process that can do nothing but compute and answer: for unreviewed programs.
 
 Two walls of the operating system, neither of which needs a privilege. The inner one is a seccomp filter that the
 process puts on before it looks at the program (``filter``, ``inside/main.py``), beside limits on time, memory and
-files. The outer one is bubblewrap: namespaces of its own in which there is no network, nobody else's process and no
+files. The outer one is bubblewrap: namespaces of its own in which there is no network, no other process and no
 file but Python's. The inner one is a must; the outer one is there where bubblewrap is installed and works.
 """
 
@@ -29,7 +29,7 @@ from gensim2.errors import GenSim2Error
 
 INSIDE = Path(__file__).parent / "inside"
 
-#: Tries to do what nobody may: look at files, signal, start a process. Tells what went through; must be run unchecked.
+#: Tries what is forbidden to all: look at files, signal, start a process. Tells what went through; run unchecked.
 _PROBE = """
 import ctypes, os
 libc = ctypes.CDLL(None)
@@ -58,7 +58,7 @@ class NoSandboxError(GenSim2Error):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a program may use.
+    """Resource limits of a program.
 
     Attributes:
         wall_s: seconds until it is killed.
@@ -86,7 +86,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended.
+    """Exit of a process.
 
     Attributes:
         answer: what it wrote, cut where it was too much.
@@ -101,7 +101,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Sandbox:
-    """Where programs are run.
+    """Sandbox of the operating system in which programs run.
 
     Attributes:
         bubblewrap: the program that makes namespaces; None: the filter alone.

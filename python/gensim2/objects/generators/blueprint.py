@@ -1,7 +1,7 @@
-"""What a generated class says about one instance, in the object's model frame.
+"""Blueprint of one instance of a generated class, in the object's model frame.
 
-The model frame is that of PartNet-Mobility: origin near the middle of the body, x to the right of somebody who looks at
-the front, y up, z out of the front. Everything is given at joint value zero.
+The model frame is that of PartNet-Mobility: origin near the middle of the body, x to the right as seen from the
+front, y up, z out of the front. Everything is given at joint value zero.
 """
 
 from __future__ import annotations

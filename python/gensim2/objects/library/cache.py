@@ -104,7 +104,7 @@ def cached_hulls(
 
 
 def _whole_hulls(file: Path) -> tuple[list[Array], dict[str, int]] | None:
-    """What ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
+    """Read what ``cached_hulls`` wrote; None where it is not there, or not as it was written: ZIP holds checksums."""
     try:
         stream = io.BytesIO(ObjectFolder(file.parent).read(file.name, MOST_BYTES))
         with zipfile.ZipFile(stream) as archive:
@@ -124,7 +124,7 @@ def join_hulls(hulls: Sequence[Array]) -> dict[str, Any]:
 
 
 def split_hulls(points: Array, sizes: npt.NDArray[np.int64]) -> list[Array]:
-    """What ``join_hulls`` joined."""
+    """Undo ``join_hulls``."""
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 

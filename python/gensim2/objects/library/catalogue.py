@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, cast
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.objects.errors import AssetError
 from gensim2.objects.library.articulated import FolderShelf, GeneratedShelf
 from gensim2.objects.library.folder import existing_folder
 from gensim2.objects.library.release_splits import release_split
 from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
-from gensim2.objects.library.shelf import Shelf, near
+from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import Hulls, Instance, Kind, Source
 from gensim2.seeding import rng
@@ -141,10 +141,7 @@ class Library:
         """
         if self.kind(asset_class) != kind:
             wrong = "is rigid: it has no joint" if kind == "articulated" else "has a joint: it is not rigid"
-            names = self.classes(kind)
-            raise InputError(
-                f"{asset_class} {wrong}", field="class", remedy=f"there are {', '.join(names[:8])}" if names else None
-            )
+            raise InputError(f"{asset_class} {wrong}", field="class", remedy=near(asset_class, self.classes(kind)))
 
     def _check(self, asset_class: str, instance_id: str) -> None:
         shelf = self._shelf(asset_class)
@@ -231,7 +228,7 @@ class ClassListing:
 
 
 def listing(library: Library) -> tuple[ClassListing, ...]:
-    """What a library holds, one row a class, articulated ones first; nothing is loaded."""
+    """List the contents of a library, one row a class, articulated ones first; nothing is loaded."""
     return tuple(
         ClassListing(
             name,
@@ -286,7 +283,7 @@ def open_library(where: Path | str | None = None) -> Library:
 
 
 def _shelves(folder: Path) -> list[Shelf]:
-    """What lies in a folder."""
+    """Return the shelves of a folder."""
     if (folder / YCB_INFO).is_file():
         return [YcbShelf(folder)]
     articulated, rigid = folder / "articulated_objs", folder / "rigidbody_objs" / "models"

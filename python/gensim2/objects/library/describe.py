@@ -1,4 +1,4 @@
-"""What is known of one object, as plain values."""
+"""Description of one object, as plain values."""
 
 from __future__ import annotations
 

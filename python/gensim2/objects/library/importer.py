@@ -67,7 +67,7 @@ COMPANIONS = ("semantics.txt", "meta.json", "mobility_v2.json", "bounding_box.js
 
 @dataclass(frozen=True)
 class Imported:
-    """What became of a folder.
+    """Outcome of an import.
 
     Attributes:
         folder: of the object in the library.

@@ -93,7 +93,7 @@ def numbers(value: Any, count: int, file: Path, name: str) -> Array:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a JSON value is a number of a size that somebody could mean."""
+    """Whether a JSON value is a number of a plausible size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -LARGEST <= value <= LARGEST
 
 

@@ -80,7 +80,7 @@ class MeshReader:
         return [*self._read, *self._materials]
 
     def warnings(self) -> list[str]:
-        """What could not be read so far, a line a kind."""
+        """Parts that could not be read so far, a line a kind."""
         broken = [f"{name} ({why})" for name, why in self._broken.items()]
         kinds = {"mesh files missing": self._missing, "mesh files unreadable": broken}
         kinds["material files missing"] = [name for name, there in self._materials.items() if not there]

@@ -174,7 +174,7 @@ class YcbShelf(RigidShelf):
 
 
 def known_mass(name: str, scale: float) -> float | None:
-    """Mass in kg of a real object that is ``scale`` times its natural size; None where nobody has weighed it.
+    """Mass in kg of a real object that is ``scale`` times its natural size; None where its mass is unknown.
 
     ManiSkill's names carry the numbers of the YCB set: ``004_sugar_box``.
     """
@@ -183,6 +183,6 @@ def known_mass(name: str, scale: float) -> float | None:
 
 
 def maniskill_ycb() -> Path:
-    """Where ManiSkill keeps its YCB download: ``$MS_ASSET_DIR/data/assets/mani_skill2_ycb``."""
+    """Return the folder of ManiSkill's YCB download: ``$MS_ASSET_DIR/data/assets/mani_skill2_ycb``."""
     root = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
     return root / "data" / "assets" / "mani_skill2_ycb"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 from gensim2.objects.library.catalogue import SETS, Library
 from gensim2.objects.types import Kind
 
@@ -67,7 +67,7 @@ def select_one(library: Library, word: str, *, seed: int = 0) -> Item:
 def words_of_objects(
     instances: Callable[[str], Sequence[str]], classes: Mapping[str, str], words: Sequence[str]
 ) -> dict[str, Sequence[str]]:
-    """What ``--instances`` says of each object of a task.
+    """Resolve ``--instances`` for each object of a task.
 
     Words that stand for a set (``all``, ``train``, ``test``, ``new``) are said of every object, ids of one
     (:func:`object_of_ids`), and the others may be any.
@@ -128,8 +128,6 @@ def wanted_classes(
     known = sorted({name for library in libraries for name in library.classes()})
     for name in classes:
         if name not in known:
-            raise InputError(
-                f"no class {reprlib.repr(name)}", field="--classes", remedy=f"there are {', '.join(known)}"
-            )
+            raise InputError(f"no class {reprlib.repr(name)}", field="--classes", remedy=near(name, known))
     chosen = [(library, tuple(name for name in library.classes() if name in classes)) for library in libraries]
     return [(library, names) for library, names in chosen if names]

@@ -1,22 +1,13 @@
-"""Where a library's objects of one kind come from."""
+"""Sources of a library's objects of one kind."""
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 
-from gensim2.errors import InputError
-from gensim2.objects.library.urdf import LONGEST_NAME
+from gensim2.errors import InputError, near
 from gensim2.objects.rigid import ONLY_ID, RigidObject
 from gensim2.objects.types import Hulls, Instance, Kind, Source
 from gensim2.seeding import rng
-
-
-def near(word: str, words: Sequence[str]) -> str:
-    """What to try in place of a word that is none of ``words``."""
-    matches = difflib.get_close_matches(word[:LONGEST_NAME], words, n=3, cutoff=0.4)
-    return f"did you mean {', '.join(matches)}?" if matches else f"there are {', '.join(words[:8])}"
 
 
 class Shelf(ABC):
@@ -57,14 +48,14 @@ class Shelf(ABC):
 
     @abstractmethod
     def joint_type(self, asset_class: str) -> str | None:
-        """What the class is known for: ``"revolute"`` or ``"prismatic"``; None: it is rigid."""
+        """Return the usual joint type of a class, ``"revolute"`` or ``"prismatic"``; None of a rigid one."""
 
     def holds(self, asset_class: str, instance_id: str) -> bool:
         """Whether an instance can be asked for."""
         return instance_id in self.instances(asset_class)
 
     def remedy(self, asset_class: str, instance_id: str) -> str:
-        """What to ask for in place of an instance that it does not hold."""
+        """Return a remedy for a request of an instance that it does not hold."""
         return near(instance_id, self.instances(asset_class))
 
     def new(self, asset_class: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Where models come from that ``gensim2 assets import`` takes."""
+"""Sources of models for ``gensim2 assets import``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """URDF of an object as it was written: links, joints and mesh elements, unscaled.
 
-What is no tree of links, or holds a number that nobody means, is refused here, for the reader and the importer alike.
+What is no tree of links, or holds an implausible number, is refused here, for the reader and the importer alike.
 """
 
 from __future__ import annotations
@@ -260,7 +260,7 @@ class Primitive:
 
 @dataclass(frozen=True)
 class VisualElement:
-    """What is shown of a link.
+    """Visual element of a link.
 
     Attributes:
         shape: file name of a mesh, or a primitive.
@@ -279,7 +279,7 @@ _PRIMITIVES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1))
 
 
 def visual_elements(urdf: Urdf, link: str) -> list[VisualElement]:
-    """What is shown of a link: meshes, boxes, cylinders and spheres.
+    """Return the visual elements of a link: meshes, boxes, cylinders and spheres.
 
     Raises:
         AssetError: one is something else, or a number is none.

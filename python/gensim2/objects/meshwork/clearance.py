@@ -38,7 +38,7 @@ MOST_POINTS = 400  # that a separating plane is looked for with, of either side
 
 @dataclass(frozen=True)
 class Motion:
-    """How the moving link moves: its frame at joint value zero in the root frame (4, 4), unit axis (3,) in its own."""
+    """Motion of the moving link: its frame at joint value zero in the root frame (4, 4), unit axis (3,) in its own."""
 
     T_root_link: Array
     axis: Array

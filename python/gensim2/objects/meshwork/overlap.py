@@ -1,4 +1,4 @@
-"""How deep two links reach into each other: as the convex parts that are simulated, and as the meshes of the model."""
+"""Penetration depth of two links: of the convex parts that are simulated, and as the meshes of the model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _off_hinge(instance: Instance, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Overlap:
-    """How deep the links of an object reach into each other, off the hinge, at any of ``OPENNESS``; metres.
+    """Penetration depth between the links of an object, off the hinge, at any of ``OPENNESS``; metres.
 
     Attributes:
         parts: of the convex parts, anywhere.
@@ -53,7 +53,7 @@ def hull_overlap(instance: Instance) -> float:
 
 
 def links_overlap(instance: Instance, threshold: float) -> Overlap:
-    """What overlaps, and whether the model or its convex parts are to blame.
+    """Measure the overlap, and tell whether the model or its convex parts are to blame.
 
     Meshes are looked at only where convex parts overlap by more than ``threshold`` metres. Those of real models are
     seldom watertight: what cannot be reached from outside through gaps wider than ``GAP`` counts as enclosed, and depth
@@ -120,7 +120,7 @@ def _meshes(instance: Instance, link: str) -> list[tuple[Array, Faces]]:
 
 
 class _Enclosed:
-    """What a link's meshes enclose."""
+    """Volume that a link's meshes enclose."""
 
     def __init__(self, meshes: list[tuple[Array, Faces]]) -> None:
         self._space = VoidSpace(meshes)

@@ -1,4 +1,4 @@
-"""What a convex hull would fill: the space around a triangle soup that can be reached from outside, on a grid."""
+"""Voids that a convex hull would fill: the space around a triangle soup that can be reached from outside, on a grid."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class ArmResult:
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """What an experiment comes to.
+    """Result of an experiment.
 
     Attributes:
         out: folder.
@@ -190,6 +190,7 @@ def _run_arm(arm: Arm, record: ExperimentRecord, out: Path, workers: int, progre
             resume=True,
             progress=progress,
             assets=assets,
+            instances="train",
         )
         policies += learned.learned
         if arm.count is None:  # an evaluation draws from a split, and counted objects are none

@@ -11,7 +11,7 @@ import torch
 
 @dataclass(frozen=True)
 class Context:
-    """What a head works from.
+    """Inputs of a head.
 
     Attributes:
         tokens: (B, S, D) of the trunk, the readout first.

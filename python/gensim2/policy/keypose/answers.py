@@ -1,4 +1,4 @@
-"""What the keypose head says of one observation: ways with their probability, each with a program in the base frame."""
+"""Answers of the keypose head to one observation: ways with their probability, each with its program."""
 
 from __future__ import annotations
 

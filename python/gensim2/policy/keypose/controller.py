@@ -78,7 +78,7 @@ class KeyposeController:
 
     @property
     def observation_spec(self) -> ObservationSpec:
-        """What it looks at next: by the spec of its training, or at the robot alone while it moves."""
+        """Spec of its next observation: that of its training, or at the robot alone while it moves."""
         return PROPRIOCEPTIVE if self._rows else self._policy.observation
 
     def reset(self, observation: Observation, seed: int) -> None:

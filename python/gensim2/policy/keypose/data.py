@@ -67,7 +67,7 @@ class PlannedRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Planned:
-    """What a folder holds.
+    """Contents of a folder of planned scenes.
 
     Attributes:
         record: what it is of.
@@ -190,7 +190,7 @@ def make_shard(
 
 
 def record_of(given: TaskInput, spec: ObservationSpec, seed: int, verify: bool = False) -> PlannedRecord:
-    """What a folder says of scenes that are planned so."""
+    """Return the record of a folder of scenes that are planned so."""
     from gensim2.rollout.identity import digest, listing
 
     classes = sorted({thing.asset_class for thing in given.spec.objects.values()})

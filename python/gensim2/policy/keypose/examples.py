@@ -34,7 +34,7 @@ MOST_TOUCHING = 1
 
 @dataclass(frozen=True)
 class Drawn:
-    """What came of one scene.
+    """Result of one scene.
 
     Attributes:
         examples: arrays by the names of :func:`example`, one dict a step that was planned, and one of the end.
@@ -179,7 +179,7 @@ def _rested(scene: Scene, profile: RobotProfile) -> Scene:
 
 
 def _seen(env: HeadlessEnv, observer: Observer, profile: RobotProfile, scene: Scene) -> Observation:
-    """What the cameras would see of a scene that is foreseen."""
+    """Observe a predicted scene by the cameras."""
     rows = {kind: {name: row[None].copy() for name, row in group.items()} for kind, group in env.state().items()}
     arm = rows["articulations"][profile.agent]
     n = len(profile.reset_qpos)

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]
 
 Free = Literal["planned", "table only", "straight"]
-"""How a free motion was found: clear of the cloud, clear of the table and the arm itself, or not at all."""
+"""Manner in which a free motion was found: clear of the cloud, clear of the table and the arm itself, or not at all."""
 
 SHARE = 0.5
 """Of the joints' velocity limits that motions take, as the planner's own."""

@@ -16,7 +16,7 @@ Float32 = npt.NDArray[np.float32]
 PATH_POSES = 8
 """Hand poses between the actuation pose and the end of the motion that touches, evenly spaced along it."""
 APPROACH, ACTUATION, PATH, RETREAT = 0, 1, slice(2, 2 + PATH_POSES), 2 + PATH_POSES
-"""Where poses stand in a program."""
+"""Indices of poses in a program."""
 KEYPOSES = 3 + PATH_POSES
 """Poses of a program: before the contact, the actuation pose, the path, and where the hand backs off to."""
 TURN_LENGTH = 0.15

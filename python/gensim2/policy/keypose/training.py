@@ -79,7 +79,7 @@ def train_keypose(
 
 
 def read_ways(folder: Path) -> list[Way]:
-    """What the classes of a checkpoint mean.
+    """Return the ways that the classes of a checkpoint stand for.
 
     Raises:
         InputError: its file is missing or damaged.

@@ -17,7 +17,7 @@ from gensim2.yaml_files import parse_yaml
 
 @dataclass(frozen=True)
 class Constants:
-    """What holds in every scene, and what a class has.
+    """Constants of every scene and of a class.
 
     Attributes:
         scene: PhysX's settings, by their names in ManiSkill's ``SceneConfig``.

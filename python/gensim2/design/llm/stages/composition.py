@@ -63,12 +63,12 @@ class Skill:
 
     @property
     def before(self) -> str:
-        """What it needs."""
+        """Preconditions of the skill."""
         return "empty hand, closed or ajar" if self.kind == "articulated_open" else "empty hand, open or ajar"
 
     @property
     def after(self) -> str:
-        """What it brings about."""
+        """Effects of the skill."""
         return self.kind
 
 

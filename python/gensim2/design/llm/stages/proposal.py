@@ -72,7 +72,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Wish:
-    """What the user wants tasks to be about.
+    """Subject that the user wants tasks to have.
 
     Attributes:
         long: of several motions.

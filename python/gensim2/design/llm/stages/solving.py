@@ -62,7 +62,7 @@ class Job:
 
     @property
     def held(self) -> Affordance | None:
-        """What the hand holds meanwhile."""
+        """Affordance of the held object, if any."""
         return None if self.step.tool == HAND else self.things[self.step.tool]
 
     def for_prompts(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ class Job:
         }
 
     def problems(self, config: Mapping[str, Any]) -> list[str]:
-        """What is wrong with a whole config for this step."""
+        """List the faults of a whole config for this step."""
         found = configs.problems_of_config(config)
         gripper = config.get("gripper", "open")
         if not found and self.held is not None and gripper not in ("hold", "release"):

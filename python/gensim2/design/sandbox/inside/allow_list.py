@@ -1,4 +1,4 @@
-"""What generated task code may be made of, looked up in its syntax tree. Needs Python only; runs inside the sandbox.
+"""Allow-list of generated task code, checked on its syntax tree. Needs Python only; runs inside the sandbox.
 
 Everything that is not listed is refused and named with its line: there is no list of what is bad.
 """
@@ -35,7 +35,7 @@ PLAIN = (
 )
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.UAdd, ast.USub)
 CONSTANTS = (str, int, float, bool, type(None))
-#: Where the tree's own word is nobody's.
+#: Plain words for nodes of the tree.
 SPOKEN = {
     ast.JoinedStr: "an f-string",
     ast.ListComp: "a list comprehension",
@@ -66,7 +66,7 @@ class Refused(Exception):
 
 
 def problems(source: str, offered: Iterable[str], methods: Iterable[str]) -> list[tuple[int, str]]:
-    """What in a program is not allowed, by line, at most ten; nothing: it may be run.
+    """List what a program may not do, by line, at most ten; an empty list allows it to run.
 
     Args:
         source: the program.
@@ -272,7 +272,7 @@ class Reader:
             raise Refused(node, "an expression is nested too deeply") from error
 
     def number(self, node: ast.AST) -> int | float:
-        """What arithmetic comes to, within the bounds of numbers."""
+        """Evaluate arithmetic, within the bounds of numbers."""
         if node in self.numbers:
             return self.numbers[node]
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
@@ -307,7 +307,7 @@ def computed(node: ast.BinOp, left: int | float, right: int | float) -> int | fl
 
 
 def check_number(node: ast.AST, number: int | float) -> None:
-    """Refuse what JSON cannot hold or nobody can use."""
+    """Refuse what JSON cannot hold or no task can use."""
     if isinstance(number, float):
         if not math.isfinite(number):
             raise Refused(node, NOT_FINITE)

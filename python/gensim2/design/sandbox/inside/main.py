@@ -1,7 +1,7 @@
 """The program inside the sandbox: ``python -I -S -B main.py``. Reads one JSON document, writes one, needs Python only.
 
 First it gives up everything that it does not need: limits, then a seccomp filter after which no file can be opened, no
-process started and nobody be signalled. Only then it looks at the program that it was given, and runs it.
+process started and no signal be sent. Only then it looks at the program that it was given, and runs it.
 """
 
 import ast  # noqa: F401 - imported now: later no file can be opened
@@ -61,7 +61,7 @@ def lock(limits: dict[str, int], instructions: bytes) -> None:
 
 
 def answer(source: str, checked: bool) -> dict[str, Any]:
-    """What a program comes to, as plain data: ``task``, or ``kind`` and ``problems``."""
+    """Return the result of a program as plain data: ``task``, or ``kind`` and ``problems``."""
     lines = source.splitlines()
     try:
         if checked:

@@ -1,4 +1,4 @@
-"""What a generated task's class is written in: it is imported by that code, inside the sandbox, and needs Python only.
+"""API for generated task classes: imported by that code, inside the sandbox, and needs Python only.
 
 A class derived from :class:`Task` names its objects (``self.drawer = Object("drawer")``), its steps (``self.step``) and
 what must hold at the end (``self.goal``). Criteria are functions called as the types of
@@ -29,7 +29,7 @@ class Fields:
 
 
 class Place(Fields):
-    """Where an object stands: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
+    """Placement of an object: ``on`` "table" or another object, ``at`` (x, y) in m, ``yaw`` in rad."""
 
     names = ("on", "at", "yaw")
 
@@ -81,7 +81,7 @@ class Task:
         self.__dict__.setdefault("_steps", []).append(step)
 
     def goal(self, *criteria: Any) -> None:
-        """What must hold at the end, all of it; without, what the last step's ``done`` says."""
+        """Set the criteria that must all hold at the end; without a call, those of the last step's ``done``."""
         self.__dict__.setdefault("_goal", []).extend(one for given in criteria for one in listed(given))
 
 

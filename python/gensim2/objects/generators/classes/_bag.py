@@ -34,7 +34,7 @@ def _section(width: float, depth: float, y: float) -> Array:
 def _leather(
     width: float, depth: float, height: float, taper: float, look: Look, trim: Look, metal: Look
 ) -> list[Solid]:
-    """What is seen of a bag: a soft body with piping, a zip, a flap with its clasp, studs below."""
+    """Model the visible parts of a bag: a soft body with piping, a zip, a flap with its clasp, studs below."""
     top = height / 2
 
     def size(y: float) -> tuple[float, float]:

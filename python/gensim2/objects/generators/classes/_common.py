@@ -1,4 +1,4 @@
-"""What several classes share: looks, handles, and the turn from the closed pose to joint value zero."""
+"""Parts that several classes share: looks, handles, and the turn from the closed pose to joint value zero."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What windows share: a standing frame and a glazed sash."""
+"""Parts that windows share: a standing frame and a glazed sash."""
 
 from __future__ import annotations
 

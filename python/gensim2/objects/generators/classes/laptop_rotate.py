@@ -35,7 +35,7 @@ def keyboard(width: float, depth: float, top: float, keys: Look) -> list[Solid]:
 
 
 def _desktop(rng: np.random.Generator, middle: Vec3, width: float, depth: float) -> list[Solid]:
-    """What is on the screen, which faces down while the lid is shut: windows and a task bar."""
+    """Model the contents of the screen, which faces down while the lid is shut: windows and a task bar."""
     x, y, z = (float(v) for v in middle)
     bar = box((x, y, z - 0.46 * depth), (width, 0.0004, 0.06 * depth), c.STEEL, 0.0)
     parts = [bar.visual_only()]

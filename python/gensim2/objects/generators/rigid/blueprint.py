@@ -1,4 +1,4 @@
-"""What a generated rigid object says about itself, at the size of the real thing."""
+"""Blueprint of a generated rigid object, at the size of the real thing."""
 
 from __future__ import annotations
 

@@ -1,0 +1,202 @@
+"""Pictures of the arm standing in one pose after another: moved there through the limits, or read from a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.deploy.arm import Arm
+from gensim2.deploy.arm_limits import CYCLE, ArmLimits, Array
+from gensim2.deploy.calibration.surfaces import ArmView
+from gensim2.deploy.clocks import Clock
+from gensim2.deploy.devices import CameraDriver, Frame
+from gensim2.deploy.replay import frame_of, messages
+from gensim2.errors import GenSim2Error, InputError
+from gensim2.observations import Camera
+from gensim2.progress import NULL_PROGRESS, Progress
+from gensim2.seeding import rng
+
+SPREAD = np.array([0.9, 0.5, 0.6, 0.6, 0.8, 0.8, 1.0])
+"""Rad about the reset pose within which poses are drawn; of an arm with other joints the first or the last of these."""
+LOWEST = 0.25
+"""Metres above the table that the tool keeps: what stands there is unknown."""
+STILL, STILL_SECONDS = 0.02, 0.3
+"""Rad/s below which an arm stands, and for how long before a picture counts."""
+ARRIVED = 0.05
+"""Rad from its pose at which the arm may stand."""
+PATIENCE = 60.0
+"""Seconds within which it must stand there."""
+PICTURES = 5
+"""Of each camera and pose; their median counts."""
+TRIES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """Pictures of one pose.
+
+    Attributes:
+        q: (n,) all active joints.
+        frames: by camera.
+    """
+
+    q: Array
+    frames: Mapping[str, tuple[Frame, ...]]
+
+    def view(self, camera: Camera) -> ArmView:
+        """The median of a camera's depth pictures, where more than half of them measure anything."""
+        depths = np.stack([camera.metres(frame.depth) for frame in self.frames[camera.name]]).astype(np.float64)
+        there = 2 * (depths > 0).sum(axis=0) > len(depths)
+        depths[depths == 0] = np.nan
+        found = np.zeros(there.shape, dtype=np.float32)
+        found[there] = np.nanmedian(depths[:, there], axis=0)
+        return ArmView(self.q, found)
+
+
+def draw_poses(limits: ArmLimits, count: int, seed: int) -> list[Array]:
+    """(m,) of the arm, so many, each within the limits with the tool high above the table.
+
+    Raises:
+        InputError: there are hardly any.
+    """
+    draw = rng(seed, "calibration poses")
+    home = np.array(limits.profile.reset_qpos)[list(limits.profile.arm_columns)]
+    spread = np.resize(SPREAD, len(home))
+    low = np.maximum(limits.low, [-np.inf, -np.inf, LOWEST])
+    found: list[Array] = []
+    for _ in range(TRIES):
+        q = home + draw.uniform(-1.0, 1.0, len(home)) * spread
+        tool = limits.tool(q[None])[0]
+        inside = (q > limits.lower).all() and (q < limits.upper).all()
+        if inside and (tool > low).all() and (tool < limits.high).all() and limits.is_clear(q[None]):
+            found.append(q)
+            if len(found) == count:
+                return found
+    raise InputError(f"has {len(found)} poses within its limits, {count} are wanted", field="poses")
+
+
+def take(
+    arm: Arm, cameras: CameraDriver, clock: Clock, poses: Sequence[Array], progress: Progress = NULL_PROGRESS
+) -> list[Station]:
+    """Move the arm to each pose, through the limits, and take pictures there.
+
+    Raises:
+        RefusedError: the arm stands where it may not be, or is pressed on.
+        GenSim2Error: the arm or a camera says nothing, or the arm stands in too few of the poses.
+    """
+    walk = _Walk(arm, cameras, clock)
+    walk.begin()
+    found = []
+    for number, pose in enumerate(poses):
+        if walk.to(pose):
+            found.append(walk.look())
+            progress.message(f"pose {number + 1} of {len(poses)}")
+        else:
+            progress.message(f"pose {number + 1} of {len(poses)} is out of reach: left out")
+    return found
+
+
+class _Walk:
+    """The arm from pose to pose, a command each cycle."""
+
+    def __init__(self, arm: Arm, cameras: CameraDriver, clock: Clock) -> None:
+        self._arm, self._cameras, self._clock = arm, cameras, clock
+        self._next = clock.now() + CYCLE
+        self._names = [camera.name for camera in cameras.cameras]
+
+    def begin(self) -> None:
+        until = self._clock.now() + PATIENCE
+        while self._arm.state() is None:
+            self._tick(until, "the arm says nothing")
+        self._arm.begin(self._where())
+
+    def to(self, pose: Array) -> bool:
+        """Whether the arm stands at the pose in the end."""
+        until, still = self._clock.now() + PATIENCE, 0.0
+        while self._clock.now() < until:
+            frames = self._tick()
+            del frames  # of an arm that moves
+            self._arm.command(pose, 1.0, self._clock.now())
+            sent = self._arm.sent
+            state = self._arm.state()
+            assert sent is not None
+            assert state is not None
+            stands = sent.is_at_rest and np.abs(state.v).max() < STILL
+            still = still + CYCLE if stands else 0.0
+            if still > STILL_SECONDS:
+                return bool(np.abs(self._where() - pose).max() < ARRIVED)
+        return False
+
+    def look(self) -> Station:
+        """Pictures that were taken from now on."""
+        begun, found = self._clock.now(), {name: list[Frame]() for name in self._names}
+        joints = []
+        while min(map(len, found.values())) < PICTURES:
+            for frame in self._tick(begun + PATIENCE, "a camera gives no pictures"):
+                if frame.captured >= begun:
+                    found[frame.camera].append(frame)
+            self._arm.hold(self._clock.now())
+            state = self._arm.state()
+            assert state is not None
+            joints.append(state.q)
+        frames = {name: tuple(each[:PICTURES]) for name, each in found.items()}
+        return Station(np.mean(joints, axis=0), frames)
+
+    def _where(self) -> Array:
+        state = self._arm.state()
+        assert state is not None
+        return self._arm.joints(state.q)
+
+    def _tick(self, until: float = np.inf, trouble: str = "") -> Sequence[Frame]:
+        self._clock.wait(self._next)
+        self._next = self._clock.now() + CYCLE
+        if self._clock.now() > until:
+            raise GenSim2Error(f"{trouble} for {PATIENCE:g} s")
+        self._arm.poll()
+        return self._cameras.poll()
+
+
+def read_standing(folder: Path, pictures: int = PICTURES) -> list[Station]:
+    """Poses in which the arm of a log stood while every camera took a picture, so many of each at most.
+
+    Raises:
+        InputError: there is no log, it is damaged, or the arm stood nowhere.
+    """
+    times, joints, speeds, frames = [], [], [], list[Frame]()
+    for topic, plain, arrays in messages(folder):
+        if topic == "/arm":
+            times.append(plain["time"])
+            joints.append(arrays["q"])
+            speeds.append(float(np.abs(arrays["v"]).max()))
+        elif topic.startswith("/camera/"):
+            frames.append(frame_of(plain, arrays))
+    names = {frame.camera for frame in frames}
+    found: list[Station] = []
+    for q, shown in _stood(np.array(times), joints, np.array(speeds), frames):
+        if set(shown) == names and all(np.abs(q - each.q).max() > ARRIVED for each in found):
+            found.append(Station(q, {name: tuple(each[:pictures]) for name, each in shown.items()}))
+    if not found:
+        raise InputError("the arm stands nowhere while all cameras look", file=folder)
+    return found
+
+
+def _stood(
+    times: npt.NDArray[np.float64], joints: list[Array], speeds: npt.NDArray[np.float64], frames: list[Frame]
+) -> list[tuple[Array, dict[str, list[Frame]]]]:
+    """Joints and pictures of each stretch of time in which the arm stood."""
+    found: list[tuple[Array, dict[str, list[Frame]]]] = []
+    open_until = -np.inf
+    for frame in sorted(frames, key=lambda each: each.captured):
+        around = np.flatnonzero(np.abs(times - frame.captured) <= STILL_SECONDS)
+        if len(around) < 2 or speeds[around].max() > STILL:
+            open_until = -np.inf
+            continue
+        if frame.captured > open_until:
+            found.append((joints[around[len(around) // 2]], {}))
+        open_until = frame.captured + 1.0
+        found[-1][1].setdefault(frame.camera, []).append(frame)
+    return found

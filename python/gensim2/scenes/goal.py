@@ -1,0 +1,162 @@
+"""Check of a task's goal against its scenes: refused is a goal that cannot tell success from failure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+
+from gensim2.errors import InputError
+from gensim2.objects import RigidObject
+from gensim2.objects.types import Instance
+from gensim2.robots import RobotProfile
+from gensim2.scenes.footprint import keypoint_in_root
+from gensim2.scenes.initial_state import InitialState, PlacedObject
+from gensim2.tasks.criteria import (
+    ArticulatedBetween,
+    ArticulatedClosed,
+    ArticulatedOpen,
+    Criterion,
+    RigidLifted,
+    RigidMoved,
+    all_hold,
+)
+from gensim2.tasks.measurement import Array, Measurement
+from gensim2.tasks.spec import TaskSpec
+
+_ARTICULATED_FIELDS, _RIGID_FIELDS = ("object", "articulated"), ("rigid", "support")
+_DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+
+
+class GoalError(InputError):
+    """A task's goal holds in every initial scene, or in no state that the robot can bring about."""
+
+
+def measure_initial_state(state: InitialState, robot: RobotProfile) -> Measurement:
+    """Return what criteria see of a sampled initial state, before any physics: everything is at rest."""
+    articulated = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, Instance)}
+    rigid = {name: thing for name, thing in state.objects.items() if isinstance(thing.model, RigidObject)}
+    return Measurement(
+        openness={name: float(thing.openness or 0.0) for name, thing in articulated.items()},
+        joint_speed=dict.fromkeys(articulated, 0.0),
+        keypoints={name: _keypoints(thing) for name, thing in state.objects.items()},
+        poses={name: np.concatenate([thing.position, thing.quaternion]) for name, thing in rigid.items()},
+        speeds={name: np.zeros(2) for name in rigid},
+        gripper=robot.gripper_with(state.start),
+        finger_opening=robot.gripper.widest,
+        starts={name: thing.position for name, thing in rigid.items()},
+    )
+
+
+def check_reachable(task: TaskSpec, state: InitialState, robot: RobotProfile, placed: Collection[str] = ()) -> None:
+    """Refuse a goal that no state fulfils, or none that the robot can bring about.
+
+    Args:
+        task: whose ``goal``, or whose last step's ``done``, is looked at, and the kinds of objects in every ``done``.
+        state: an initial state of it.
+        robot: its reach is what objects can be moved within.
+        placed: names of objects whose placement a caller gave; how far these would have to go is the caller's affair.
+
+    Raises:
+        GoalError: a criterion is about an object of the wrong kind, two contradict each other, or a rigid object would
+            have to be lifted or moved beyond the robot's reach.
+    """
+    for step in task.steps:
+        _check_kinds(step.done, state, f"steps.{step.name}.done")
+    field = _field(task)
+    _check_kinds(task.success, state, field)
+    for name in task.objects:
+        low, high = _openness_range(task.success, name)
+        if low >= high:
+            raise GoalError(
+                f"nothing can reach it: the openness of {name} would have to lie above {low:g} and below {high:g}",
+                field=field,
+                remedy="drop one of the criteria, or change its threshold",
+            )
+    for criterion in task.success:
+        if isinstance(criterion, RigidLifted | RigidMoved) and criterion.rigid not in placed:
+            away = _beyond_reach(criterion, state.objects[criterion.rigid], robot)
+            if away > 0.0:
+                raise GoalError(
+                    f"nothing can reach it: {criterion.type} asks for {criterion.rigid} {away:.2f} m beyond the "
+                    f"{robot.reach:g} m that the robot reaches",
+                    field=field,
+                    remedy="ask for less, or place the object elsewhere",
+                )
+
+
+def check_false_at_start(task: TaskSpec, states: Iterable[InitialState], robot: RobotProfile) -> None:
+    """Refuse a goal that holds in every one of some initial states, as episodes would succeed without the robot.
+
+    Args:
+        states: looked at one after the other, up to the first in which the goal does not hold.
+
+    Raises:
+        GoalError: it holds in all of them.
+    """
+    if all(all_hold(task.success, measure_initial_state(state, robot)) for state in states):
+        raise GoalError(
+            "holds already at the start of every episode, before the robot moves",
+            field=_field(task),
+            remedy="change the goal, or the openness or place at which objects start",
+        )
+
+
+def _field(task: TaskSpec) -> str:
+    return f"{task.name}: goal" if task.goal is not None else f"{task.name}: steps.{task.steps[-1].name}.done"
+
+
+def _keypoints(thing: PlacedObject) -> dict[str, Array]:
+    model = thing.model
+    if isinstance(model, Instance):
+        local = {name: keypoint_in_root(model, name, thing.joint_value) for name in model.keypoints}
+    else:
+        local = {name: np.asarray(point.position) for name, point in model.keypoints.items()}
+    return {name: thing.in_world(point) for name, point in local.items()}
+
+
+def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
+    for criterion in criteria:
+        for fields, kind, other in (
+            (_ARTICULATED_FIELDS, Instance, "a rigid object, which has no joint"),
+            (_RIGID_FIELDS, RigidObject, "an articulated object"),
+        ):
+            for name in (getattr(criterion, each) for each in fields if each in type(criterion).model_fields):
+                if not isinstance(state.objects[name].model, kind):
+                    raise GoalError(
+                        f"nothing can reach it: {criterion.type} is about {name!r}, which is {other}",
+                        field=field,
+                        remedy="name another object, or another type of criterion (docs/tasks.md lists them)",
+                    )
+
+
+def _openness_range(criteria: Iterable[Criterion], name: str) -> tuple[float, float]:
+    """Open interval in which the goal wants the openness of an object."""
+    low, high = -np.inf, np.inf
+    for criterion in criteria:
+        if isinstance(criterion, ArticulatedOpen) and criterion.object == name:
+            low = max(low, criterion.threshold)
+        elif isinstance(criterion, ArticulatedClosed) and criterion.object == name:
+            high = min(high, criterion.threshold)
+        elif isinstance(criterion, ArticulatedBetween) and criterion.object == name:
+            low, high = max(low, criterion.low), min(high, criterion.high)
+    return low, high
+
+
+def _beyond_reach(criterion: RigidLifted | RigidMoved, thing: PlacedObject, robot: RobotProfile) -> float:
+    """By how much (m) the nearest place that fulfils a criterion lies beyond the robot's reach; 0 within it.
+
+    The reach is horizontal, of a hand that points down at the table; upwards no arm gets farther than twice that.
+    """
+    base = np.array(robot.base_position)
+    if isinstance(criterion, RigidLifted):
+        return max(0.0, float(thing.position[2] + criterion.height - base[2]) - 2.0 * robot.reach)
+    along = np.array(_DIRECTIONS[criterion.direction])
+    across = np.array([-along[1], along[0]])
+    offset = thing.position[:2] - base[:2]
+    # Any way from the asked-for distance on, strayed by up to half of it: the nearest point of that wedge to the base.
+    best = np.inf
+    for way in np.linspace(criterion.distance, criterion.distance + 1.0, 101):
+        strayed = float(np.clip(-offset @ across, -way / 2, way / 2))
+        best = min(best, float(np.linalg.norm(offset + way * along + strayed * across)))
+    return max(0.0, best - robot.reach)

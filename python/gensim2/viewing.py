@@ -1,0 +1,261 @@
+"""An episode in the browser: meshes, the planner's keyframes, a policy's cloud, a slider over time (viser)."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.data.dataset import DATASET_JSON, DataSet
+from gensim2.data.store import TaskStore
+from gensim2.errors import InputError, MissingExtraError
+from gensim2.observations import EmptyCloudError, ObservationSpec
+from gensim2.robots import RobotProfile
+from gensim2.robots import robot as robot_profile
+from gensim2.rollout.config import EpisodeConfig, RolloutArguments
+from gensim2.rollout.recording import Recording
+from gensim2.scenes.config import SceneConfig
+
+if TYPE_CHECKING:
+    from gensim2.rollout.solving import SolvedStep
+
+Array = npt.NDArray[np.float64]
+
+CLOUD_POINT = 0.006
+"""Metres across of a drawn point of the cloud."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Contents of a page.
+
+    Attributes:
+        title: one line of Markdown.
+        scene: what the episode follows from.
+        recording: its states and actions.
+        plans: of the planner, where it decided: one a step, made on the scenes that the steps before foresee.
+    """
+
+    title: str
+    scene: SceneConfig
+    recording: Recording
+    plans: Sequence[SolvedStep] = field(default=())
+
+    @property
+    def profile(self) -> RobotProfile:
+        """The robot."""
+        return robot_profile(self.scene.robot)
+
+    @property
+    def times(self) -> Array:
+        """(T + 1,) s of each recorded state, from the reset on."""
+        return np.arange(self.recording.steps + 1) / self.profile.control_hz
+
+
+def view(
+    what: str | Path,
+    *,
+    task: str | None = None,
+    episode: int | None = None,
+    seed: int = 0,
+    spec: ObservationSpec | None = None,
+    host: str = "localhost",
+    port: int = 8080,
+    **scene: Unpack[RolloutArguments],
+) -> Any:
+    """Serve a page on which an episode can be watched; return at once.
+
+    Args:
+        what: name or folder of a task, which is planned and run; folder of a data set; or file of one of its episodes.
+        task: of a data set; None: its first.
+        episode: index in a data set; None: the first that held.
+        seed: of the scene that is planned and run.
+        spec: of the cloud; None takes what a policy sees by default.
+        host: address to listen on.
+        port: of the page; the next free one is taken where it is in use.
+        scene: of a task, see :class:`~gensim2.rollout.config.RolloutArguments`.
+
+    Returns:
+        The ``viser.ViserServer``; ``stop()`` ends it.
+
+    Raises:
+        InputError: there is no such task or episode, or an argument cannot be used.
+        MissingExtraError: viser is not installed.
+    """
+    _viser()
+    place = Path(what)
+    if place.suffix == ".h5":
+        found = of_file(place)
+    elif (place / DATASET_JSON).exists():
+        found = of_data_set(place, task, episode)
+    else:
+        if task is not None or episode is not None:
+            raise InputError("is for a data set", field="task" if task is not None else "episode")
+        found = of_task(str(what), seed, **scene)
+    return serve(found, spec or ObservationSpec(), host=host, port=port)
+
+
+def of_task(name: str, seed: int, **scene: Unpack[RolloutArguments]) -> Shown:
+    """Plan a task on the scene of a seed and run the episode.
+
+    Raises:
+        InputError: there is no such task, or an argument cannot be used.
+    """
+    from gensim2.rollout.inputs import read_task_input
+    from gensim2.rollout.solving import solve
+    from gensim2.rollout.worker import record
+
+    given = read_task_input(name, seed=seed, **scene)
+    plans = solve(name, seed=seed, **scene).steps
+    config = EpisodeConfig(given.scene, given.rollout)
+    episode, recording = record(config, given.strategies, seed, lambda episode, recording: (episode, recording))
+    if recording is None:
+        raise InputError(
+            f"no motion was found: {plans[0].found.reason}", field=given.spec.name, remedy="another --seed"
+        )
+    ended = "held" if episode.held else f"not held: {episode.cause}"
+    return Shown(f"**{given.spec.name}**, seed {seed}: {ended}", given.scene, recording, plans)
+
+
+def of_data_set(folder: Path, task: str | None, index: int | None) -> Shown:
+    """Read an episode of a data set.
+
+    Raises:
+        InputError: there is no such task or episode, or its states were not kept.
+    """
+    dataset = DataSet.open(folder)
+    store = dataset.task(task or dataset.tasks[0])
+    row = next((row for row in store.rows() if (row.held if index is None else row.index == index)), None)
+    if row is None:
+        wrong = "no episode held" if index is None else f"there is no episode {index}"
+        raise InputError(wrong, file=store.folder, field="episode", remedy="--episode N takes another")
+    recording = store.read(row).recording
+    if recording is None:
+        raise InputError("its states were not kept", file=store.path(row.index, row.held), remedy="--keep-failures")
+    record = dataset.record
+    scene = record.scene.with_task(store.spec(), record.tasks[store.name].instances)
+    return Shown(f"**{store.name}**, episode {row.index}: {'held' if row.held else row.cause}", scene, recording)
+
+
+def of_file(path: Path) -> Shown:
+    """Read an episode of a data set by its file.
+
+    Raises:
+        InputError: it is none, or cannot be read.
+    """
+    folder = path.parent.parent
+    if not (folder.parent / DATASET_JSON).exists() or not path.stem.isdigit():
+        raise InputError("is not the file of an episode of a data set", file=path, remedy="give the data set's folder")
+    if not path.exists():
+        raise InputError("is not there", file=path)
+    return of_data_set(folder.parent, TaskStore(folder).name, int(path.stem))
+
+
+def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port: int = 8080) -> Any:
+    """Serve the page of one episode; return the ``viser.ViserServer`` at once.
+
+    Raises:
+        InputError: a file of the robot or of an object cannot be used.
+        MissingExtraError: viser or Embree is not installed.
+    """
+    from gensim2.data.observing import objects_of
+    from gensim2.planning.show import draw_plan
+    from gensim2.raycast.observer import Observer
+    from gensim2_kpam.show import add_clock
+
+    server = _viser().ViserServer(host=host, port=port, verbose=False)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position, server.initial_camera.look_at = (1.2, -0.95, 0.8), (0.4, 0.0, 0.15)
+    server.gui.add_markdown(shown.title)
+    recording = shown.recording
+    observer = Observer(shown.profile, objects_of(shown.scene, recording.instances), spec, recording.seed)
+    solids, poses = observer.scene.solids, observer.scene.poses(recording.env_states)
+    meshes = [_draw_solid(server, observer.scene.names[solid.id], solid.surface) for solid in solids]
+    commands = [1.0, *map(float, recording.actions[:, -1])]
+
+    @lru_cache(maxsize=64)
+    def cloud_at(index: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+        try:
+            seen = observer.observe(_row(recording.env_states, index), index, commands[index]).cloud
+        except EmptyCloudError:
+            return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+        assert seen is not None, "a spec without a cloud shows none"
+        return seen.xyz.astype(np.float32), seen.rgb
+
+    xyz, rgb = cloud_at(0)
+    cloud = server.scene.add_point_cloud("/cloud", xyz, rgb, point_size=CLOUD_POINT)
+
+    def stand_at(index: int) -> None:
+        for handle, pose in zip(meshes, poses[index], strict=True):
+            handle.position, handle.wxyz = pose[:3, 3], _quaternion(pose)
+        cloud.points, cloud.colors = cloud_at(index)
+
+    for number, step in enumerate(shown.plans):
+        if step.found.plan is not None:
+            draw_plan(server, step.found.plan, shown.profile, f"/plan/{number + 1}_{step.name}")
+    _add_switches(server, meshes, cloud, bool(shown.plans))
+    add_clock(server, _Clock(shown.times), lambda index: stand_at(int(index)))
+    return server
+
+
+class _Clock:
+    """The numbers of recorded states, in the place of a trajectory: what the solver's slider goes over."""
+
+    def __init__(self, times: Array) -> None:
+        self.times = times
+
+    def sample(self, time: float) -> tuple[int]:
+        """The state that stands at a time, s."""
+        return (int(np.clip(np.searchsorted(self.times, time + 1e-9) - 1, 0, len(self.times) - 1)),)
+
+
+def _add_switches(server: Any, meshes: Sequence[Any], cloud: Any, has_plan: bool) -> None:
+    def switch(name: str, shown: Sequence[Any]) -> None:
+        box = server.gui.add_checkbox(name, initial_value=True)
+
+        @box.on_update
+        def _(_: Any) -> None:
+            for handle in shown:
+                handle.visible = box.value
+
+    switch("scene", meshes)
+    switch("cloud", [cloud])
+    if has_plan:
+        switch("plan", [server.scene.add_frame("/plan", show_axes=False)])
+
+
+def _draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:
+    """Draw what the ray caster's rays meet, in the colours of its materials; textures in their mean."""
+    import trimesh
+
+    colors = np.array(surface.colors, dtype=np.uint8)
+    for texture in surface.textures:
+        colors[texture.faces] = texture.image.reshape(-1, 3).mean(axis=0).astype(np.uint8)
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, face_colors=colors, process=False)
+    return server.scene.add_mesh_trimesh(f"/scene/{name[0]}/{name[1]}", mesh)
+
+
+def _row(tree: Mapping[str, Any], index: int) -> dict[str, Any]:
+    return {
+        key: _row(value, index) if isinstance(value, Mapping) else value[index : index + 1]
+        for key, value in tree.items()
+    }
+
+
+def _quaternion(pose: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True))
+
+
+def _viser() -> Any:
+    try:
+        return importlib.import_module("viser")
+    except ImportError as error:
+        raise MissingExtraError("viser", "viz") from error

@@ -1,0 +1,190 @@
+"""Docstrings and names beside the field's words: offenders, and 1 where a room has more than it is allowed.
+
+    python scripts/words.py            # counts by room, and what is over the bar
+    python scripts/words.py --all      # every offender
+
+An offender is a docstring (of Rust, a doc comment) that opens with What, How, Where or Who in place of an imperative or
+a noun phrase; a text with an indefinite person in it; a public name that says in everyday words what the field has a
+term for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+#: Words that no docstring opens with.
+OPENING = re.compile(r"(What|How|Where|Who|Whose)\b")
+#: Indefinite persons, in place of whom a text says which value is unknown, or which part of the program acts.
+SPEAKERS = re.compile(r"\b([Nn]obody|[Ss]omebody)\b")
+#: Public names that are gone, and the field's terms for them.
+NAMES = {
+    "Lane": "HeadlessEnv",
+    "Standing": "SceneAccessMixin",
+    "Later": "LazyMapping",
+    "Judged": "CheckedPairs",
+    "never_judged": "disabled_collisions",
+    "every_so_many": "uniform_stride",
+    "close_to_others": "inlier_mask",
+    "MOST_JOINTS": "MAX_JOINTS",
+    "former": "warm_start",
+    "descents": "num_refinements",
+    "harvest": "extra_seeds",
+    "hasty": "early_exit",
+}
+#: Share of docstrings that may open so, by language.
+BAR = 0.02
+#: Offenders that a room may still have; to be lowered, never raised.
+ALLOWED = {
+    "crates/geometry": 1,  # Builder::never_judged
+    "crates/kpam": 1,  # MOST_JOINTS
+}
+
+PYTHON = ("python", "scripts", "benchmarks", "examples")
+RUST = ("crates", "fuzz")
+_DOC_COMMENT = re.compile(r"^\s*//[/!] ?(.*)$")
+_RUST_NAME = re.compile(r"^\s*pub (?:const |struct |enum |fn |trait |type |mod )+(\w+)")
+
+
+@dataclass(frozen=True)
+class Offence:
+    """One place.
+
+    Attributes:
+        kind: ``"opening"``, ``"speaker"`` or ``"name"``.
+        path: of the file, from the root.
+        line: counted from 1.
+        text: the words.
+    """
+
+    kind: str
+    path: Path
+    line: int
+    text: str
+
+    @property
+    def room(self) -> str:
+        """The folder below the language's first, of a package the one below that."""
+        parts = self.path.parts[:-1]
+        return "/".join(parts[:3] if parts[0] == "python" else parts[:2])
+
+
+def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
+    """Return all offences below a root, and the number of docstrings by language."""
+    found: list[Offence] = []
+    count: Counter[str] = Counter()
+    for folders, suffix, read in ((PYTHON, "py", of_python), (RUST, "rs", of_rust)):
+        for path in (path for folder in folders for path in sorted((root / folder).rglob(f"*.{suffix}"))):
+            if "target" in path.parts:
+                continue
+            text = path.read_text(encoding="utf-8")
+            count[suffix] += docstrings(text, suffix)
+            found += read(text, path.relative_to(root))
+    return found, count
+
+
+def docstrings(text: str, suffix: str) -> int:
+    """Return the number of docstrings of a source, or of its doc comments."""
+    return sum(1 for _ in (_python_docs(ast.parse(text)) if suffix == "py" else _rust_docs(text)))
+
+
+def of_python(text: str, path: Path) -> Iterator[Offence]:
+    """Yield the offences of a Python source."""
+    tree = ast.parse(text)
+    for line, said in _python_docs(tree):
+        yield from _of_text(said, path, line)
+    for line, said in _comments(text, "#"):
+        yield from _speakers(said, path, line)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.name in NAMES:
+            yield Offence("name", path, node.lineno, f"{node.name}: {NAMES[node.name]}")
+
+
+def of_rust(text: str, path: Path) -> Iterator[Offence]:
+    """Yield the offences of a Rust source."""
+    for line, said in _rust_docs(text):
+        yield from _of_text(said, path, line)
+    for line, said in _comments(text, "//"):
+        if not said.startswith(("/", "!")):
+            yield from _speakers(said, path, line)
+    for number, line_text in enumerate(text.splitlines(), 1):
+        named = _RUST_NAME.match(line_text)
+        if named and named[1] in NAMES:
+            yield Offence("name", path, number, f"{named[1]}: {NAMES[named[1]]}")
+
+
+def _of_text(said: str, path: Path, line: int) -> Iterator[Offence]:
+    if OPENING.match(said.strip()):
+        yield Offence("opening", path, line, said.strip().splitlines()[0])
+    yield from _speakers(said, path, line)
+
+
+def _speakers(said: str, path: Path, line: int) -> Iterator[Offence]:
+    for found in SPEAKERS.finditer(said):
+        yield Offence("speaker", path, line, said[max(0, found.start() - 40) : found.end() + 40].replace("\n", " "))
+
+
+def _python_docs(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Texts that stand alone: of modules, classes, functions and, below them, of values."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            for entry in node.body:
+                if (
+                    isinstance(entry, ast.Expr)
+                    and isinstance(entry.value, ast.Constant)
+                    and isinstance(entry.value.value, str)
+                ):
+                    yield entry.lineno, entry.value.value
+
+
+def _rust_docs(text: str) -> Iterator[tuple[int, str]]:
+    lines: list[str] = []
+    for number, line in enumerate([*text.splitlines(), ""], 1):
+        found = _DOC_COMMENT.match(line)
+        if found:
+            lines.append(found[1])
+        elif lines:
+            yield number - len(lines), "\n".join(lines)
+            lines = []
+
+
+def _comments(text: str, mark: str) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(text.splitlines(), 1):
+        before, found, said = line.partition(mark)
+        if found and not before.strip():
+            yield number, said
+
+
+def main() -> int:
+    """Print what is wrong and return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", action="store_true", help="print every offender")
+    every = parser.parse_args().all
+    found, count = offences(ROOT)
+    rooms = Counter(each.room for each in found)
+    over = {room for room, number in rooms.items() if number > ALLOWED.get(room, 0)}
+    for each in found:
+        if every or each.room in over:
+            print(f"{each.path}:{each.line}: {each.kind}: {each.text}")
+    slack = {room: allowed for room, allowed in ALLOWED.items() if rooms[room] < allowed}
+    for room, allowed in slack.items():
+        print(f"{room}: {rooms[room]} offenders where {allowed} are allowed: lower ALLOWED in scripts/words.py")
+    wrong = bool(over)
+    for suffix, language in (("py", "Python"), ("rs", "Rust")):
+        opening = sum(each.kind == "opening" and each.path.suffix == f".{suffix}" for each in found)
+        share = opening / max(count[suffix], 1)
+        print(f"{language}: {opening} of {count[suffix]} docstrings open with a question word ({share:.1%})")
+        wrong |= share > BAR
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

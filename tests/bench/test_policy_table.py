@@ -1,0 +1,80 @@
+"""Tables of policies: what stands in them is what `gensim2 learn --json` said."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def made() -> Iterator[Any]:
+    sys.path.insert(0, str(BENCHMARKS))
+    import policy_table
+
+    yield policy_table
+    sys.path.remove(str(BENCHMARKS))
+
+
+def _learned(*names: str, held: float, together: bool = False, blind: float | None = 0.0) -> dict[str, Any]:
+    """What `gensim2 learn --json` writes of these tasks."""
+    row = {
+        "policy": "keypose",
+        "checkpoint": "/somewhere/else",
+        "held_mean": held,
+        "interval": [0.0, 1.0],
+        "strict_mean": 0.5,
+        "blind_mean": blind,
+        "shuffled_mean": None,
+        "no_op_mean": None,
+        "expert_mean": 1.0,
+        "episodes": 100,
+        "control_episodes": 30,
+        "different_objects": 60,
+        "demonstrations": 400,
+        "steps": 300,
+        "causes": {"contact slipped": round(100 - 100 * held)} if held < 1 else {},
+        "data_cpu_s": 20.4,
+        "training_cpu_s": 30.2,
+        "cpu_s": 50.6,
+        "evaluation_cpu_s": 25.0,
+    }
+    scene = {
+        "assets": "builtin",
+        "physics": "default",
+        "robot": "panda",
+        "randomization": "paper",
+        "instances": "train",
+    }
+    beside = {"seed": 7, "objects": 200, "multi_task": together, "test_instances": "new", "scene": scene}
+    return {**beside, "tasks": [{"name": name, **row} for name in names]}
+
+
+def test_a_table_has_counts_and_intervals_and_the_mean(made: Any) -> None:
+    rows = made.rows_of(_learned("CloseBox", held=0.97), "abc") + made.rows_of(_learned("OpenBox", held=1.0), "abc")
+    table = made.every(rows)
+    box = next(line for line in table.splitlines() if line.startswith("| CloseBox"))
+    assert "0.97 (0.92 to 0.99) of 100" in box
+    assert "0 of 30" in box
+    assert "30 of 30" in box
+    assert "3 contact slipped" in box
+    assert "mean of 2 | 0.985" in table
+    assert "somewhere" not in json.dumps(rows)
+    assert "2 tasks" in made.short(rows)
+    assert "197 of 200 episodes" in made.short(rows)
+
+
+def test_policies_of_several_tasks_have_a_table_of_their_own(made: Any) -> None:
+    alone = made.rows_of(_learned("CloseBox", held=1.0), "abc")
+    rows = alone + made.rows_of(_learned("CloseBox", "OpenBox", held=0.5, together=True, blind=None), "abc")
+    first, second = made.every(rows).split("\n\n")
+    assert "one of 2 tasks" in second
+    assert "one of 2 tasks" not in first
+    assert "0.50 (0.40 to 0.60) of 100" in second
+    assert made.short(rows) == made.short(alone)
