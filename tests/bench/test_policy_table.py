@@ -1,4 +1,4 @@
-"""Tables of policies: what stands in them is what `gensim2 learn --json` said."""
+"""Tables of policies: they say what `gensim2 learn --json` said."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def made() -> Iterator[Any]:
 
 
 def _learned(*names: str, held: float, together: bool = False, blind: float | None = 0.0) -> dict[str, Any]:
-    """What `gensim2 learn --json` writes of these tasks."""
+    """JSON of `gensim2 learn` for these tasks."""
     row = {
         "policy": "keypose",
         "checkpoint": "/somewhere/else",

@@ -56,7 +56,7 @@ class GenSim2EnvConfig(EnvConfig):
 
     @property
     def spec(self) -> ObservationSpec:
-        """What is seen."""
+        """Observations: those of the checkpoint, or clouds of ``points``."""
         if not self.checkpoint:
             return ObservationSpec.of({"points": self.points, "candidates": 4 * self.points})
         written = json.loads((Path(self.checkpoint) / "config.json").read_text())

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from gensim2.cli.main import run
+from gensim2.errors import InputError
 from gensim2.policy import learning
 from gensim2.policy.checkpoint import PolicyCheckpoint
+from gensim2.policy.evaluating import CONTROLS, read_controls
 from gensim2.policy.keypose import data
 
 
@@ -26,7 +28,8 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     (row,) = found["tasks"]
     assert (row["name"], row["policy"], row["episodes"], row["steps"]) == ("CloseBox", "keypose", 1, 2)
     assert row["demonstrations"] > 0
-    assert row["cpu_s"] > 0
+    assert row["cpu_s"] == pytest.approx(row["data_cpu_s"] + row["training_cpu_s"], abs=2e-3)
+    assert (found["objects"], found["test_instances"]) == (200, "new")
     assert row["expert_mean"] == 1.0  # the planner does what the policy is to learn
     assert row["no_op_mean"] == 0.0
     for name in ("held_mean", "blind_mean", "shuffled_mean"):
@@ -49,3 +52,11 @@ def test_learning_goes_from_nothing_to_a_measured_policy(
     assert json.loads(told.read_text())["tasks"][0]["held_mean"] == row["held_mean"]
     assert run([*words, "--resume", "--seed", "1"]) == 2
     assert "seed" in capfd.readouterr().err
+
+
+def test_controls_are_named() -> None:
+    assert read_controls("all") == CONTROLS
+    assert read_controls("none") == ()
+    assert read_controls("expert,blind") == ("blind", "expert")
+    with pytest.raises(InputError, match="no control 'deaf'"):
+        read_controls("blind,deaf")
