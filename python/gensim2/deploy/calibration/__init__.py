@@ -1,1 +1,1 @@
-"""Calibration of camera poses: against the robot's own meshes, or against a board; written down with its date."""
+"""Calibration of cameras against the robot's own meshes or a board, as a dated file."""

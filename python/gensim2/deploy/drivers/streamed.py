@@ -1,4 +1,4 @@
-"""What all arms have in common that take a stream of joint positions: two threads, so that nothing waits for a wire."""
+"""Streamed joint positions, common to all arms that take them: two threads, so that nothing waits for a wire."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class StreamedArm(ABC):
 
     @property
     def trouble(self) -> str | None:
-        """What the arm's library said last; None: nothing went wrong."""
+        """The last error of the arm's library; None: nothing went wrong."""
         return self._trouble
 
 
