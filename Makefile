@@ -1,6 +1,6 @@
 # `make help` lists the targets.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format figures api docs wheels lock clean
+.PHONY: help setup demo test fast lint format figures api docs wheels lock clean
 
 FIGURES_OUT ?= runs/figures
 DEMO_OUT ?= runs/demo
@@ -21,6 +21,11 @@ demo: setup ## design a task from nothing, take a long one from the library, ver
 
 test: setup ## everything that must hold: format, lint, types, Rust and Python tests
 	@scripts/check.sh
+
+fast: setup ## linters and the quick tests of every room: a minute and a half, while you work
+	@.venv/bin/ruff check .
+	@.venv/bin/ruff format --check .
+	@.venv/bin/python -m pytest -q -m fast
 
 lint: setup ## mend what the formatters and linters can
 	@cargo fmt --all

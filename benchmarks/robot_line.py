@@ -16,13 +16,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from gensim2.deploy.faults import Fault
 from gensim2.deploy.replay import replay
+from gensim2.deploy.run import run as run_line
 from gensim2.seeding import rng
 
 ENDS = {
@@ -44,7 +47,7 @@ ENDS = {
     "arm-at-limit": "holding",
     "disk-full": "holding",
 }
-SECONDS, SIMULATED_SECONDS = 60.0, 6.0
+SECONDS, SIMULATED_SECONDS = 60.0, 4.0
 """Within which each fault begins, by the machine's clock and by a simulated one."""
 WITHIN = 100.0
 """Milliseconds from being noticed within which the last command that moves is sent: a period."""
@@ -57,6 +60,25 @@ def run(words: list[str], minutes: float, folder: Path) -> dict[str, Any]:
     subprocess.run([*command, "--json", str(out), "--out", str(folder / "log")], check=False, stdout=subprocess.DEVNULL)
     found: dict[str, Any] = json.loads(out.read_text())
     again = replay(folder / "log")
+    return found | {"replayed": again.clouds, "differs": len(again.different)}
+
+
+def run_simulated(options: argparse.Namespace, folder: Path, seed: int = 0, fault: str | None = None) -> dict[str, Any]:
+    """The same by a simulated clock, in this process; one episode, or until the fault is over."""
+    width, height = map(int, options.pixels.split("x"))
+    found = run_line(
+        options.task,
+        policy=options.policy,
+        speed=options.speed,
+        pixels=(width, height),
+        minutes=(2.0 * SIMULATED_SECONDS / 60.0) if fault else options.minutes,
+        faults=[Fault.parse(fault)] if fault else [],
+        seed=seed,
+        log=folder,
+        assets="builtin",
+        simulated_clock=True,
+    )
+    again = replay(folder)
     return found | {"replayed": again.clouds, "differs": len(again.different)}
 
 
@@ -75,13 +97,14 @@ def main() -> int:
     options = parser.parse_args()
     how = ["--plan"] if options.policy is None else ["--policy", str(options.policy)]
     words = [options.task, *how, "--speed", str(options.speed), "--pixels", options.pixels, "--assets", "builtin"]
-    words += ["--simulated-clock"] if options.simulated_clock else []
     seconds = SIMULATED_SECONDS if options.simulated_clock else SECONDS
     draw = rng(options.seed, "faults of the line")
     figures: dict[str, Any] = {"faults": {}}
     wrong = 0
     with tempfile.TemporaryDirectory() as place:
-        quiet = figures["quiet"] = run(words, options.minutes, Path(place) / "quiet")
+        folder = Path(place) / "quiet"
+        quiet = run_simulated(options, folder) if options.simulated_clock else run(words, options.minutes, folder)
+        figures["quiet"] = quiet
         wrong += quiet["limits_passed"] + quiet["differs"]
         for name in ("periods_ms", "overrun_ms", "clouds_ms", "picture_age_ms", "acting_ms"):
             each = {key: None if value is None else round(value, 2) for key, value in quiet[name].items()}
@@ -91,8 +114,13 @@ def main() -> int:
             found = []
             for number in range(options.faults):
                 at = draw.uniform(1.0, seconds)
-                seeded = [*words, "--seed", str(number), "--fault", f"{name}@{at:.2f}"]
-                found.append(run(seeded, 2.0 * seconds / 60.0, Path(place) / f"{name}_{number}"))
+                folder = Path(place) / f"{name}_{number}"
+                if options.simulated_clock:
+                    found.append(run_simulated(options, folder, number, f"{name}@{at:.2f}"))
+                else:
+                    seeded = [*words, "--seed", str(number), "--fault", f"{name}@{at:.2f}"]
+                    found.append(run(seeded, 2.0 * seconds / 60.0, folder))
+                shutil.rmtree(folder, ignore_errors=True)
             figures["faults"][name] = found
             ended = sum(each["state"] == state for each in found)
             took = [each["detected_to_stopped_ms"] for each in found if each["detected_to_stopped_ms"] is not None]
@@ -100,7 +128,8 @@ def main() -> int:
             late = sum(each > WITHIN + 1e-6 for each in took) + len(found) - len(took)
             wrong += len(found) - ended + len(found) - whole + late + sum(each["limits_passed"] for each in found)
             longest = max(took, default=float("nan"))
-            print(f"{name:18} {state} {ended}/{len(found)}, stopped within {longest:.0f} ms, {whole} logs whole")
+            line = f"{name:18} {state} {ended}/{len(found)}, stopped within {longest:.0f} ms, {whole} logs whole"
+            print(line, sorted({each["reason"][:60] for each in found}), flush=True)
     if options.json is not None:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
     return int(wrong > 0)

@@ -50,8 +50,8 @@ def plans(path: Path, assets: Path | None, every: int) -> Iterator[Any]:
 
     robot = robots.robot("panda").model
     for problem in read_problems(path)[::every]:
-        scene = problem_scene(problem, assets, robot.hand_pose(problem.q_current))
-        question = keypoint_problem(problem, robot, scene)
+        scene = problem_scene(problem, assets, robot.forward_kinematics(np.asarray(problem.q_current)))
+        question = keypoint_problem(problem, scene, robot, frames="original")
 
         def answer(question: Any = question, name: str = problem.id) -> dict[str, Any]:
             plan = kpam.plan(question)

@@ -30,7 +30,8 @@ rust_lane() {
     check rust "clippy" cargo clippy --quiet --workspace --all-targets -- -D warnings
     check rust "cargo test" cargo test --quiet
     check rust "cargo doc" env RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
-    check rust "Rust example" cargo run --quiet -p gensim2-kpam --example reach -- "$(python -c '
+    # Built with the tests; for the one package alone Cargo would build everything again, with fewer features.
+    check rust "Rust example" "${CARGO_TARGET_DIR:-target}/debug/examples/reach" "$(python -c '
 from gensim2.robots import robot
 print(robot("panda").urdf)')"
 }
@@ -41,8 +42,8 @@ python_lane() {
     check python "words" python scripts/words.py
     check python "reference" python scripts/reference.py --check
     check python "mypy" mypy
-    # One file is one process: fixtures of a module or a session are made once.
-    check python "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --durations 10
+    # One file is one process: fixtures of a module or a session are made once. tests/conftest.py orders the files.
+    check python "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --durations 10
 }
 
 rust_lane >"$work/rust.log" 2>&1 &

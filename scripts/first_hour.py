@@ -5,8 +5,8 @@
     python scripts/first_hour.py --page docs/data.md --full     # as written, as long as it takes
 
 Commands are taken from the blocks of the pages themselves: lines that begin with ``gensim2``, ``python`` or ``make``.
-All run in one fresh folder, so that one may use what another left. A command fails where it ends with a code
-other than 0 and 1, prints a traceback, or prints nothing at all. Without ``--full`` numbers of episodes, tasks, seconds
+Those of a page run in one fresh folder, so that one may use what another left. A command fails where it ends with a
+code other than 0 and 1, prints a traceback, or prints nothing at all. Without ``--full`` numbers of episodes, tasks, seconds
 and the like are made small, and what has not ended in a minute is interrupted and must then end in order.
 """
 
@@ -70,6 +70,7 @@ NEEDS: dict[str, str] = {
     r"maturin|cargo|pip ": "a build",
     r"45001|mylibrary|arms\.yaml|robot-2027|--data more|tape|my_task": "files of the reader's",
     r"mine\.py|--problems|runs/demo": "files of the reader's",
+    r"tasks remove": "a task of the reader's own",
     r"^gensim2 view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
 }
 _PLACEHOLDER = re.compile(r"(?<![\w.\-/=])<?[A-Z]{3,}[A-Z_]*>?(?![\w=])")
@@ -132,7 +133,7 @@ def prepare(command: Command, full: bool) -> None:
         if re.search(pattern, command.text):
             command.why = f"needs {why}"
             return
-    text = re.sub(r"\.\.\.$", "", command.text.replace(" ...", "")).strip()
+    text = re.sub(r"\s?\.\.\.(?=\s|$)", "", command.text)
     for word, stands in STANDS_FOR.items():
         text = re.sub(rf"(?<![\w-])<?{word}>?(?![\w=])", stands, text)
     if not full:
@@ -216,19 +217,24 @@ def main() -> int:
     seen: dict[str, Command] = {}
     for command in found:
         prepare(command, given.full)
-        if command.run is not None and command.run in seen:
+        if command.run is not None and command.run in seen and left_by(command) is None:
             command.why, command.run = f"as {seen[command.run].page}", None
         elif command.run is not None:
             seen[command.run] = command
     with tempfile.TemporaryDirectory(prefix="first-hour-") as temporary:
-        (Path(temporary) / "examples").symlink_to(ROOT / "examples")
         unfinished: dict[str, Command] = {}
+        page = ""
         for command in found:
+            if page != (page := command.page.partition(":")[0]):
+                unfinished.clear()
+                folder = Path(temporary) / page.replace("/", "_")
+                folder.mkdir()
+                (folder / "examples").symlink_to(ROOT / "examples")
             waits = next((out for out in unfinished if out in shlex.split(command.run or "")), None)
             if waits is not None and waits != left_by(command):
                 command.why, command.run = f"{waits} of {unfinished[waits].page} was not finished", None
             if command.run is not None and not given.list:
-                run(command, Path(temporary), None if given.full else given.limit)
+                run(command, folder, None if given.full else given.limit)
                 if command.code is None and (out := left_by(command)) is not None:
                     unfinished[out] = command
                 ended = "interrupted" if command.code is None else f"{command.code}"

@@ -104,7 +104,7 @@ def _command(command: click.Command, context: click.Context, level: int) -> Iter
     yield f"```\n{command.get_usage(context).removeprefix('Usage: ')}\n```"
     yield inspect.cleandoc(command.help or "").replace("\f", "")
     records = [record for each in command.get_params(context) if (record := each.get_help_record(context))]
-    rows = [f"| `{_cell(option)}` | {_cell(said)} |" for option, said in records]
+    rows = [f"| `{option.replace('|', chr(92) + '|')}` | {_cell(said)} |" for option, said in records]
     yield "\n".join(["| option | meaning |", "| --- | --- |", *rows])
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
@@ -115,7 +115,7 @@ def _command(command: click.Command, context: click.Context, level: int) -> Iter
 
 def _cell(text: str) -> str:
     """Text of a cell: on one line, what Markdown would take for its own written out."""
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*").replace("[", "\\[")
 
 
 def _packages() -> Iterator[tuple[str, str]]:

@@ -20,6 +20,7 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
+import suite
 import warm
 from hypothesis import settings
 
@@ -36,8 +37,23 @@ os.environ["GENSIM2_LIBRARY"] = "none"
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where only quick tests are wanted, files without any are not even imported."""
+    if config.option.markexpr != "fast" or not collection_path.name.startswith("test_"):
+        return None
+    return suite.place(collection_path) not in (*suite.FAST, *suite.PARTLY_FAST) or None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out tests on real objects where there are none: a clone has none, they may not be passed on."""
+    """Mark what is quick, put first what takes longest, and leave out tests on real objects where there are none.
+
+    A clone has none, they may not be passed on.
+    """
+    ranks = {name: rank for rank, name in enumerate(suite.LONGEST)}
+    items.sort(key=lambda item: ranks.get(suite.place(item.path), len(ranks)))  # stable: a file stays in its order
+    for item in items:
+        if suite.place(item.path) in suite.FAST:
+            item.add_marker(pytest.mark.fast)
     if os.environ.get("GENSIM2_ASSETS"):
         return
     skip = pytest.mark.skip(reason="needs real objects: set GENSIM2_ASSETS to their folder")

@@ -31,7 +31,7 @@ print(sapien.render.RenderSystem().device.name)
 EXTRAS = {
     "Data sets": ("data", ("matplotlib", "pyarrow", "zarr"), "all but reports, exports and imports works without"),
     "Ray": ("ray", ("ray",), "processes of this machine work without"),
-    "Plans and episodes in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
+    "Plans in the browser": ("viz", ("viser", "yourdfpy"), "all but view and --show works without"),
 }
 """By name: the extra, what it brings, and what works without it; what is looked at more closely is not among them."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -199,8 +199,9 @@ def serve(shown: Shown, spec: ObservationSpec, *, host: str = "localhost", port:
     for number, step in enumerate(shown.plans):
         if step.found.plan is not None:
             draw_plan(server, step.found.plan, shown.profile, f"/plan/{number + 1}_{step.name}")
+            server.gui.add_markdown(_said_of(step.name, step.found.plan))
     _add_switches(server, meshes, cloud, bool(shown.plans))
-    add_clock(server, _Clock(shown.times), lambda index: stand_at(int(index)))
+    add_clock(server, cast(Any, _Clock(shown.times)), lambda index: stand_at(int(index)))
     return server
 
 
@@ -219,15 +220,22 @@ def _add_switches(server: Any, meshes: Sequence[Any], cloud: Any, has_plan: bool
     def switch(name: str, shown: Sequence[Any]) -> None:
         box = server.gui.add_checkbox(name, initial_value=True)
 
-        @box.on_update
-        def _(_: Any) -> None:
+        def show(_: Any) -> None:
             for handle in shown:
                 handle.visible = box.value
+
+        box.on_update(show)
 
     switch("scene", meshes)
     switch("cloud", [cloud])
     if has_plan:
         switch("plan", [server.scene.add_frame("/plan", show_axes=False)])
+
+
+def _said_of(name: str, plan: Any) -> str:
+    """One line about a plan: how it ended, and the clearance that it keeps from what it may not touch."""
+    nearer = f", {len(plan.tight)} nearer at keyframes" if plan.tight else ""
+    return f"{name}: {plan.status}, keeps {1e3 * plan.margin:.1f} mm{nearer}"
 
 
 def _draw_solid(server: Any, name: tuple[str, str], surface: Any) -> Any:

@@ -111,7 +111,7 @@ class SolverConfig:
     def gripper(self) -> Gripper: ...
     @property
     def let_go(self) -> float | None:
-        """How far (m) the hand moves back along its own z axis at the end, once it has let go; None where it stays."""
+        """Retreat (m) of the hand along its own z axis at the end, once it has let go; None where it stays."""
 
 class Shape:
     """A collision shape in the body frame. Pickles."""
@@ -441,7 +441,7 @@ class Trajectory:
         """(ceil(duration / dt) + 1, n) positions; at most a million."""
 
 class Plan:
-    """What was solved, each residual, what failed. Pickles."""
+    """Result of planning: motion, residuals, failures. Pickles."""
 
     @property
     def status(self) -> Status:
@@ -460,11 +460,11 @@ class Plan:
         """Clearance that the motion keeps from what it may not touch, m, but for what is ``tight``."""
     @property
     def tight(self) -> list[TightPair]:
-        """What is nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two
-        names), ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
+        """Pairs nearer than the margin at the start or at a keyframe, though it may not touch: ``bodies`` (two names),
+        ``at`` ("start" or a keyframe), ``distance`` (m). Legs that begin or end there keep that instead."""
     @property
     def touches(self) -> list[Touch]:
-        """What overlaps at keyframes, and may: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
+        """Permitted overlaps at keyframes: ``bodies`` (two names), ``at`` (keyframe), ``depth`` (m)."""
     @property
     def guesses(self) -> list[Guess]:
         """Motions that move the object's joint by an amount that is a guess: ``toward`` (keyframe), ``travel`` (rad or
@@ -499,7 +499,7 @@ class Plan:
         """Number of poses whose motion was tried."""
     @property
     def tried_poses(self) -> list[TriedPose]:
-        """What became of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
+        """Outcome of each pose that was tried, where ``explain`` asked for it: ``q`` (n,), ``rank``, ``status``,
         ``reason``."""
     @property
     def reached_fraction(self) -> float:
@@ -547,7 +547,7 @@ def ik(problem: KeypointProblem, most: int = 10) -> list[ActuationPose]:
     out; ``Scene.check`` says what a pose touches."""
 
 def joint_travel(problem: KeypointProblem, plan: Plan, times: Numbers) -> Array:
-    """How far (rad or m) the planner takes the object's joint to have moved at times (N,) of a plan's motion: (N,)."""
+    """Travel (rad or m) that the planner assumes of the object's joint at times (N,) of a plan's motion: (N,)."""
 
 class ParallelGripper:
     """A gripper with two flat pads that move towards each other equally far. Pickles."""
@@ -605,9 +605,9 @@ class Grasp:
         """Rank, 0 to 1; higher is better."""
     @property
     def quality(self) -> GraspQuality:
-        """What the rank is made of: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad
-        that touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open
-        hand), ``tilt`` (rad between approach and straight down)."""
+        """Terms of the rank: ``friction_margin`` (rad inside the friction cone), ``contact`` (part of a pad that
+        touches), ``lever`` (m, of gravity about the middle between the pads), ``clearance`` (m, kept by the open hand),
+        ``tilt`` (rad between approach and straight down)."""
 
 class GraspPlan:
     """A grasp with its motions, all of them solved."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import resource
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -59,6 +60,22 @@ def gather(tmp_path: Path) -> Callable[..., CollectionResult]:
     def call(*tasks: str, **options: Any) -> CollectionResult:
         given: dict[str, Any] = {"episodes": 8, "seed": 3, "workers": 0, "assets": "builtin", **options}
         return collect(tasks or TASKS, out=given.pop("out", tmp_path / "set"), **given)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def gathered(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Copies of what ``gather(episodes=N)`` leaves, which is made once: ``gathered(to, episodes)``."""
+    made: dict[int, Path] = {}
+
+    def call(to: Path, episodes: int = 8) -> Path:
+        if episodes not in made:
+            made[episodes] = tmp_path_factory.mktemp("gathered") / "set"
+            with pytest.MonkeyPatch.context() as patch:
+                _install(patch)
+                collect(TASKS, episodes=episodes, seed=3, workers=0, assets="builtin", out=made[episodes])
+        return shutil.copytree(made[episodes], to)
 
     return call
 

@@ -23,7 +23,6 @@ import pytest
 import zarr
 
 from gensim2.data.card import card
-from gensim2.data.collection import CollectionResult
 from gensim2.data.dataset import DataSet
 from gensim2.data.episode_file import write_episode
 from gensim2.data.formats import export as exporting
@@ -40,16 +39,21 @@ from gensim2.errors import InputError, WriteError
 from gensim2.files import new_folder
 from gensim2.observations.columns import CLOUD, DEPTH, IMAGE, PROPRIOCEPTION
 
-Gather = Callable[..., CollectionResult]
 SmallDisk = Callable[..., AbstractContextManager[None]]
 
 PIXELS = 8
 
 
 @pytest.fixture
-def dataset(gather: Gather) -> DataSet:
+def dataset(observed: Path, tmp_path: Path) -> DataSet:
     """Four episodes of each of two tasks, with clouds, pictures and depth of those that held."""
-    dataset = DataSet.open(gather(episodes=4).folder)
+    return DataSet.open(shutil.copytree(observed, tmp_path / "set"))
+
+
+@pytest.fixture(scope="module")
+def observed(gathered: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of that data set."""
+    dataset = DataSet.open(gathered(tmp_path_factory.mktemp("observed") / "set", 4))
     draw = np.random.default_rng(0)
     for name in dataset.tasks:
         store = dataset.task(name)
@@ -63,7 +67,7 @@ def dataset(gather: Gather) -> DataSet:
                     camera_array("left", "depth"): draw.integers(0, 9000, (frames, PIXELS, PIXELS)).astype(np.uint16),
                 }
                 write_observation(store.observation_path(row.index), {"episode_digest": row.episode_digest}, arrays)
-    return dataset
+    return dataset.path
 
 
 def exported(dataset: DataSet, to: Format, *, manifest: bool = False) -> Path:

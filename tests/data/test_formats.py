@@ -16,7 +16,6 @@ import zarr
 from kill_runs import contents
 
 from gensim2.data import episode_file
-from gensim2.data.collection import CollectionResult
 from gensim2.data.dataset import DataSet
 from gensim2.data.formats.export import NATIVE, export
 from gensim2.data.formats.importing import import_
@@ -32,13 +31,12 @@ from gensim2.observations.proprioception import Proprioception
 from gensim2.robots import robot
 from gensim2.sealed_file import HEADER_SIZE
 
-Gather = Callable[..., CollectionResult]
 SmallDisk = Callable[..., AbstractContextManager[None]]
 
 
 @pytest.fixture
-def dataset(gather: Gather) -> DataSet:
-    return DataSet.open(gather().folder)
+def dataset(gathered: Callable[..., Path], tmp_path: Path) -> DataSet:
+    return DataSet.open(gathered(tmp_path / "set"))
 
 
 def held(dataset: DataSet) -> list[Path]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+import warm
 
 from gensim2.deploy.faults import Fault
 from gensim2.deploy.replay import replay
@@ -49,20 +48,22 @@ def test_a_plan_runs_in_processes_until_its_controller_is_killed(tmp_path: Path)
 def test_signals_stop_and_the_json_is_written(tmp_path: Path, number: signal.Signals) -> None:
     out = tmp_path / "out.json"
     words = ["robot", "run", "CloseBox", "--plan", "--assets", "builtin", "--minutes", "5", "--pixels", "64x48"]
-    command = [sys.executable, "-m", "gensim2.cli", *words, "--json", str(out), "--out", str(tmp_path / "log")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ})
+    words = ["-m", "gensim2.cli", *words, "--json", str(out), "--out", str(tmp_path / "log")]
+    said = tmp_path / "said"
+    process = warm.start(*words, out=said, err=said)
     try:
         until = time.monotonic() + 400
-        while not list((tmp_path / "log").glob("*.mcap")) and time.monotonic() < until and process.poll() is None:
+        while not list((tmp_path / "log").glob("*.mcap")) and time.monotonic() < until and process.is_alive():
             time.sleep(0.2)
         time.sleep(1.0)
-        process.send_signal(number)
-        text = process.communicate(timeout=400)[0].decode()
+        os.kill(process.pid or 0, number)
+        process.join(400)
     finally:
         process.kill()
+    text = said.read_text()
     found = json.loads(out.read_text())
     assert found["state"] in ("holding", "stopped"), text
     assert found["limits_passed"] == 0
     if not found["halts"] or number.name in found["reason"]:
-        assert process.returncode == 128 + number, text
+        assert process.exitcode == 128 + number, text
         assert found["interrupted"] == [number.name]

@@ -147,10 +147,12 @@ ALONE = ("02_make_an_env.py", "05_look_at_an_object.py")
 most of them do."""
 
 
+@pytest.mark.fast
 def test_every_example_is_tested() -> None:
     assert {path.name for path in EXAMPLES.glob("*.py")} == set(OUTCOMES)
 
 
+@pytest.mark.fast
 def test_examples_are_short() -> None:
     for path in EXAMPLES.glob("*.py"):
         assert len(path.read_text().splitlines()) <= 60, path.name

@@ -49,6 +49,7 @@ def test_damage_is_accepted_or_refused_by_the_command_line(folder: Path) -> None
     assert sum(tally.ended.values()) == 6
 
 
+@pytest.mark.fast
 def test_the_same_seed_gives_the_same_damage() -> None:
     data = b'{"a": [1, 2.5, "x"], "b": {"c": null}}'
     for kind in ("json", "yaml", "lines", "binary"):
@@ -60,6 +61,7 @@ def test_the_same_seed_gives_the_same_damage() -> None:
         assert first != other
 
 
+@pytest.mark.fast
 def test_the_judge_sees_what_is_wrong() -> None:
     def hang() -> None:
         while True:

@@ -79,6 +79,7 @@ def test_a_stopped_run_says_one_line_and_leaves_no_process_and_no_half_file(
     assert [path.name for path in out.rglob(".*")] == [".lock"]
 
 
+@pytest.mark.fast
 def test_a_signal_that_is_to_be_ignored_is_ignored() -> None:
     script = (
         "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import gensim2_kpam as kpam
 from gensim2.seeding import rng
@@ -124,25 +123,6 @@ def test_poses_are_met_and_solutions_are_distinct(panda: kpam.Robot) -> None:
     far = goal.copy()
     far[:3, 3] = [2.0, 0.0, 0.5]
     assert scene.plan_to(Q_START, far).status == "unreachable"
-
-
-def test_deadlines_and_cancels_end_the_search(panda: kpam.Robot) -> None:
-    scene = kpam.Scene(panda, clutter(3))
-    goal = free_goal(scene, panda, 3)
-    assert goal is not None
-    assert scene.plan_to(Q_START, goal, deadline_ms=0.0).status in ("late", "solved")
-    cancel = kpam.Cancel()
-    cancel.cancel()
-    cage = [
-        kpam.Body(f"wall {k}", "rigid", [kpam.Shape.box([0.9, 0.01, 0.9])], _at([0.0, y, 0.5]))
-        for k, y in enumerate((-0.35, 0.35))
-    ]
-    turned = Q_START.copy()
-    turned[0] = 1.57
-    boxed = kpam.Scene(panda, cage)
-    assert boxed.plan_to(Q_START, turned, cancel=cancel).status in ("cancelled", "goals_blocked")
-    with pytest.raises(kpam.ProblemError, match="deadline_ms"):
-        scene.plan_to(Q_START, goal, deadline_ms=-1.0)
 
 
 def _at(place: list[float]) -> np.ndarray:

@@ -179,3 +179,21 @@ def test_failures_name_the_workspace_where_it_is_the_reason(panda: kpam.Robot) -
         kpam.plan(problem(panda, config=config, object_keypoints=behind, options={"workspace": None})).status
         == "solved"
     )
+
+
+def test_the_emitted_curve_keeps_the_margin(panda: kpam.Robot) -> None:
+    """The sweep is of the emitted curve in time: it keeps the margin by distances that know nothing of sweeps."""
+    turned = Q_START + np.array([1.57] + [0.0] * 8)
+    goal = (panda.forward_kinematics(turned) @ [*TOOL["tool_head"], 1.0])[:3]
+    place = np.eye(4)
+    place[:3, 3] = [0.35, 0.35, 0.4]
+    post = kpam.Body("post", "rigid", [kpam.Shape.box([0.03, 0.03, 0.4])], place)
+    tool = {"tool_head": TOOL["tool_head"]}
+    plan = kpam.plan(
+        problem(panda, config=point(), tool_keypoints=tool, object_keypoints={"goal": goal}, joint=None, bodies=[post])
+    )
+    assert plan.status == "solved", told(plan)
+    assert plan.margin == 0.005
+    assert plan.trajectory is not None
+    samples = plan.trajectory.sample_every(0.002)
+    assert float(np.min(kpam.Scene(panda, [post]).distance(samples, 0.1))) >= 0.005 - 2e-4

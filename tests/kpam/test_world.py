@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -278,25 +276,6 @@ def test_budgets_are_counts(panda: kpam.Robot) -> None:
     assert kpam.plan(question, max_checks=0).status == "not_found"
     assert kpam.plan(question, max_checks=1_000_000).status == "solved"
     assert kpam.plan(question, max_checks=30).to_dict() == kpam.plan(question, max_checks=30).to_dict()
-
-
-def test_planning_is_cancelled(panda: kpam.Robot) -> None:
-    flag = kpam.Cancel()
-    flag.cancel()
-    assert flag.is_cancelled
-    assert kpam.plan(problem(panda), cancel=flag).status == "cancelled"
-    cage = [ball(f"ball {i}", "rigid", [0.5 + 0.1 * np.cos(i), 0.1 + 0.1 * np.sin(i), 0.3], 0.06) for i in range(7)]
-    long = problem(
-        panda, bodies=[table(), *cage], options={"samples": 1_000_000, "harvest": 100_000, "start_depth": 1.0}
-    )
-    later = kpam.Cancel()
-    timer = threading.Timer(0.2, later.cancel)
-    timer.start()
-    begin = time.monotonic()
-    plan = kpam.plan(long, cancel=later)
-    assert plan.status in ("cancelled", "solved")
-    assert time.monotonic() - begin < 30.0
-    timer.join()
 
 
 def test_each_pose_says_why(panda: kpam.Robot) -> None:

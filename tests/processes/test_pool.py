@@ -44,7 +44,7 @@ def test_jobs_run_in_other_processes() -> None:
     assert outcome.unwrap() != os.getpid()
 
 
-@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.parametrize("workers", [pytest.param(0, marks=pytest.mark.fast), 1])
 def test_an_error_on_purpose_is_an_answer(workers: int) -> None:
     failures: list[Failure] = []
     with WorkerPool(workers, on_failure=failures.append) as pool:

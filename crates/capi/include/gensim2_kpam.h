@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-// How a call ended.
+// Status of a call.
 typedef enum kpam_status {
     // As asked.
     KPAM_OK = 0,

@@ -305,6 +305,17 @@ mod tests {
     }
 
     #[test]
+    fn shapes_that_cannot_be_measured_are_never_apart() {
+        let near = Corners::of(cube(0.2, [0.0; 3]).points());
+        let far = |x: f64| Corners::of(&[Point3::new(x, 0.0, 0.0), Point3::new(x, 1.0, 0.0), Point3::new(x, 0.0, 1.0)]);
+        for other in [far(1e160), far(f64::NAN), far(f64::INFINITY), Corners::of(&[])] {
+            let found = signed_distance((&near, 0.0), (&other, 0.0), &mut Vector3::x(), 0.1).unwrap();
+            assert!(found.distance == f64::NEG_INFINITY);
+            assert_eq!(keeps_apart((&near, 0.0), (&other, 0.0), &Vector3::x(), 0.005), Reach::Within);
+        }
+    }
+
+    #[test]
     fn a_search_that_gives_up_does_not_mean_free() {
         // What the search answers where it runs out of rounds is the x axis, whatever the hulls: along it these overlap.
         let (a, b) = (cube(0.2, [0.0; 3]), cube(0.2, [0.1, 0.1, 0.1]));

@@ -31,6 +31,7 @@ mod dynamics;
 mod error;
 mod facets;
 mod file;
+pub mod lanes;
 mod link;
 mod mesh;
 mod mimic;
@@ -58,4 +59,4 @@ pub use pose::{
     Pose, is_rigid, pose_from_matrix, pose_from_xyz_rpy, pose_to_matrix, rotation_about, rotation_log, screw_about,
 };
 pub use robot::Robot;
-pub use screen::{Batch, Cover, LANES, Measure, Needs, Other, Riders, Screen, Suspect};
+pub use screen::{Batch, Cover, Frames, LANES, Measure, Needs, Other, Points, Posing, Riders, Screen, Suspect};

@@ -1,6 +1,8 @@
 //! Free motion between two joint vectors: the straight segment where it is free, else RRT-Connect (Kuffner and
 //! LaValle, 2000) and shortcuts. Samples come from a counter, so the same problem gives the same path.
 
+use gensim2_geometry::{JointKind, Robot};
+
 use crate::model::{MOST_JOINTS, Model, Row};
 use crate::world::{Hit, Leg, Margins, State, TOUCH, World};
 
@@ -18,10 +20,10 @@ struct Tree {
 }
 
 impl Tree {
-    fn nearest(&self, n: usize, x: &Row) -> usize {
+    fn nearest(&self, metric: &Metric, x: &Row) -> usize {
         let mut best = (f64::INFINITY, 0);
         for (i, (node, _)) in self.nodes.iter().enumerate() {
-            let d = squared(n, node, x);
+            let d = metric.squared(node, x);
             if d < best.0 {
                 best = (d, i);
             }
@@ -40,8 +42,36 @@ impl Tree {
     }
 }
 
-fn squared(n: usize, a: &Row, b: &Row) -> f64 {
-    (0..n).map(|v| (a[v] - b[v]).powi(2)).sum()
+/// Distance of joint vectors in radians: a joint that slides counts by the turn that moves the arm as far.
+#[derive(Debug, Clone, Copy)]
+struct Metric {
+    n: usize,
+    weights: Row,
+}
+
+impl Metric {
+    fn of(robot: &Robot, model: &Model) -> Self {
+        let mut weights = [1.0; MOST_JOINTS];
+        let slides = |joint: usize| robot.joints()[joint].kind() == JointKind::Prismatic;
+        let own: Vec<usize> = model.map().indices().to_vec();
+        if own.iter().any(|j| slides(*j)) {
+            let turning: Vec<f64> = own.iter().filter(|j| !slides(**j)).map(|j| robot.cover().levers()[*j]).collect();
+            // Where nothing turns, all are metres.
+            let reach = if turning.is_empty() { 1.0 } else { turning.iter().sum::<f64>() / turning.len() as f64 };
+            for (weight, _) in weights.iter_mut().zip(&own).filter(|(_, j)| slides(**j)) {
+                *weight = 1.0 / reach;
+            }
+        }
+        Self { n: model.n(), weights }
+    }
+
+    fn squared(&self, a: &Row, b: &Row) -> f64 {
+        (0..self.n).map(|v| (self.weights[v] * (a[v] - b[v])).powi(2)).sum()
+    }
+
+    fn length(&self, a: &Row, b: &Row) -> f64 {
+        self.squared(a, b).sqrt()
+    }
 }
 
 fn between(n: usize, a: &Row, b: &Row, s: f64) -> Row {
@@ -106,7 +136,7 @@ pub(crate) fn connect(
         }
     }
     let Some(hit) = world.sweep(a, b, leg, margins) else { return Ok(vec![*a, *b]) };
-    let n = model.n();
+    let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6b70_616d, sampling.seed);
     let mut trees = [Tree { nodes: vec![(*a, 0)] }, Tree { nodes: vec![(*b, 0)] }];
     let mut active = 0;
@@ -119,11 +149,11 @@ pub(crate) fn connect(
             let (low, high) = model.range(v);
             *value = low + (high - low) * draws.unit();
         }
-        if let Some(new) = grow(world, n, &mut trees[active], &goal, leg, margins) {
+        if let Some(new) = grow(world, &metric, &mut trees[active], &goal, leg, margins) {
             let target = trees[active].nodes[new].0;
             let other = 1 - active;
-            while let Some(reached) = grow(world, n, &mut trees[other], &target, leg, margins) {
-                if squared(n, &trees[other].nodes[reached].0, &target) < 1e-18 {
+            while let Some(reached) = grow(world, &metric, &mut trees[other], &target, leg, margins) {
+                if metric.squared(&trees[other].nodes[reached].0, &target) < 1e-18 {
                     let mut path = trees[active].path_from_root(new);
                     let mut rest = trees[other].path_from_root(reached);
                     rest.pop();
@@ -132,7 +162,7 @@ pub(crate) fn connect(
                     if active == 1 {
                         path.reverse();
                     }
-                    shorten(world, n, &mut path, leg, margins, &mut draws);
+                    shorten(world, &metric, &mut path, leg, margins, &mut draws);
                     return Ok(path);
                 }
             }
@@ -144,7 +174,7 @@ pub(crate) fn connect(
 
 /// For a start that overlaps something: a pose near it that is free, straight to which the overlap only lessens.
 pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Leg, seed: usize) -> Option<Row> {
-    let n = model.n();
+    let (n, metric) = (model.n(), Metric::of(&world.problem.robot, model));
     let mut draws = Draws::of(0x6578_6974, seed);
     let free = Margins::plain(2.0 * TOUCH).parted();
     for k in 0..EXITS {
@@ -159,7 +189,7 @@ pub(crate) fn way_out(world: &mut World<'_>, model: &Model, start: &Row, leg: Le
         }
         let mut end = *start;
         for v in 0..n {
-            end[v] = (start[v] + way[v] * length / norm).clamp(model.lower[v], model.upper[v]);
+            end[v] = (start[v] + way[v] * length / (norm * metric.weights[v])).clamp(model.lower[v], model.upper[v]);
         }
         if world.hit_at(State::still(&end), leg, &free).is_some() {
             continue;
@@ -186,10 +216,17 @@ fn is_free(world: &mut World<'_>, n: usize, a: &Row, b: &Row, leg: Leg, margins:
 }
 
 /// Grows a tree one edge towards `goal`; the new node, or `None` where it is blocked.
-fn grow(world: &mut World<'_>, n: usize, tree: &mut Tree, goal: &Row, leg: Leg, margins: &Margins) -> Option<usize> {
-    let from = tree.nearest(n, goal);
+fn grow(
+    world: &mut World<'_>,
+    metric: &Metric,
+    tree: &mut Tree,
+    goal: &Row,
+    leg: Leg,
+    margins: &Margins,
+) -> Option<usize> {
+    let (n, from) = (metric.n, tree.nearest(metric, goal));
     let start = tree.nodes[from].0;
-    let length = squared(n, &start, goal).sqrt();
+    let length = metric.length(&start, goal);
     if length == 0.0 {
         return None;
     }
@@ -202,7 +239,15 @@ fn grow(world: &mut World<'_>, n: usize, tree: &mut Tree, goal: &Row, leg: Leg, 
 }
 
 /// Cuts corners: first whole runs of them, then between points drawn on the path.
-fn shorten(world: &mut World<'_>, n: usize, path: &mut Vec<Row>, leg: Leg, margins: &Margins, draws: &mut Draws) {
+fn shorten(
+    world: &mut World<'_>,
+    metric: &Metric,
+    path: &mut Vec<Row>,
+    leg: Leg,
+    margins: &Margins,
+    draws: &mut Draws,
+) {
+    let n = metric.n;
     let mut i = 0;
     while i + 2 < path.len() {
         let mut j = path.len() - 1;
@@ -229,11 +274,37 @@ fn shorten(world: &mut World<'_>, n: usize, path: &mut Vec<Row>, leg: Leg, margi
         if i == j {
             continue;
         }
-        let along: f64 = squared(n, &a, &path[i + 1]).sqrt()
-            + (i + 1..j).map(|k| squared(n, &path[k], &path[k + 1]).sqrt()).sum::<f64>()
-            + squared(n, &path[j], &b).sqrt();
-        if squared(n, &a, &b).sqrt() < 0.98 * along && is_free(world, n, &a, &b, leg, margins) {
+        let along: f64 = metric.length(&a, &path[i + 1])
+            + (i + 1..j).map(|k| metric.length(&path[k], &path[k + 1])).sum::<f64>()
+            + metric.length(&path[j], &b);
+        if metric.length(&a, &b) < 0.98 * along && is_free(world, n, &a, &b, leg, margins) {
             path.splice(i + 1..=j, [a, b]);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slide_counts_by_the_turn_that_moves_the_arm_as_far() {
+        // A carriage that carries an arm of 2 m: a metre of it is half a radian of the arm, or so.
+        let urdf = r#"<robot name="crane"><link name="base"/><link name="carriage"/>
+            <link name="arm"><collision><origin xyz="1 0 0"/><geometry><box size="2 0.02 0.02"/></geometry></collision></link>
+            <joint name="slide" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+            <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+            <joint name="turn" type="revolute"><parent link="carriage"/><child link="arm"/><axis xyz="0 0 1"/>
+            <limit lower="-3" upper="3" effort="1" velocity="2"/></joint></robot>"#;
+        let robot = Robot::from_urdf_str(urdf, "crane.urdf", None, "arm", None).unwrap();
+        let model = Model::new(&robot, &[0.0, 0.0]).unwrap();
+        let metric = Metric::of(&robot, &model);
+        let at = |slide: f64, turn: f64| {
+            let mut x = [0.0; MOST_JOINTS];
+            (x[0], x[1]) = (slide, turn);
+            x
+        };
+        let (slid, turned) = (metric.length(&at(0.0, 0.0), &at(1.0, 0.0)), metric.length(&at(0.0, 0.0), &at(0.0, 1.0)));
+        assert!((slid - 0.5).abs() < 0.03 && (turned - 1.0).abs() < 1e-12, "{slid} {turned}");
     }
 }

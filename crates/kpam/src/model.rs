@@ -91,6 +91,11 @@ impl Model {
         &self.map
     }
 
+    /// Joints of the chain to the hand that variables drive: place in the chain, variable and factor.
+    pub(crate) fn columns(&self) -> &[(usize, usize, f64)] {
+        &self.columns
+    }
+
     /// Number of variables.
     #[must_use]
     pub fn n(&self) -> usize {
@@ -127,6 +132,17 @@ impl Model {
         let half = self.reach[v];
         let middle = self.start()[v].max(lower + half).min(upper - half);
         (middle - half, middle + half)
+    }
+
+    /// Whether two joint vectors are nearer to each other than `limit` (rad or m) in every variable, whole turns of
+    /// endless ones left out.
+    #[must_use]
+    pub fn are_near(&self, a: &Row, b: &Row, limit: f64) -> bool {
+        (0..self.n()).all(|v| {
+            let way = b[v] - a[v];
+            let way = if self.endless[v] { way - TAU * (way / TAU).round() } else { way };
+            way.abs() < limit
+        })
     }
 
     /// `x` with endless variables brought to within half a turn of `center`: the same pose of every link.

@@ -7,11 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, minimum_filter
-from scipy.spatial.transform import Rotation
-from scipy.special import ndtr
 
 from gensim2.errors import InputError
+
+# SciPy is imported where it is used: refusing arguments needs it not.
 
 Depth = npt.NDArray[np.float32]
 Colors = npt.NDArray[np.uint8]
@@ -138,7 +137,9 @@ class DepthNoise:
         )
 
     def error(self, generator: np.random.Generator) -> CameraError:
-        """What is known wrongly of one camera in one episode."""
+        """Calibration error of one camera in one episode."""
+        from scipy.spatial.transform import Rotation
+
         draw = generator.standard_normal(8)
         T = np.eye(4)
         T[:3, :3] = Rotation.from_rotvec(self.rotation / np.sqrt(3.0) * draw[:3]).as_matrix()
@@ -161,6 +162,8 @@ class DepthNoise:
 
     def _even(self, depth: Depth, generator: np.random.Generator) -> npt.NDArray[np.floating]:
         """(H, W) even draws from 0 to 1, neighbours alike as far as noise is correlated."""
+        from scipy.special import ndtr
+
         if not self.correlation:
             return generator.random(depth.shape, dtype=np.float32)
         field = _smooth(generator.standard_normal(depth.shape, dtype=np.float32), self.correlation)
@@ -168,6 +171,9 @@ class DepthNoise:
 
     def _fattened(self, depth: Depth, generator: np.random.Generator) -> Depth:
         """Near things grown at their edges, here and there."""
+        from scipy.ndimage import minimum_filter
+        from scipy.special import ndtr
+
         reach = int(np.ceil(self.fattening))
         if not reach:
             return depth
@@ -183,7 +189,7 @@ class DepthNoise:
 
 @dataclass(frozen=True, eq=False)
 class CameraError:
-    """What is known wrongly of a camera.
+    """Calibration error of a camera.
 
     Attributes:
         T: (4, 4) of the camera that is believed, in the frame of the true one.
@@ -257,11 +263,15 @@ def incidence(depth: Depth, focal: float, edge: float) -> npt.NDArray[np.float32
 
 def _smooth(field: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
     """White noise with its neighbours mixed in, as strong as before."""
+    from scipy.ndimage import gaussian_filter
+
     return np.asarray(gaussian_filter(field, sigma, mode="wrap") / _weakened(float(sigma)), dtype=np.float32)
 
 
 @lru_cache(maxsize=64)
 def _weakened(sigma: float) -> float:
+    from scipy.ndimage import gaussian_filter1d
+
     one = np.zeros(2 * int(4.0 * sigma + 1.5) + 1)
     one[len(one) // 2] = 1.0
     return float((gaussian_filter1d(one, sigma, mode="constant") ** 2).sum())

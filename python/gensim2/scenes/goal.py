@@ -19,12 +19,14 @@ from gensim2.tasks.criteria import (
     Criterion,
     RigidLifted,
     RigidMoved,
+    RigidOnRigid,
     all_hold,
 )
 from gensim2.tasks.measurement import Array, Measurement
 from gensim2.tasks.spec import TaskSpec
 
-_ARTICULATED_FIELDS, _RIGID_FIELDS = ("object", "articulated"), ("rigid", "support")
+_OF_JOINTS = (ArticulatedOpen, ArticulatedClosed, ArticulatedBetween)
+_OF_POSES = (RigidLifted, RigidMoved, RigidOnRigid)
 _DIRECTIONS = {"away": (1.0, 0.0), "closer": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 
 
@@ -116,12 +118,13 @@ def _keypoints(thing: PlacedObject) -> dict[str, Array]:
 
 
 def _check_kinds(criteria: Iterable[Criterion], state: InitialState, field: str) -> None:
+    """Distances are between measured points, which objects of both kinds have; openness and poses are of one kind."""
     for criterion in criteria:
-        for fields, kind, other in (
-            (_ARTICULATED_FIELDS, Instance, "a rigid object, which has no joint"),
-            (_RIGID_FIELDS, RigidObject, "an articulated object"),
+        for types, kind, other in (
+            (_OF_JOINTS, Instance, "a rigid object, which has no joint"),
+            (_OF_POSES, RigidObject, "an articulated object"),
         ):
-            for name in (getattr(criterion, each) for each in fields if each in type(criterion).model_fields):
+            for name in criterion.objects if isinstance(criterion, types) else ():
                 if not isinstance(state.objects[name].model, kind):
                     raise GoalError(
                         f"nothing can reach it: {criterion.type} is about {name!r}, which is {other}",

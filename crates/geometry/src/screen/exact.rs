@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use crate::lanes::F32x8;
 use nalgebra::Vector3;
-use wide::f32x8;
 
 use super::points::PointGrid;
-use super::solid::Solid;
+use super::solid::{Points, Solid};
 use crate::distance::{Reach, keeps_apart};
 use crate::{Aabb, Convex, Corners, Pose, signed_distance};
 
@@ -159,13 +159,13 @@ impl Measure {
         let t = back.translation.vector.cast::<f32>();
         let within = reach.max(0.0) + cloud.radius;
         // Single precision decides only what is surely further.
-        let limit = f32x8::splat(within as f32 + 1e-4);
+        let limit = F32x8::splat(within as f32 + 1e-4);
         let mut one = Corners::default();
         pieces.iter().all(|piece| {
             let bounds = piece.shape.aabb_at(pose).grown(within);
-            cloud.within(&bounds, |points| {
+            let mut look = |points: &Points| {
                 let here = [0, 1, 2].map(|i| {
-                    points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + f32x8::splat(t[i])
+                    points[0] * m[(i, 0)] + points[1] * m[(i, 1)] + points[2] * m[(i, 2)] + F32x8::splat(t[i])
                 });
                 let near = piece.solid.distance(&here);
                 if super::survey::all_at_least(near, limit) {
@@ -181,7 +181,8 @@ impl Measure {
                     one.place(&[at], &back);
                     visit(piece, &one)
                 })
-            })
+            };
+            cloud.within(&bounds, &mut look)
         })
     }
 

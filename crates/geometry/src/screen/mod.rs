@@ -11,8 +11,8 @@ mod survey;
 
 use std::sync::Arc;
 
+use crate::lanes::F32x8;
 use nalgebra::Point3;
-use wide::f32x8;
 
 use crate::{Bvh, Convex, JointKind, Pose, Robot};
 use cover::{Ball, cover};
@@ -21,11 +21,12 @@ use exact::Piece;
 pub use links::Cover;
 use links::around;
 use points::PointGrid;
-use posing::{Frames, Posing};
-use solid::{Points, Solid};
+pub use posing::{Frames, Posing};
+pub use solid::Points;
+use solid::Solid;
 
 /// Configurations that are looked at in one go.
-pub const LANES: usize = 8;
+pub const LANES: usize = crate::lanes::WIDTH;
 /// From so many obstacles on a tree finds those that are near.
 const TREE: usize = 20;
 /// Error of single precision (m), a metre of the robot's size.
@@ -120,7 +121,7 @@ pub struct Screen {
 /// Eight configurations, and what is known of them so far.
 #[derive(Debug, Clone, Default)]
 pub struct Batch {
-    q: Vec<f32x8>,
+    q: Vec<F32x8>,
     frames: Vec<Frames>,
     around: Vec<Points>,
     centers: Vec<Points>,
@@ -132,7 +133,7 @@ pub struct Batch {
 impl Batch {
     /// Sets one lane to a full joint vector.
     pub fn set(&mut self, screen: &Screen, lane: usize, q: &[f64]) {
-        self.q.resize(q.len(), f32x8::ZERO);
+        self.q.resize(q.len(), F32x8::ZERO);
         for (k, (value, lanes)) in q.iter().zip(&mut self.q).enumerate() {
             // Whole turns change nothing, and small angles are known better.
             let turned = match screen.revolute.get(k) {
@@ -141,9 +142,7 @@ impl Batch {
                 }
                 _ => *value,
             };
-            if let Some(place) = lanes.as_array_mut().get_mut(lane) {
-                *place = turned as f32;
-            }
+            lanes.set(lane, turned as f32);
         }
     }
 }

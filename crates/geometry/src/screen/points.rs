@@ -1,7 +1,7 @@
 //! Point clouds as obstacles: a bucket grid, and how many cells away the nearest point is.
 
+use crate::lanes::{F32x8, WIDTH, Wide, wide};
 use nalgebra::Point3;
-use wide::f32x8;
 
 use super::solid::Points;
 use crate::Aabb;
@@ -95,7 +95,7 @@ impl PointGrid {
             }
             filled[c] += 1;
         }
-        self.lanes = flat.into_iter().map(|[x, y, z]| [f32x8::new(x), f32x8::new(y), f32x8::new(z)]).collect();
+        self.lanes = flat.into_iter().map(|[x, y, z]| [F32x8::new(x), F32x8::new(y), F32x8::new(z)]).collect();
         self.near = counts.iter().map(|n| if *n > 0 { 0 } else { u8::MAX }).collect();
         self.spread();
     }
@@ -139,8 +139,26 @@ impl PointGrid {
         clamp(0) + self.dims[0] * (clamp(1) + self.dims[1] * clamp(2))
     }
 
-    /// Lower bound of the distance (m) from a place to the nearest ball of the cloud. Beyond a cell's width it is coarse.
-    pub fn distance(&self, p: [f32; 3]) -> f32 {
+    /// Lower bounds of the distance (m) from places to the nearest ball of the cloud. Beyond a cell's width they are coarse.
+    pub fn distances(&self, p: &Points) -> [f32; WIDTH] {
+        struct Work<'a>(&'a PointGrid, &'a Points);
+        impl Wide for Work<'_> {
+            type Output = [f32; WIDTH];
+            #[inline(always)]
+            fn run(self) -> Self::Output {
+                let [x, y, z] = [self.1[0].to_array(), self.1[1].to_array(), self.1[2].to_array()];
+                let mut out = [0.0; WIDTH];
+                for l in 0..WIDTH {
+                    out[l] = self.0.distance([x[l], y[l], z[l]]);
+                }
+                out
+            }
+        }
+        wide(Work(self, p))
+    }
+
+    #[inline(always)]
+    fn distance(&self, p: [f32; 3]) -> f32 {
         let at = [0, 1, 2].map(|k| (f64::from(p[k]) - self.origin[k]) / self.cell);
         // Outside of the grid: at least as far as its empty rim is wide, and what lies between.
         let mut outside: f64 = 0.0;
@@ -157,9 +175,9 @@ impl PointGrid {
             return f32::from(near - 1) * cell - ball;
         }
         // Points beyond the neighbouring cells are at least one cell away.
-        let mut least = f32x8::splat(cell * cell);
+        let mut least = F32x8::splat(cell * cell);
         let home = at.map(|v| v as usize);
-        let [x, y, z] = p.map(f32x8::splat);
+        let [x, y, z] = p.map(F32x8::splat);
         for k in home[2].saturating_sub(1)..=(home[2] + 1).min(self.dims[2] - 1) {
             for j in home[1].saturating_sub(1)..=(home[1] + 1).min(self.dims[1] - 1) {
                 let row = self.dims[0] * (j + self.dims[1] * k);
@@ -168,7 +186,7 @@ impl PointGrid {
                 let blocks = self.starts[row + from] as usize..self.starts[row + to + 1] as usize;
                 for [a, b, c] in &self.lanes[blocks] {
                     let (a, b, c) = (*a - x, *b - y, *c - z);
-                    least = least.fast_min(a * a + b * b + c * c);
+                    least = least.min(a * a + b * b + c * c);
                 }
             }
         }
@@ -176,6 +194,7 @@ impl PointGrid {
     }
 
     /// Calls `visit` with the points in a box, eight at a time; lanes without a point are far away.
+    #[inline(always)]
     pub fn within(&self, bounds: &Aabb, mut visit: impl FnMut(&Points) -> bool) -> bool {
         let low = [0, 1, 2].map(|k| ((bounds.min[k] - self.origin[k]) / self.cell).floor());
         let high = [0, 1, 2].map(|k| ((bounds.max[k] - self.origin[k]) / self.cell).floor());
@@ -213,7 +232,7 @@ mod tests {
             let points: Vec<Point3<f64>> = cloud.iter().map(|p| Point3::from(*p)).collect();
             let grid = PointGrid::new(0, points.clone(), 0.01);
             let wanted = points.iter().map(|p| (p - Point3::from(at)).norm()).fold(f64::INFINITY, f64::min) - 0.01;
-            let found = f64::from(grid.distance(at.map(|v| v as f32)));
+            let found = f64::from(grid.distances(&at.map(|v| F32x8::splat(v as f32)))[5]);
             prop_assert!(found <= wanted + 1e-7, "{found} {wanted}");
             // Near the cloud it is the distance itself.
             prop_assert!(wanted > 0.03 || (found - wanted).abs() < 1e-5, "{found} {wanted}");

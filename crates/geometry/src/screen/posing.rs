@@ -1,37 +1,44 @@
 //! Forward kinematics of eight joint vectors at a time, in single precision.
 
+use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::{Matrix3, Vector3};
-use wide::{f32x8, i32x8};
 
 use super::solid::Points;
 use crate::{JointKind, Pose, Robot};
 
 /// A rigid transform in each of eight lanes: rotation by rows, and translation.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Frames {
-    pub r: [[f32x8; 3]; 3],
+pub struct Frames {
+    /// Rotation, row by row.
+    pub r: [[F32x8; 3]; 3],
+    /// Translation (m).
     pub t: Points,
 }
 
 impl Frames {
+    #[inline(always)]
     fn of(pose: &Pose) -> Self {
         let m = pose.rotation.matrix();
-        let splat = |v: f64| f32x8::splat(v as f32);
+        let splat = |v: f64| F32x8::splat(v as f32);
         Self {
             r: [0, 1, 2].map(|i| [0, 1, 2].map(|j| splat(m[(i, j)]))),
             t: [0, 1, 2].map(|i| splat(pose.translation.vector[i])),
         }
     }
 
+    /// Position of a point of the frame (m).
     #[inline(always)]
+    #[must_use]
     pub fn point(&self, p: &[f32; 3]) -> Points {
         let [x, y, z] = self.direction(p);
         [x + self.t[0], y + self.t[1], z + self.t[2]]
     }
 
+    /// Direction of the frame, in the base frame.
     #[inline(always)]
+    #[must_use]
     pub fn direction(&self, p: &[f32; 3]) -> Points {
-        let [x, y, z] = [f32x8::splat(p[0]), f32x8::splat(p[1]), f32x8::splat(p[2])];
+        let [x, y, z] = [F32x8::splat(p[0]), F32x8::splat(p[1]), F32x8::splat(p[2])];
         let r = &self.r;
         [
             r[0][0] * x + r[0][1] * y + r[0][2] * z,
@@ -42,7 +49,7 @@ impl Frames {
 
     #[inline(always)]
     fn then(&self, fixed: &Fixed) -> Self {
-        let mut r = [[f32x8::ZERO; 3]; 3];
+        let mut r = [[F32x8::ZERO; 3]; 3];
         for i in 0..3 {
             for j in 0..3 {
                 r[i][j] = self.r[i][0] * fixed.r[0][j] + self.r[i][1] * fixed.r[1][j] + self.r[i][2] * fixed.r[2][j];
@@ -75,7 +82,7 @@ struct Step {
 
 /// The tree of a robot in single precision.
 #[derive(Debug, Clone)]
-pub(crate) struct Posing {
+pub struct Posing {
     steps: Vec<Step>,
     /// Links that have to be placed.
     wanted: Vec<bool>,
@@ -121,7 +128,20 @@ impl Posing {
     }
 
     /// Writes the pose of every link that is needed in each lane; `q` has one entry a joint.
-    pub fn place(&self, q: &[f32x8], out: &mut Vec<Frames>) {
+    pub fn place(&self, q: &[F32x8], out: &mut Vec<Frames>) {
+        struct Work<'a>(&'a Posing, &'a [F32x8], &'a mut Vec<Frames>);
+        impl Wide for Work<'_> {
+            type Output = ();
+            #[inline(always)]
+            fn run(self) {
+                self.0.placed(self.1, self.2);
+            }
+        }
+        wide(Work(self, q, out));
+    }
+
+    #[inline(always)]
+    fn placed(&self, q: &[F32x8], out: &mut Vec<Frames>) {
         out.clear();
         let base = Frames::of(&Pose::identity());
         for (step, wanted) in self.steps.iter().zip(&self.wanted) {
@@ -129,7 +149,11 @@ impl Posing {
                 out.push(base);
                 continue;
             }
-            let frame = step.parent.map_or(base, |p| out[p].then(&step.origin));
+            // Closures may not be inlined, and what is not is not compiled for wide vectors.
+            let frame = match step.parent {
+                Some(p) => out[p].then(&step.origin),
+                None => base,
+            };
             out.push(match &step.motion {
                 Motion::None => frame,
                 Motion::Prismatic { joint, axis } => {
@@ -139,14 +163,14 @@ impl Posing {
                     Frames { r: frame.r, t: [t[0] + way[0] * value, t[1] + way[1] * value, t[2] + way[2] * value] }
                 }
                 Motion::Revolute { joint, a, b, c } => {
-                    let (sin, cos) = sin_cos(q[*joint]);
-                    let mut turn = [[f32x8::ZERO; 3]; 3];
+                    let (sin, cos) = q[*joint].sin_cos();
+                    let mut turn = [[F32x8::ZERO; 3]; 3];
                     for i in 0..3 {
                         for j in 0..3 {
-                            turn[i][j] = f32x8::splat(a[i][j]) + sin * b[i][j] + cos * c[i][j];
+                            turn[i][j] = F32x8::splat(a[i][j]) + sin * b[i][j] + cos * c[i][j];
                         }
                     }
-                    let mut r = [[f32x8::ZERO; 3]; 3];
+                    let mut r = [[F32x8::ZERO; 3]; 3];
                     for i in 0..3 {
                         for j in 0..3 {
                             r[i][j] =
@@ -172,40 +196,5 @@ impl Posing {
                 f64::from(t[0].hypot(t[1]).hypot(t[2])) + slide
             })
             .sum()
-    }
-}
-
-/// Sine and cosine by plain sums and products, so that every machine gives the same bits: reduced to an eighth of a
-/// turn in three steps (Cody and Waite), then Cephes' polynomials.
-#[inline(always)]
-fn sin_cos(x: f32x8) -> (f32x8, f32x8) {
-    let whole = (x * std::f32::consts::FRAC_2_PI).round_int();
-    let turns = f32x8::from_i32x8(whole);
-    let y = ((x - turns * 1.570_312_5) - turns * 4.837_513e-4) - turns * 7.549_79e-8;
-    let z = y * y;
-    let sin = y + y * z * (f32x8::splat(-1.666_665_5e-1) + z * (f32x8::splat(8.332_161e-3) - z * 1.951_529_6e-4));
-    let cos = f32x8::ONE - z * 0.5
-        + z * z * (f32x8::splat(4.166_664_6e-2) + z * (f32x8::splat(-1.388_731_6e-3) + z * 2.443_315_7e-5));
-    // The quarter decides which of the two is which, and the signs: by arithmetic, without branches.
-    let odd = f32x8::from_i32x8(whole & i32x8::ONE);
-    let late = f32x8::ONE - f32x8::from_i32x8((whole >> 1) & i32x8::ONE) * 2.0;
-    let even = f32x8::ONE - odd;
-    // 0: (s, c), 1: (c, -s), 2: (-s, -c), 3: (-c, s).
-    ((sin * even + cos * odd) * late, (cos * even - sin * odd) * late)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sine_and_cosine_are_those_of_the_library() {
-        for k in -4000..4000 {
-            let x = k as f32 * 0.004_7;
-            let (s, c) = sin_cos(f32x8::splat(x));
-            let (ws, wc) = f64::from(x).sin_cos();
-            assert!((f64::from(s.to_array()[3]) - ws).abs() < 3e-7, "{x}");
-            assert!((f64::from(c.to_array()[5]) - wc).abs() < 3e-7, "{x}");
-        }
     }
 }

@@ -1,7 +1,7 @@
 //! Lower bounds of the distance of points to convex obstacles, eight points at a time.
 
+use crate::lanes::F32x8;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
-use wide::f32x8;
 
 use super::Sphere;
 use crate::Convex;
@@ -14,7 +14,7 @@ const SAME_FACE: f64 = 0.985;
 const ROUNDING: f64 = 1e-6;
 
 /// Three coordinates of eight points.
-pub(crate) type Points = [f32x8; 3];
+pub type Points = [F32x8; 3];
 
 /// A convex obstacle in the form in which points are quickly measured against it; it contains the shape it stands for.
 #[derive(Debug, Clone)]
@@ -34,17 +34,17 @@ fn single(v: &Vector3<f64>) -> [f32; 3] {
 }
 
 #[inline(always)]
-fn dot(a: &[f32; 3], b: &Points) -> f32x8 {
+fn dot(a: &[f32; 3], b: &Points) -> F32x8 {
     b[0] * a[0] + b[1] * a[1] + b[2] * a[2]
 }
 
 #[inline(always)]
 fn from(p: &Points, c: &[f32; 3]) -> Points {
-    [p[0] - f32x8::splat(c[0]), p[1] - f32x8::splat(c[1]), p[2] - f32x8::splat(c[2])]
+    [p[0] - F32x8::splat(c[0]), p[1] - F32x8::splat(c[1]), p[2] - F32x8::splat(c[2])]
 }
 
 #[inline(always)]
-pub(crate) fn length(v: &Points) -> f32x8 {
+pub(crate) fn length(v: &Points) -> F32x8 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
@@ -73,8 +73,8 @@ impl Solid {
     }
 
     /// Lower bound of the distance (m) of each point.
-    #[inline]
-    pub fn distance(&self, p: &Points) -> f32x8 {
+    #[inline(always)]
+    pub fn distance(&self, p: &Points) -> F32x8 {
         match self {
             Self::Cuboid { center, axes, half, radius } => to_cuboid(p, center, axes, half, *radius),
             Self::Cylinder { center, axis, half, radius } => to_cylinder(p, center, axis, *half, *radius),
@@ -85,20 +85,26 @@ impl Solid {
 
     /// Over balls about some middles: the least lower bound of the distance (m) of each, and that of the balls inside
     /// them.
-    #[inline]
-    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [f32x8; 2] {
-        match self {
-            Self::Cuboid { center, axes, half, radius } => {
-                over(centers, balls, |p| to_cuboid(p, center, axes, half, *radius))
-            }
-            Self::Cylinder { center, axis, half, radius } => {
-                over(centers, balls, |p| to_cylinder(p, center, axis, *half, *radius))
-            }
-            Self::Capsule { end, axis, length, radius } => {
-                over(centers, balls, |p| to_capsule(p, end, axis, *length, *radius))
-            }
-            Self::Hull { faces, radius } => over(centers, balls, |p| to_hull(p, faces, *radius)),
+    #[inline(always)]
+    pub fn least(&self, centers: &[Points], balls: &[Sphere]) -> [F32x8; 2] {
+        let mut least = [F32x8::splat(f32::MAX); 2];
+        // A loop in each arm: what kind of solid it is, is found out once.
+        macro_rules! over {
+            ($distance:ident($($part:expr),*)) => {
+                for (center, ball) in centers.iter().zip(balls) {
+                    let d = $distance(center, $($part),*);
+                    least[0] = least[0].min(d - F32x8::splat(ball.radius));
+                    least[1] = least[1].min(d - F32x8::splat(ball.inner));
+                }
+            };
         }
+        match self {
+            Self::Cuboid { center, axes, half, radius } => over!(to_cuboid(center, axes, half, *radius)),
+            Self::Cylinder { center, axis, half, radius } => over!(to_cylinder(center, axis, *half, *radius)),
+            Self::Capsule { end, axis, length, radius } => over!(to_capsule(end, axis, *length, *radius)),
+            Self::Hull { faces, radius } => over!(to_hull(faces, *radius)),
+        }
+        least
     }
 
     /// By how much (m) the distance of `shape`, which this stands for, may be more than the bound; infinite where that
@@ -123,56 +129,45 @@ fn sum(v: &[f32; 3]) -> f32 {
 }
 
 #[inline(always)]
-fn over(centers: &[Points], balls: &[Sphere], distance: impl Fn(&Points) -> f32x8) -> [f32x8; 2] {
-    let mut least = [f32x8::splat(f32::MAX); 2];
-    for (center, ball) in centers.iter().zip(balls) {
-        let d = distance(center);
-        least[0] = least[0].fast_min(d - f32x8::splat(ball.radius));
-        least[1] = least[1].fast_min(d - f32x8::splat(ball.inner));
-    }
-    least
-}
-
-#[inline(always)]
-fn to_cuboid(p: &Points, center: &[f32; 3], axes: &[[f32; 3]; 3], half: &[f32; 3], radius: f32) -> f32x8 {
-    let zero = f32x8::ZERO;
+fn to_cuboid(p: &Points, center: &[f32; 3], axes: &[[f32; 3]; 3], half: &[f32; 3], radius: f32) -> F32x8 {
+    let zero = F32x8::ZERO;
     let v = from(p, center);
     let q = [
-        dot(&axes[0], &v).abs() - f32x8::splat(half[0]),
-        dot(&axes[1], &v).abs() - f32x8::splat(half[1]),
-        dot(&axes[2], &v).abs() - f32x8::splat(half[2]),
+        dot(&axes[0], &v).abs() - F32x8::splat(half[0]),
+        dot(&axes[1], &v).abs() - F32x8::splat(half[1]),
+        dot(&axes[2], &v).abs() - F32x8::splat(half[2]),
     ];
-    let outside = [q[0].fast_max(zero), q[1].fast_max(zero), q[2].fast_max(zero)];
-    let inside = q[0].fast_max(q[1]).fast_max(q[2]).fast_min(zero);
-    length(&outside) + inside - f32x8::splat(radius)
+    let outside = [q[0].max(zero), q[1].max(zero), q[2].max(zero)];
+    let inside = q[0].max(q[1]).max(q[2]).min(zero);
+    length(&outside) + inside - F32x8::splat(radius)
 }
 
 #[inline(always)]
-fn to_cylinder(p: &Points, center: &[f32; 3], axis: &[f32; 3], half: f32, radius: f32) -> f32x8 {
-    let zero = f32x8::ZERO;
+fn to_cylinder(p: &Points, center: &[f32; 3], axis: &[f32; 3], half: f32, radius: f32) -> F32x8 {
+    let zero = F32x8::ZERO;
     let v = from(p, center);
     let along = dot(axis, &v);
     let across = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
-    let (a, b) = (along.abs() - f32x8::splat(half), length(&across) - f32x8::splat(radius));
-    let (x, y) = (a.fast_max(zero), b.fast_max(zero));
-    (x * x + y * y).sqrt() + a.fast_max(b).fast_min(zero)
+    let (a, b) = (along.abs() - F32x8::splat(half), length(&across) - F32x8::splat(radius));
+    let (x, y) = (a.max(zero), b.max(zero));
+    (x * x + y * y).sqrt() + a.max(b).min(zero)
 }
 
 #[inline(always)]
-fn to_capsule(p: &Points, end: &[f32; 3], axis: &[f32; 3], long: f32, radius: f32) -> f32x8 {
+fn to_capsule(p: &Points, end: &[f32; 3], axis: &[f32; 3], long: f32, radius: f32) -> F32x8 {
     let v = from(p, end);
-    let along = dot(axis, &v).fast_max(f32x8::ZERO).fast_min(f32x8::splat(long));
+    let along = dot(axis, &v).max(F32x8::ZERO).min(F32x8::splat(long));
     let way = [v[0] - along * axis[0], v[1] - along * axis[1], v[2] - along * axis[2]];
-    length(&way) - f32x8::splat(radius)
+    length(&way) - F32x8::splat(radius)
 }
 
 #[inline(always)]
-fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> f32x8 {
-    let mut highest = f32x8::splat(f32::MIN);
+fn to_hull(p: &Points, faces: &[[f32; 4]], radius: f32) -> F32x8 {
+    let mut highest = F32x8::splat(f32::MIN);
     for [x, y, z, d] in faces {
-        highest = highest.fast_max(p[0] * *x + p[1] * *y + p[2] * *z - f32x8::splat(*d));
+        highest = highest.max(p[0] * *x + p[1] * *y + p[2] * *z - F32x8::splat(*d));
     }
-    highest - f32x8::splat(radius)
+    highest - F32x8::splat(radius)
 }
 
 /// The box that eight points are the corners of.

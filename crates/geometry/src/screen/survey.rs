@@ -1,7 +1,7 @@
 //! Lower bounds of all distances of eight configurations.
 
+use crate::lanes::{F32x8, Wide, wide};
 use nalgebra::Point3;
-use wide::f32x8;
 
 use super::solid::{Points, length};
 use super::{Batch, LANES, Needs, Other, Screen, Suspect};
@@ -11,13 +11,27 @@ impl Screen {
     /// Poses the balls of a batch whose lanes are set.
     pub fn place(&self, batch: &mut Batch) {
         self.posing.place(&batch.q, &mut batch.frames);
+        struct Work<'a>(&'a Screen, &'a mut Batch);
+        impl Wide for Work<'_> {
+            type Output = ();
+            #[inline(always)]
+            fn run(self) {
+                self.0.place_around(self.1);
+            }
+        }
+        wide(Work(self, batch));
+    }
+
+    #[inline(always)]
+    fn place_around(&self, batch: &mut Batch) {
         batch.around.clear();
         batch.around.extend(self.groups.iter().map(|g| batch.frames[g.link].point(&g.around.center)));
-        batch.centers.resize(self.balls.len(), [f32x8::ZERO; 3]);
+        batch.centers.resize(self.balls.len(), [F32x8::ZERO; 3]);
         batch.ready.clear();
         batch.ready.resize(self.groups.len(), false);
     }
 
+    #[inline(always)]
     fn ensure(&self, group: usize, batch: &mut Batch) {
         if !batch.ready[group] {
             let cluster = &self.groups[group];
@@ -38,6 +52,35 @@ impl Screen {
         reach: f32,
         mut visit: impl FnMut(&Suspect) -> bool,
     ) -> bool {
+        self.survey_each(batch, needs, reach, &mut visit)
+    }
+
+    fn survey_each(
+        &self,
+        batch: &mut Batch,
+        needs: &Needs,
+        reach: f32,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
+    ) -> bool {
+        struct Work<'a> {
+            screen: &'a Screen,
+            batch: &'a mut Batch,
+            needs: &'a Needs,
+            reach: f32,
+            visit: &'a mut dyn FnMut(&Suspect) -> bool,
+        }
+        impl Wide for Work<'_> {
+            type Output = bool;
+            #[inline(always)]
+            fn run(self) -> bool {
+                self.screen.surveyed(self.batch, self.needs, self.reach, self.visit)
+            }
+        }
+        wide(Work { screen: self, batch, needs, reach, visit })
+    }
+
+    #[inline(always)]
+    fn surveyed(&self, batch: &mut Batch, needs: &Needs, reach: f32, visit: &mut dyn FnMut(&Suspect) -> bool) -> bool {
         for group in 0..self.groups.len() {
             let cluster = &self.groups[group];
             if cluster.balls.is_empty() {
@@ -48,38 +91,40 @@ impl Screen {
             if furthest == f64::NEG_INFINITY {
                 continue;
             }
-            match &self.tree {
-                None => {
-                    for e in 0..self.solids.len() {
-                        if !self.against_solid(group, e, row[self.body_of[e]], batch, reach, &mut visit) {
-                            return false;
-                        }
-                    }
-                }
-                Some(tree) => {
-                    let bounds = region(&batch.around[group], cluster.around.radius);
-                    let mut near = std::mem::take(&mut batch.near);
-                    near.clear();
-                    tree.near(&bounds, (furthest + f64::from(reach)).max(0.0), |e| near.push(e as u32));
-                    let whole = near.iter().all(|e| {
-                        let e = *e as usize;
-                        self.against_solid(group, e, row[self.body_of[e]], batch, reach, &mut visit)
-                    });
-                    batch.near = near;
-                    if !whole {
-                        return false;
-                    }
+            let mut near = std::mem::take(&mut batch.near);
+            if let Some(tree) = &self.tree {
+                let bounds = region(&batch.around[group], cluster.around.radius);
+                near.clear();
+                tree.near(&bounds, (furthest + f64::from(reach)).max(0.0), |e| near.push(e as u32));
+            }
+            let count = if self.tree.is_some() { near.len() } else { self.solids.len() };
+            let mut whole = true;
+            for k in 0..count {
+                let e = if self.tree.is_some() { near[k] as usize } else { k };
+                whole = self.against_solid(group, e, row[self.body_of[e]], batch, reach, visit);
+                if !whole {
+                    break;
                 }
             }
+            batch.near = near;
+            if !whole {
+                return false;
+            }
             for (c, cloud) in self.clouds.iter().enumerate() {
-                if !self.against_cloud(group, c, row[cloud.body], batch, reach, &mut visit) {
+                if !self.against_cloud(group, c, row[cloud.body], batch, reach, visit) {
                     return false;
                 }
             }
         }
-        (0..self.pairs.len()).all(|pair| self.against_group(pair, needs.pairs[pair], batch, reach, &mut visit))
+        for pair in 0..self.pairs.len() {
+            if !self.against_group(pair, needs.pairs[pair], batch, reach, visit) {
+                return false;
+            }
+        }
+        true
     }
 
+    #[inline(always)]
     fn against_solid(
         &self,
         group: usize,
@@ -87,14 +132,14 @@ impl Screen {
         need: f64,
         batch: &mut Batch,
         reach: f32,
-        visit: &mut impl FnMut(&Suspect) -> bool,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
         if need == f64::NEG_INFINITY {
             return true;
         }
         let (solid, cluster, need) = (&self.solids[e], &self.groups[group], need as f32);
-        let limit = f32x8::splat(reach + need);
-        let coarse = solid.distance(&batch.around[group]) - f32x8::splat(cluster.around.radius);
+        let limit = F32x8::splat(reach + need);
+        let coarse = solid.distance(&batch.around[group]) - F32x8::splat(cluster.around.radius);
         if all_at_least(coarse, limit) {
             return true;
         }
@@ -102,14 +147,15 @@ impl Screen {
         let own = cluster.balls.clone();
         let [least, inner] = solid.least(&batch.centers[own.clone()], &self.balls[own]);
         // Neither bound is above the distance: the greater counts.
-        let bound = least.fast_max(coarse);
+        let bound = least.max(coarse);
         if all_at_least(bound, limit) {
             return true;
         }
-        let most = (inner + f32x8::splat(self.looseness[e] - need)).to_array();
-        visit(&Suspect { group, other: Other::Element(e), gap: (bound - f32x8::splat(need)).to_array(), most })
+        let most = (inner + F32x8::splat(self.looseness[e] - need)).to_array();
+        visit(&Suspect { group, other: Other::Element(e), gap: (bound - F32x8::splat(need)).to_array(), most })
     }
 
+    #[inline(always)]
     fn against_cloud(
         &self,
         group: usize,
@@ -117,17 +163,14 @@ impl Screen {
         need: f64,
         batch: &mut Batch,
         reach: f32,
-        visit: &mut impl FnMut(&Suspect) -> bool,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
         if need == f64::NEG_INFINITY {
             return true;
         }
         let (cloud, cluster, need) = (&self.clouds[c], &self.groups[group], need as f32);
         let limit = reach + need;
-        let each = |p: &Points, radius: f32| {
-            let [x, y, z] = [p[0].to_array(), p[1].to_array(), p[2].to_array()];
-            std::array::from_fn::<f32, LANES, _>(|l| cloud.distance([x[l], y[l], z[l]]) - radius)
-        };
+        let each = |p: &Points, radius: f32| cloud.distances(p).map(|d| d - radius);
         let coarse = each(&batch.around[group], cluster.around.radius);
         if coarse.iter().all(|d| *d >= limit) {
             return true;
@@ -149,22 +192,21 @@ impl Screen {
         visit(&Suspect { group, other: Other::Cloud(c), gap: bound.map(|d| d - need), most: [f32::MAX; LANES] })
     }
 
+    #[inline(always)]
     fn against_group(
         &self,
         pair: usize,
         need: f64,
         batch: &mut Batch,
         reach: f32,
-        visit: &mut impl FnMut(&Suspect) -> bool,
+        visit: &mut dyn FnMut(&Suspect) -> bool,
     ) -> bool {
         if need == f64::NEG_INFINITY {
             return true;
         }
         let (a, b) = self.pairs[pair];
         let (one, two, need) = (&self.groups[a], &self.groups[b], need as f32);
-        let limit = f32x8::splat(reach + need);
-        let apart =
-            |p: &Points, q: &Points, radii: f32| length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - f32x8::splat(radii);
+        let limit = F32x8::splat(reach + need);
         let coarse = apart(&batch.around[a], &batch.around[b], one.around.radius + two.around.radius);
         if all_at_least(coarse, limit) {
             return true;
@@ -178,8 +220,8 @@ impl Screen {
             let d = apart(&batch.centers[k], &batch.around[a], self.balls[k].radius + one.around.radius);
             open.push(!all_at_least(d, limit));
         }
-        let mut least = f32x8::splat(reach + need);
-        let mut inner = f32x8::splat(f32::MAX);
+        let mut least = F32x8::splat(reach + need);
+        let mut inner = F32x8::splat(f32::MAX);
         for i in one.balls.clone() {
             let d = apart(&batch.centers[i], &batch.around[b], self.balls[i].radius + two.around.radius);
             if all_at_least(d, limit) {
@@ -188,16 +230,16 @@ impl Screen {
             for (k, _) in two.balls.clone().zip(&open).filter(|(_, open)| **open) {
                 let (mine, theirs) = (&self.balls[i], &self.balls[k]);
                 let d = apart(&batch.centers[i], &batch.centers[k], 0.0);
-                least = least.fast_min(d - f32x8::splat(mine.radius + theirs.radius));
-                inner = inner.fast_min(d - f32x8::splat(mine.inner + theirs.inner));
+                least = least.min(d - F32x8::splat(mine.radius + theirs.radius));
+                inner = inner.min(d - F32x8::splat(mine.inner + theirs.inner));
             }
         }
         batch.open = open;
-        let bound = least.fast_max(coarse);
+        let bound = least.max(coarse);
         if all_at_least(bound, limit) {
             return true;
         }
-        let [gap, most] = [bound, inner].map(|b| (b - f32x8::splat(need)).to_array());
+        let [gap, most] = [bound, inner].map(|b| (b - F32x8::splat(need)).to_array());
         visit(&Suspect { group: a, other: Other::Pair(pair), gap, most })
     }
 
@@ -230,17 +272,22 @@ impl Screen {
                     arm[2] * axis[0] - arm[0] * axis[2],
                     arm[0] * axis[1] - arm[1] * axis[0],
                 ];
-                visit(group, *joint, (length(&across) + f32x8::splat(cluster.around.radius)).to_array());
+                visit(group, *joint, (length(&across) + F32x8::splat(cluster.around.radius)).to_array());
             }
         }
     }
 }
 
+/// Gap between balls of radii that add up to `radii`.
+#[inline(always)]
+fn apart(p: &Points, q: &Points, radii: f32) -> F32x8 {
+    length(&[p[0] - q[0], p[1] - q[1], p[2] - q[2]]) - F32x8::splat(radii)
+}
+
 /// Whether every lane is at least `limit`; one that is no number is not.
 #[inline(always)]
-pub(super) fn all_at_least(value: f32x8, limit: f32x8) -> bool {
-    use wide::CmpGe;
-    value.cmp_ge(limit).all()
+pub(super) fn all_at_least(value: F32x8, limit: F32x8) -> bool {
+    value.all_at_least(limit)
 }
 
 /// Box around what a ball covers in all lanes.

@@ -93,7 +93,7 @@ impl ActuationSearch<'_> {
                 if length < 1e-6 || (gain.abs() < GAIN * (1.0 + value) && bad <= 0.0) {
                     break;
                 }
-                if length < BASIN && known.iter().any(|c| self.apart(&c.x, &x) < BASIN) {
+                if length < BASIN && known.iter().any(|c| self.model.are_near(&c.x, &x, BASIN)) {
                     return None;
                 }
             } else {

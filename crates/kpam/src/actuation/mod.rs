@@ -4,19 +4,24 @@
 //! exact Hessian of the Lagrangian (kinematic second derivatives are cross products of what the Jacobian has anyway).
 
 mod bands;
+mod batch;
 mod descent;
 mod projection;
 pub(crate) mod starts;
 
 use gensim2_geometry::Pose;
+use gensim2_geometry::lanes::WIDTH;
 
+use self::batch::BatchProjection;
 use self::projection::{Aim, Residuals};
+use self::starts::NEARBY;
 use crate::KeypointProblem;
 use crate::model::{Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 
-/// Half as many starts again are spent while fewer than this many have led to the constraints.
+/// Half as many starts again are spent while fewer than this many have led to the constraints, or where the cheapest pose
+/// lies beyond where most of them lie.
 const ENOUGH: usize = 3;
 /// So many times as many are spent before it is said that none leads there.
 const PERSISTENCE: usize = 5;
@@ -53,6 +58,7 @@ pub(crate) struct ActuationSearch<'p> {
     /// Target of projections within the tolerances.
     aim: Aim,
     placed: Placed,
+    batch: BatchProjection,
     qp: ActiveSet,
     // Buffers that live from one iteration to the next.
     residuals: Residuals,
@@ -62,7 +68,7 @@ pub(crate) struct ActuationSearch<'p> {
 
 impl<'p> ActuationSearch<'p> {
     pub fn new(problem: &'p KeypointProblem, model: &'p Model, resolved: &'p Resolved) -> Self {
-        let start = model.start();
+        let (start, near) = (model.start(), resolved.nearness());
         let mut search = Self {
             problem,
             model,
@@ -72,15 +78,15 @@ impl<'p> ActuationSearch<'p> {
             lower: model.lower,
             upper: model.upper,
             weights: problem.joint_weights(model),
-            near: 0.0,
+            near,
             aim: Aim::default(),
             placed: Placed::default(),
+            batch: BatchProjection::new(&problem.robot, model, resolved, problem.options.workspace, near),
             qp: ActiveSet::default(),
             residuals: Vec::new(),
             trial_residuals: Vec::new(),
             bounds: Vec::new(),
         };
-        search.near = search.nearness();
         search.place(&start);
         search.start_hand = search.placed.hand;
         search
@@ -97,7 +103,8 @@ impl<'p> ActuationSearch<'p> {
     }
 
     /// Searches from the present joints, from points about them, and from points spread evenly over the joint ranges:
-    /// `starts` of them, half as many more where few lead to the constraints, and wider ones while none does.
+    /// `starts` of them, half as many more where few lead to the constraints or the cheapest pose lies beyond the points about
+    /// the present joints, and wider ones while none does.
     ///
     /// Every start is projected onto the constraints; the cheapest of the distinct poses that gives are then moved to
     /// their optima. Projected poses stay candidates: off the optimum they are other points of the constraint set,
@@ -109,16 +116,26 @@ impl<'p> ActuationSearch<'p> {
         let mut used = 0;
         let most = starts + starts / 2;
         let last = PERSISTENCE * starts;
-        while used < starts || (used < most && poses.len() < ENOUGH) || (used < last && poses.is_empty()) {
-            let mut x = if used < most { self.start(used) } else { self.further_start(used - most) };
-            let miss = self.project(&mut x);
-            if miss <= 0.0 {
-                poses.push(self.candidate(&x));
-            } else if miss < least {
-                least = miss;
-                best_effort = Some(x);
+        loop {
+            let end = match used {
+                _ if used < starts => starts,
+                _ if used < most && poses.len() < ENOUGH => (used + WIDTH).min(most),
+                _ if used < most && self.are_far(&poses) => most,
+                _ if used < last && poses.is_empty() => (used + WIDTH).min(last),
+                _ => break,
+            };
+            let from: Vec<Row> =
+                (used..end).map(|k| if k < most { self.start(k) } else { self.further_start(k - most) }).collect();
+            for (mut x, near) in self.batch.project(&from) {
+                let miss = if near { self.project(&mut x) } else { self.violation(&x) };
+                if miss <= 0.0 {
+                    poses.push(self.candidate(&x));
+                } else if miss < least {
+                    least = miss;
+                    best_effort = Some(x);
+                }
             }
-            used += 1;
+            used = end;
         }
         let mut poses = self.distinct(poses);
         let mut optima: Vec<Candidate> = Vec::new();
@@ -133,6 +150,18 @@ impl<'p> ActuationSearch<'p> {
             best_effort = None;
         }
         Actuation { candidates, best_effort }
+    }
+
+    /// Whether the cheapest of some poses lies beyond the starts about the present joints: what is cheapest there is told
+    /// by few starts.
+    fn are_far(&self, poses: &[Candidate]) -> bool {
+        let best = poses.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        best.is_some_and(|best| {
+            (0..self.model.n()).any(|v| {
+                let (low, high) = self.model.range(v);
+                (best.x[v] - self.start[v]).abs() > 0.5 * NEARBY * (high - low)
+            })
+        })
     }
 
     /// A pose that meets the constraints, no further than half a turn from the start in joints without limits.
@@ -163,7 +192,7 @@ impl<'p> ActuationSearch<'p> {
         poses.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         let mut out: Vec<Candidate> = Vec::new();
         for pose in poses {
-            if !out.iter().any(|c| self.apart(&c.x, &pose.x) < SAME) {
+            if !out.iter().any(|c| self.model.are_near(&c.x, &pose.x, SAME)) {
                 out.push(pose);
             }
         }
@@ -177,12 +206,6 @@ impl<'p> ActuationSearch<'p> {
             out[v] -= self.start[v];
         }
         out
-    }
-
-    /// Largest difference of two poses in a joint (rad or m), whole turns of joints without limits left out.
-    fn apart(&self, a: &Row, b: &Row) -> f64 {
-        let near = self.model.unwound(b, a);
-        (0..self.model.n()).fold(0.0, |most: f64, v| most.max((near[v] - a[v]).abs()))
     }
 
     /// Cost of a pose: weighted squared joint steps, squared way of the hand, 1 - cos of its turn, and the config's

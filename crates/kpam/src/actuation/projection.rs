@@ -10,15 +10,15 @@ use crate::model::{MOST_JOINTS, Row};
 use crate::resolve::Resolved;
 
 /// Most iterations of the projection.
-const PROJECTIONS: usize = 25;
+pub(super) const PROJECTIONS: usize = 25;
 /// A projection that has not halved its squared miss within this many iterations is given up.
-const PATIENCE: usize = 8;
+pub(super) const PATIENCE: usize = 8;
 /// Largest change of a joint in one iteration (rad or m).
 pub(super) const STEP: f64 = 0.5;
 /// Share of an angle's tolerance within which it is not pulled further.
-const SLACK: f64 = 0.3;
+pub(super) const SLACK: f64 = 0.3;
 /// Distance to the workspace's faces that is aimed at (m).
-const INNER: f64 = 1e-3;
+pub(super) const INNER: f64 = 1e-3;
 
 /// Shares of the tolerances of points and of angles within which a projection may aim.
 const POINT_AIM: f64 = 0.7;
@@ -178,11 +178,13 @@ impl ActuationSearch<'_> {
             }
         }
     }
+}
 
+impl Resolved {
     /// Bound on the residuals' norm under which every constraint holds: well inside the tightest tolerance.
     pub(super) fn nearness(&self) -> f64 {
-        let points = self.resolved.points.iter().map(|p| p.tolerance);
-        let angles = self.resolved.axes.iter().map(|a| a.tolerance);
+        let points = self.points.iter().map(|p| p.tolerance);
+        let angles = self.axes.iter().map(|a| a.tolerance);
         (0.2 * points.chain(angles).fold(INNER, f64::min)).max(1e-12)
     }
 }

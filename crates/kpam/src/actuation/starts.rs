@@ -4,7 +4,7 @@ use super::ActuationSearch;
 use crate::model::{MOST_JOINTS, Row};
 
 /// Width of the starts about the present joints, as a fraction of the joint ranges.
-const NEARBY: f64 = 0.4;
+pub(super) const NEARBY: f64 = 0.4;
 /// Every so many starts one lies anywhere in the ranges: the cheapest pose is mostly near the present joints.
 const ANYWHERE: usize = 3;
 /// If the cheap poses allow no motion, further starts lie twice as far about the present joints, or anywhere by turns.

@@ -7,6 +7,7 @@
 //! ([`third_order`]). Velocity limits may depend on the position ([`envelope`]), and torques have limits where the masses
 //! are known ([`torque`]). A start under way leaves along its own line ([`lead`], [`stop`]).
 
+mod barrier;
 mod conic;
 mod envelope;
 mod grid;

@@ -4,26 +4,25 @@
 mod field;
 mod goal;
 mod path;
+mod question;
 mod rounding;
 mod shorten;
 mod sweep;
 mod tree;
 
-use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
-use nalgebra::Vector3;
 
 use crate::model::{MOST_JOINTS, Model, Row};
-use crate::options::LimitSet;
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
-use crate::{Cancel, Options, ProblemError, Scene, SolverConfig, Trajectory};
+use crate::{ProblemError, Scene, Trajectory};
 
 use field::{Ending, Field, RESOLUTION};
 pub use goal::{Goal, MAX_SOLUTIONS, solutions};
 use path::Along;
+pub use question::{Approached, Motion, NoMotion, TransitOptions};
 use rounding::Rounding;
 use sweep::Sweep;
 use tree::Manner;
@@ -41,130 +40,6 @@ const PLAIN: usize = 250;
 const FINEST: f64 = 8.0;
 /// Factor by which the remaining edges are checked more finely.
 const FINER: f64 = 4.0;
-
-/// Options of a motion to a goal.
-#[derive(Debug, Clone)]
-#[non_exhaustive]
-pub struct TransitOptions {
-    /// Distance (m) that everything keeps all along, 5 mm unless told. A pair that is nearer at the start or at a goal
-    /// keeps the distance that it has there.
-    pub margin: f64,
-    /// Most samples of a search.
-    pub samples: usize,
-    /// Which samples are drawn.
-    pub seed: usize,
-    /// Share of the velocity limits.
-    pub velocity_scale: f64,
-    /// Share of the acceleration and jerk limits.
-    pub acceleration_scale: f64,
-    /// Acceleration and jerk limits of an arm that is known.
-    pub limits: Option<LimitSet>,
-    /// Velocity limits (rad/s or m/s), one entry a joint; the URDF's where there are none.
-    pub velocity_limits: Option<Vec<f64>>,
-    /// Acceleration limits (rad/s^2 or m/s^2), one entry a joint; those of `limits` where there are none.
-    pub acceleration_limits: Option<Vec<f64>>,
-    /// Jerk limits (rad/s^3 or m/s^3), likewise.
-    pub jerk_limits: Option<Vec<f64>>,
-    /// Torque limits (N m; N for sliding joints), one entry a joint; torques are not looked at where there are none.
-    pub torque_limits: Option<Vec<f64>>,
-    /// A config whose axis constraints hold all along the motion: between keypoints of the tool, to fixed directions of the
-    /// base (frame `world`).
-    pub path: Option<SolverConfig>,
-    /// Keypoints of the tool that it names (m, hand frame), beside those of what the hand holds.
-    pub tool_keypoints: BTreeMap<String, Vector3<f64>>,
-    /// Ends the search after so many configurations.
-    pub max_checks: Option<u64>,
-    /// Ends the search after so long; without one, the same question has the same answer.
-    pub deadline: Option<Duration>,
-    /// Ends the search from another thread.
-    pub cancel: Option<Cancel>,
-}
-
-impl Default for TransitOptions {
-    fn default() -> Self {
-        Self {
-            margin: 0.005,
-            samples: 100_000,
-            seed: 0,
-            velocity_scale: 1.0,
-            acceleration_scale: 1.0,
-            limits: None,
-            velocity_limits: None,
-            acceleration_limits: None,
-            jerk_limits: None,
-            torque_limits: None,
-            path: None,
-            tool_keypoints: BTreeMap::new(),
-            max_checks: None,
-            deadline: None,
-            cancel: None,
-        }
-    }
-}
-
-/// Two things that are near each other at an end of a motion.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct Approached {
-    /// Link or held body, and body or link.
-    pub bodies: [String; 2],
-    /// Signed distance (m).
-    pub distance: f64,
-}
-
-/// A motion found: timed, and proven to keep its distances all along.
-#[derive(Debug, Clone)]
-#[non_exhaustive]
-pub struct Motion {
-    /// The motion; it begins at time 0.
-    pub trajectory: Trajectory,
-    /// Number of the goal at which it ends.
-    pub goal: usize,
-    /// Corners of the way that it follows, one entry a joint each.
-    pub corners: Vec<Vec<f64>>,
-    /// Pairs that are nearer than the margin at the start or at that goal, with the distance that they keep.
-    pub nearer: Vec<Approached>,
-    /// Configurations that were looked at.
-    pub checks: u64,
-}
-
-/// Why there is no motion.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum NoMotion {
-    /// Something overlaps at the start.
-    StartBlocked(Approached),
-    /// Something overlaps at every goal; at the first, this.
-    GoalsBlocked(Approached),
-    /// No goal can be reached: no joint values within the limits bring the link there.
-    Unreachable,
-    /// The samples or checks are spent; there may be a motion. What was in the way of the last that was timed.
-    NotFound(Option<Approached>),
-    /// A free way was found, and no motion along it that keeps the limits of velocity, acceleration, jerk and torque.
-    Untimed,
-    /// The time is up; there may be a motion.
-    Late,
-    /// The caller cancelled it.
-    Cancelled,
-}
-
-impl std::fmt::Display for NoMotion {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let told = |a: &Approached| format!("{} and {} ({:.1} mm)", a.bodies[0], a.bodies[1], 1e3 * a.distance);
-        match self {
-            Self::StartBlocked(a) => write!(f, "at the start, {} overlap", told(a)),
-            Self::GoalsBlocked(a) => write!(f, "at every goal something overlaps: {}", told(a)),
-            Self::Unreachable => write!(f, "no joint values within the limits bring the link to the goal"),
-            Self::NotFound(None) => write!(f, "the search was spent without a free motion; there may be one"),
-            Self::NotFound(Some(a)) => {
-                write!(f, "the search was spent without a free motion; the last came too near at {}", told(a))
-            }
-            Self::Untimed => write!(f, "a free way was found, and no motion along it keeps the joints' limits"),
-            Self::Late => write!(f, "the time was up before a free motion was found"),
-            Self::Cancelled => write!(f, "planning was cancelled"),
-        }
-    }
-}
 
 /// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
 /// that do not move the hand stay where they are.
@@ -416,30 +291,6 @@ impl Transit<'_> {
             };
         }
         Err(breach)
-    }
-}
-
-impl TransitOptions {
-    /// Timing options, in the form of a problem's.
-    fn limits(&self) -> Options {
-        Options {
-            velocity_scale: self.velocity_scale,
-            acceleration_scale: self.acceleration_scale,
-            limits: self.limits,
-            velocity_limits: self.velocity_limits.clone(),
-            acceleration_limits: self.acceleration_limits.clone(),
-            jerk_limits: self.jerk_limits.clone(),
-            torque_limits: self.torque_limits.clone(),
-            ..Options::default()
-        }
-    }
-
-    fn check(&self) -> Result<(), ProblemError> {
-        let fail = |field: &str, message: String| Err(ProblemError::new(field, message));
-        if !(0.0..=0.1).contains(&self.margin) {
-            return fail("margin", format!("must lie in 0 to 0.1 m, not {}", self.margin));
-        }
-        Ok(())
     }
 }
 

@@ -1,6 +1,7 @@
 //! The world of a motion: what stands, what rides on the hand, what the object's joint moves, and what may touch what,
 //! leg by leg.
 
+mod bodies;
 mod bubble;
 mod checker;
 mod clearance;
@@ -27,13 +28,14 @@ use bubble::Bubble;
 use movers::Movers;
 use rules::{Carrier, Cast, Compiler, Group, LegWorld};
 
+pub use bodies::Bodies;
 pub use checker::{Checker, Nearness};
 pub(crate) use clearance::Clearance;
 pub(crate) use compiled::Compiled;
 pub(crate) use leg::{Course, Leg};
 pub(crate) use margins::Margins;
 pub(crate) use query::Clearances;
-pub use scene::{Bodies, Scene, SceneJoint};
+pub use scene::{Scene, SceneJoint};
 pub(crate) use travel::{even, joint_steps, travel_along, travel_over};
 pub(crate) use way::Way;
 

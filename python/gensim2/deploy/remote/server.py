@@ -77,7 +77,7 @@ class PolicyServer:
 
     @property
     def url(self) -> str:
-        """What a loop is told to connect to."""
+        """Address that a loop connects to."""
         return f"ws://{self.host}:{self.port}"
 
     def serve(self) -> None:

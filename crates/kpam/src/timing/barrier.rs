@@ -1,0 +1,328 @@
+//! The barrier problem of a third-order pass: linear forms in the coefficients, their bounds, and Newton steps by five
+//! diagonals.
+
+use super::third_order::Course;
+
+/// Coefficients of a linear form in three neighbouring c, the first that of cell `at`.
+#[derive(Clone, Copy)]
+pub(super) struct Form {
+    pub at: usize,
+    pub of: [f64; 3],
+}
+
+impl Form {
+    pub(super) fn value(&self, c: &[f64]) -> f64 {
+        self.of.iter().zip(&c[self.at..]).map(|(f, c)| f * c).sum()
+    }
+}
+
+/// |row| sqrt(x) <= limit where the station of `x` is given, |row - middle| <= limit otherwise.
+pub(super) struct Bound {
+    pub row: Form,
+    pub middle: f64,
+    pub limit: f64,
+    pub x: Option<usize>,
+}
+
+impl Bound {
+    /// Share of the limit, the root of x left out.
+    pub(super) fn value(&self, c: &[f64]) -> f64 {
+        (self.row.value(c) - self.middle) / self.limit
+    }
+}
+
+pub(super) struct Problem {
+    pub cells: usize,
+    pub steps: Vec<f64>,
+    /// x at each station but the first and last.
+    pub x: Vec<Form>,
+    pub w: Vec<Form>,
+    pub ceilings: Vec<f64>,
+    pub bounds: Vec<Bound>,
+    /// The time is the sum of factors over roots of linear forms: steps and x at the middle of cells.
+    pub times: Vec<(Form, f64)>,
+    /// The first and last c are these shares of their neighbours, plus `fixed` at the first.
+    pub ends: [f64; 2],
+    pub fixed: f64,
+}
+
+impl Problem {
+    pub(super) fn new(course: &Course<'_>) -> Self {
+        let (limits, stations) = (course.limits, course.stations);
+        let cells = stations.len() - 1;
+        let n = limits.joints();
+        let steps: Vec<f64> = stations.windows(2).map(|p| p[1].s - p[0].s).collect();
+        let moving = course.begin > 0.0;
+        let end = |near: f64, next: f64| 0.5 * near / (next + 1.5 * near);
+        let last = cells - 1;
+        let ends = [if moving { 0.0 } else { end(steps[0], steps[1]) }, end(steps[last], steps[last - 1])];
+        let blank = Form { at: 0, of: [0.0; 3] };
+        let (mut x, mut w) = (vec![blank; cells + 1], vec![blank; cells + 1]);
+        for k in 1..cells {
+            let both = steps[k - 1] + steps[k];
+            x[k] = Form { at: k - 1, of: [steps[k] / both, steps[k - 1] / both, 0.0] };
+            w[k] = Form { at: k - 1, of: [-1.0 / both, 1.0 / both, 0.0] };
+        }
+        let mut ceilings = vec![f64::INFINITY; cells + 1];
+        for (k, station) in stations.iter().enumerate() {
+            let speed = (0..n).map(|v| limits.velocity[v] / station.first[v].abs()).fold(course.pace[k], f64::min);
+            ceilings[k] = speed * speed;
+        }
+        // From rest, s = J t^3 / 6: x = (9 J s^2 / 2)^(2/3) at the end of the cell.
+        for (cell, near, at_end) in [(0, 1, false), (last, last, true)] {
+            if at_end || !moving {
+                let jerk = (0..n)
+                    .map(|v| {
+                        let slope = stations[cell].first[v].abs().max(stations[cell + 1].first[v].abs());
+                        course.shares[cell][1] * limits.jerk[v] / slope
+                    })
+                    .fold(f64::INFINITY, f64::min);
+                ceilings[near] = ceilings[near].min((4.5 * 0.97 * jerk * steps[cell] * steps[cell]).powf(2.0 / 3.0));
+            }
+        }
+        let mut out = Self {
+            cells,
+            steps,
+            x,
+            w,
+            ceilings,
+            bounds: Vec::new(),
+            times: Vec::new(),
+            ends,
+            fixed: course.begin * course.begin,
+        };
+        out.collect(course, moving);
+        // The end cells take 3 Δs / sqrt(x).
+        out.times.push((out.x[last], 3.0 * out.steps[last]));
+        if !moving {
+            out.times.push((out.x[1], 3.0 * out.steps[0]));
+        }
+        out
+    }
+
+    /// Rows of acceleration at stations and of jerk at both ends of cells.
+    pub(super) fn collect(&mut self, course: &Course<'_>, moving: bool) {
+        let (limits, stations) = (course.limits, course.stations);
+        let n = limits.joints();
+        for k in 1..self.cells {
+            let share = course.shares[k - 1][0].min(course.shares[k][0]);
+            let (x, w) = (self.x[k], self.w[k]);
+            for v in 0..n {
+                let (first, second) = (stations[k].first[v], stations[k].second[v]);
+                let of = [0, 1, 2].map(|i| first * w.of[i] + second * x.of[i]);
+                let limit = share * limits.acceleration[v];
+                self.bounds.push(Bound { row: Form { at: k - 1, of }, middle: 0.0, limit, x: None });
+            }
+            let (Some(torque), Some((most, room))) = (&stations[k].torque, course.load) else { continue };
+            for v in 0..n {
+                let [low, high] = torque.band(v, most[v], room);
+                let of = [0, 1, 2].map(|i| torque.of_u[v] * w.of[i] + torque.of_x[v] * x.of[i]);
+                let (middle, limit) = (0.5 * (low + high), 0.5 * (high - low));
+                self.bounds.push(Bound { row: Form { at: k - 1, of }, middle, limit, x: None });
+            }
+        }
+        // Where it starts under way, x and w are known at the start: forms of the first coefficient alone.
+        for cell in usize::from(!moving)..self.cells - 1 {
+            let step = self.steps[cell];
+            let at = cell.saturating_sub(1);
+            let shifted = |form: &Form| {
+                let mut of = [0.0; 3];
+                for i in 0..3 {
+                    if form.at + i >= at && form.at + i < at + 3 {
+                        of[form.at + i - at] += form.of[i];
+                    }
+                }
+                of
+            };
+            let own = cell - at;
+            let mut start = shifted(&self.x[cell]);
+            let end = shifted(&self.x[cell + 1]);
+            if cell == 0 {
+                start = [1.0, 0.0, 0.0];
+            }
+            let mut change = [0, 1, 2].map(|i| (start[i] + end[i]) / (step * step));
+            change[own] -= 2.0 / (step * step);
+            let mut middle = [0, 1, 2].map(|i| 0.25 * (start[i] + end[i]));
+            middle[own] += 0.5;
+            self.times.push((Form { at, of: middle }, step));
+            for (k, x) in [(cell, start), (cell + 1, end)] {
+                if k == 0 {
+                    continue;
+                }
+                let w = shifted(&self.w[k]);
+                for v in 0..n {
+                    let [first, second] = [stations[k].first[v], stations[k].second[v]];
+                    let third = stations[cell].third[v];
+                    let of = [0, 1, 2].map(|i| first * change[i] + 3.0 * second * w[i] + third * x[i]);
+                    let limit = course.shares[cell][1] * limits.jerk[v];
+                    self.bounds.push(Bound { row: Form { at, of }, middle: 0.0, limit, x: Some(k) });
+                }
+            }
+        }
+    }
+
+    /// All coefficients from those that are free.
+    pub(super) fn spread(&self, c: &mut [f64]) {
+        let last = self.cells - 1;
+        c[0] = self.fixed + self.ends[0] * c[1];
+        c[last] = self.ends[1] * c[last - 1];
+    }
+
+    /// Greatest shares of the limits on velocity (of x), acceleration and jerk.
+    pub(super) fn usage(&self, c: &[f64]) -> [f64; 3] {
+        let mut out = [0.0_f64; 3];
+        for k in 1..self.cells {
+            out[0] = out[0].max(self.x[k].value(c) / self.ceilings[k]);
+        }
+        for bound in &self.bounds {
+            let value = bound.value(c).abs();
+            match bound.x {
+                None => out[1] = out[1].max(value),
+                Some(k) => out[2] = out[2].max(value * self.x[k].value(c).max(0.0).sqrt()),
+            }
+        }
+        out
+    }
+
+    /// Weighted time plus barrier; `None` outside. `slack` widens the limits.
+    pub(super) fn merit(&self, c: &[f64], weight: f64, slack: f64) -> Option<f64> {
+        let mut out = 0.0;
+        let mut product = 1.0_f64;
+        // Logarithms of products: one for many rows.
+        let mut log = |value: f64| {
+            if value <= 0.0 || value.is_nan() {
+                return false;
+            }
+            product *= value;
+            if !(1e-200..1e200).contains(&product) {
+                out -= product.ln();
+                product = 1.0;
+            }
+            true
+        };
+        if c.iter().any(|v| *v <= 0.0) {
+            return None;
+        }
+        for k in 1..self.cells {
+            if self.ceilings[k].is_finite() && !log(slack - self.x[k].value(c) / self.ceilings[k]) {
+                return None;
+            }
+        }
+        let roots = self.roots(c);
+        for bound in &self.bounds {
+            let value = bound.value(c) * bound.x.map_or(1.0, |k| roots[k]);
+            if !(log(slack - value) && log(slack + value)) {
+                return None;
+            }
+        }
+        out -= product.ln();
+        let time: f64 = self.times.iter().map(|(form, step)| step / form.value(c).sqrt()).sum();
+        Some(out + weight * time)
+    }
+
+    pub(super) fn roots(&self, c: &[f64]) -> Vec<f64> {
+        (0..=self.cells).map(|k| if k == 0 || k == self.cells { 1.0 } else { self.x[k].value(c).sqrt() }).collect()
+    }
+
+    /// The Newton step of the free coefficients, and the decrement.
+    pub(super) fn newton(&self, c: &[f64], weight: f64, slack: f64) -> Option<(Vec<f64>, f64)> {
+        let cells = self.cells;
+        let mut gradient = vec![0.0; cells];
+        let mut band = vec![[0.0; 3]; cells];
+        let mut add = |at: usize, of: &[f64; 3], slope: f64, bend: f64| {
+            for i in 0..3 {
+                if of[i] != 0.0 {
+                    gradient[at + i] += slope * of[i];
+                    for k in i..3 {
+                        band[at + i][k - i] += bend * of[i] * of[k];
+                    }
+                }
+            }
+        };
+        for k in 1..cells {
+            if self.ceilings[k].is_finite() {
+                let room = slack - self.x[k].value(c) / self.ceilings[k];
+                let slope = 1.0 / (room * self.ceilings[k]);
+                add(k - 1, &self.x[k].of, slope, slope * slope);
+            }
+        }
+        let roots = self.roots(c);
+        for bound in &self.bounds {
+            let at = bound.row.at;
+            let mut value = bound.value(c);
+            let mut of = bound.row.of.map(|f| f / bound.limit);
+            if let Some(k) = bound.x {
+                let (x, root) = (self.x[k], roots[k]);
+                for i in 0..3 {
+                    let share = if at + i >= x.at && at + i < x.at + 3 { x.of[at + i - x.at] } else { 0.0 };
+                    of[i] = root * of[i] + 0.5 * value / root * share;
+                }
+                value *= root;
+            }
+            let (below, above) = ((slack - value).recip(), (slack + value).recip());
+            add(at, &of, below - above, below * below + above * above);
+        }
+        for (form, step) in &self.times {
+            let middle = form.value(c);
+            let root = middle.sqrt().recip();
+            let slope = -0.5 * weight * step * root / middle;
+            add(form.at, &form.of, slope, 1.5 * -slope / middle);
+        }
+        self.tie(&mut gradient, &mut band);
+        let step = solve(&mut band[1..cells - 1], &gradient[1..cells - 1])?;
+        let decrement = -step.iter().zip(&gradient[1..]).map(|(d, g)| d * g).sum::<f64>();
+        Some((step, decrement))
+    }
+
+    /// Takes the coefficients of the ends into those that they are tied to.
+    pub(super) fn tie(&self, gradient: &mut [f64], band: &mut [[f64; 3]]) {
+        let last = self.cells - 1;
+        let [first, end] = self.ends;
+        gradient[1] += first * gradient[0];
+        let [own, next, over] = band[0];
+        band[1][0] += first * (2.0 * next + first * own);
+        band[1][1] += first * over;
+        gradient[last - 1] += end * gradient[last];
+        let (own, next) = (band[last][0], band[last - 1][1]);
+        band[last - 1][0] += end * (2.0 * next + end * own);
+        if last >= 2 {
+            let over = band[last - 2][2];
+            band[last - 2][1] += end * over;
+        }
+    }
+}
+
+/// Solves a system of five diagonals for minus the right side; `None` where it is not positive definite.
+pub(super) fn solve(band: &mut [[f64; 3]], right: &[f64]) -> Option<Vec<f64>> {
+    let n = band.len();
+    let mut out: Vec<f64> = right.iter().map(|r| -r).collect();
+    for i in 0..n {
+        let pivot = band[i][0];
+        if pivot <= 0.0 || pivot.is_nan() {
+            return None;
+        }
+        let [one, two] = [band[i][1] / pivot, band[i][2] / pivot];
+        if i + 1 < n {
+            band[i + 1][0] -= one * band[i][1];
+            band[i + 1][1] -= one * band[i][2];
+            out[i + 1] -= one * out[i];
+        }
+        if i + 2 < n {
+            band[i + 2][0] -= two * band[i][2];
+            out[i + 2] -= two * out[i];
+        }
+        out[i] /= pivot;
+        (band[i][1], band[i][2]) = (one, two);
+    }
+    for i in (0..n).rev() {
+        let mut value = out[i];
+        if i + 1 < n {
+            value -= band[i][1] * out[i + 1];
+        }
+        if i + 2 < n {
+            value -= band[i][2] * out[i + 2];
+        }
+        out[i] = value;
+    }
+    Some(out)
+}

@@ -1,0 +1,96 @@
+"""Arms of Franka, by ``franky-control`` (extra ``franka``), whose thread speaks the FCI at 1 kHz.
+
+Never tried on an arm.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gensim2.deploy.arm_limits import Array
+from gensim2.deploy.devices import ArmMode
+from gensim2.deploy.drivers.streamed import DriverError, StreamedArm, finite
+from gensim2.errors import MissingExtraError
+from gensim2.robots import RobotProfile
+
+RATE = 200.0
+"""References a second; between them the 1 kHz loop goes on with their velocity."""
+STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
+"""N m/rad."""
+TORQUES, FORCES = 20.0, 30.0
+"""N m and N from which on the arm's own reflex stops it."""
+GRIP_SPEED, GRIP_FORCE = 0.05, 30.0
+"""m/s and N of the hand."""
+
+
+class FrankaArm(StreamedArm):
+    """A Panda or an FR3 with its hand: joint impedance about the streamed positions.
+
+    A wheel of ``franky-control`` speaks one version of the arm's server: the one on PyPI that of an FR3 with system 5.9
+    and newer; a Panda takes the wheel for server version 5, from the project's releases.
+
+    Args:
+        host: its address.
+        profile: of the robot.
+        gripper: whether it has the hand.
+        enforce_realtime: whether to refuse a kernel without real time.
+
+    Raises:
+        MissingExtraError: ``franky-control`` is not installed.
+        DriverError: the arm cannot be connected to, or its server speaks another version.
+    """
+
+    def __init__(self, host: str, profile: RobotProfile, gripper: bool = True, enforce_realtime: bool = True) -> None:
+        try:
+            import franky
+        except ImportError as error:
+            raise MissingExtraError("franky-control", "franka") from error
+        super().__init__(profile, RATE)
+        self._franky: Any = franky
+        config = franky.RealtimeConfig.Enforce if enforce_realtime else franky.RealtimeConfig.Ignore
+        try:
+            self._robot: Any = franky.Robot(
+                host, default_torque_threshold=TORQUES, default_force_threshold=FORCES, realtime_config=config
+            )
+            self._hand: Any = franky.Gripper(host) if gripper else None
+        except (franky.NetworkException, franky.IncompatibleVersionException, franky.RealtimeException) as error:
+            raise DriverError(f"{host}: {error}") from error
+        self._motion: Any = None
+        self.start()
+
+    def _read(self) -> tuple[Array, Array, float, ArmMode]:
+        state = self._robot.state
+        stopped = state.robot_mode in (self._franky.RobotMode.Reflex, self._franky.RobotMode.UserStopped)
+        force = float(np.linalg.norm(finite(state.O_F_ext_hat_K, 3, "what presses on it")))
+        q, v = finite(state.q, 7, "where it stands"), finite(state.dq, 7, "how it moves")
+        if self._motion is not None and not stopped:
+            self._robot.poll_motion()  # raises what ended the motion
+        return q, v, force, "reflex" if stopped else "ready"
+
+    def _write(self, q: Array, v: Array) -> None:
+        if self._motion is None:
+            motion = self._franky.JointImpedanceTrackingMotion(stiffness=STIFFNESS, damping=2.0 * np.sqrt(STIFFNESS))
+            motion.set_reference(self._franky.JointReference(q, v))
+            self._robot.move(motion, asynchronous=True)
+            self._motion = motion
+        else:
+            self._motion.set_reference(self._franky.JointReference(q, v))
+
+    def _halt(self) -> None:
+        if self._motion is not None:
+            self._motion = None
+            # Takes the place of what runs, where stop() would end it with an exception.
+            self._robot.move(self._franky.TorqueStopMotion(), asynchronous=True)
+
+    def _grip(self, command: float) -> None:
+        if self._hand is None:
+            return
+        if command < 0.0:
+            self._hand.grasp(0.0, GRIP_SPEED, GRIP_FORCE, epsilon_outer=1.0)
+        else:
+            self._hand.move(0.5 * (command + 1.0) * self._hand.max_width, GRIP_SPEED)
+
+    def _disconnect(self) -> None:
+        self._motion = None

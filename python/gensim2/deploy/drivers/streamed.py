@@ -1,0 +1,201 @@
+"""What all arms have in common that take a stream of joint positions: two threads, so that nothing waits for a wire."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gensim2.deploy.arm_limits import CYCLE, Array
+from gensim2.deploy.devices import ArmMode, ArmState
+from gensim2.errors import GenSim2Error
+from gensim2.robots import OPEN, RobotProfile
+
+KEPT = 1000
+"""States that wait to be polled at most."""
+SILENT = 0.15
+"""Seconds without a target after which an arm is stopped, and refuses what comes then: the loop sends one each 10 ms,
+and makes up for a tenth of a second."""
+
+
+class DriverError(GenSim2Error):
+    """An arm cannot be connected to, or refuses."""
+
+
+class StreamedArm(ABC):
+    """An arm that takes joint positions at a rate of its own.
+
+    Targets come 100 a second and are gone to in a straight line over the next cycle, so that what the arm is sent is a
+    cycle late and smooth. A target's successor that does not come stops the arm. The gripper has a thread of its own
+    and is told of changes only: it may take its time.
+
+    Args:
+        profile: of the robot.
+        rate: commands a second that the arm takes.
+    """
+
+    def __init__(self, profile: RobotProfile, rate: float) -> None:
+        self.profile, self._period = profile, 1.0 / rate
+        self._states: deque[ArmState] = deque(maxlen=KEPT)
+        self._lock = threading.Lock()
+        self._goals: tuple[tuple[float, Array], tuple[float, Array]] | None = None
+        self._stood: Array | None = None
+        self._gripper = OPEN
+        self._grips: queue.SimpleQueue[float | None] = queue.SimpleQueue()
+        self._standing, self._over = True, False
+        self._trouble: str | None = None
+        self._threads: list[threading.Thread] = []
+
+    def start(self) -> None:
+        """Begin to read states and to take targets."""
+        for target in (self._run, self._run_gripper):
+            self._threads.append(threading.Thread(target=target, name=type(self).__name__, daemon=True))
+            self._threads[-1].start()
+
+    # --------------------------------------------------------------- the protocol
+
+    def poll(self) -> Sequence[ArmState]:
+        """States that came since the last call, oldest first."""
+        found = []
+        while self._states:
+            found.append(self._states.popleft())
+        return found
+
+    def send(self, q: Array, gripper: float, t: float) -> None:
+        """Targets for the time t (s): (m,) of the arm's joints, and the gripper from -1 to 1."""
+        with self._lock:
+            now = time.monotonic()
+            start = self._stood if self._goals is None else self._between(now)
+            if start is None:
+                start = np.array(q)
+            self._goals = (now, start), (now + CYCLE, np.array(q, dtype=np.float64))
+            self._standing = False
+        if gripper != self._gripper:
+            self._gripper = float(gripper)
+            self._grips.put(self._gripper)
+
+    def stand(self) -> None:
+        """Stop at once by the arm's own means."""
+        with self._lock:
+            self._standing, self._goals = True, None
+        self._attempt(self._halt)
+
+    def close(self) -> None:
+        """Stop, and leave the arm."""
+        self.stand()
+        self._over = True
+        self._grips.put(None)
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+        self._attempt(self._disconnect)
+
+    # --------------------------------------------------------------- of each arm
+
+    @abstractmethod
+    def _read(self) -> tuple[Array, Array, float, ArmMode]:
+        """(m,) joints and velocities of the arm, N that press on it from outside, and what it says of itself."""
+
+    @abstractmethod
+    def _write(self, q: Array, v: Array) -> None:
+        """Send (m,) joints, and their velocities.
+
+        Raises:
+            DriverError: the arm does not take them.
+        """
+
+    @abstractmethod
+    def _halt(self) -> None:
+        """Stop by the arm's own means."""
+
+    @abstractmethod
+    def _grip(self, command: float) -> None:
+        """Move the gripper, -1 to 1; may wait for it."""
+
+    @abstractmethod
+    def _disconnect(self) -> None:
+        """Leave the arm."""
+
+    # ------------------------------------------------------------------- threads
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._over:
+            self._cycle()
+            due = max(due + self._period, time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    def _cycle(self) -> None:
+        found = self._attempt(self._read)
+        now = time.monotonic()
+        if found is not None:
+            arm, speed, force, mode = found
+            self._stood = arm
+            q, v = np.empty(len(self.profile.reset_qpos)), np.zeros(len(self.profile.reset_qpos))
+            columns = list(self.profile.arm_columns)
+            q[columns], v[columns] = arm, speed
+            q[list(self.profile.gripper_columns)] = self.profile.gripper.at_command(self._gripper)
+            self._states.append(ArmState(now, q, v, force, "refusing" if self._trouble else mode))
+        with self._lock:
+            if self._standing or self._goals is None:
+                return
+            silent = now - self._goals[1][0] > SILENT
+            if not silent:
+                goal, speed = self._between(now), self._speed(now)
+        if silent:
+            self.stand()
+            self._trouble = f"no target for {1e3 * SILENT:.0f} ms"
+        else:
+            self._attempt(lambda: self._write(goal, speed))
+
+    def _between(self, now: float) -> Array:
+        assert self._goals is not None
+        (begun, start), (due, goal) = self._goals
+        share = np.clip((now - begun) / (due - begun), 0.0, 1.0)
+        return np.asarray(start + share * (goal - start))
+
+    def _speed(self, now: float) -> Array:
+        assert self._goals is not None
+        (begun, start), (due, goal) = self._goals
+        return np.asarray((goal - start) / (due - begun) if now < due else np.zeros_like(goal))
+
+    def _run_gripper(self) -> None:
+        while True:
+            command = self._grips.get()
+            while not self._grips.empty():  # what has changed again need not be done
+                command = self._grips.get()
+            if command is None or self._over:
+                return
+            wanted = command
+            self._attempt(lambda wanted=wanted: self._grip(wanted))
+
+    def _attempt(self, what: Any) -> Any:
+        """The result of a call to the maker's library; None where it failed: the arm says so with its next state."""
+        try:
+            return what()
+        except Exception as error:  # noqa: BLE001 - libraries raise what they like; the watch stops by the state
+            self._trouble = f"{type(error).__name__}: {error}"
+            return None
+
+    @property
+    def trouble(self) -> str | None:
+        """What the arm's library said last; None: nothing went wrong."""
+        return self._trouble
+
+
+def finite(values: Any, size: int, what: str) -> npt.NDArray[np.float64]:
+    """(size,) numbers of a library.
+
+    Raises:
+        DriverError: they are none, or not as many.
+    """
+    found = np.asarray(values, dtype=np.float64).reshape(-1)[:size]
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise DriverError(f"the arm says {what} in no numbers")
+    return found

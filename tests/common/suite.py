@@ -1,0 +1,132 @@
+"""What of the suite is quick, and what takes longest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+
+#: ``pytest -m fast`` runs these files whole: no simulator but for a reset or two, no worker processes, no training.
+FAST = (
+    "test_errors.py",
+    "test_files.py",
+    "test_rooms.py",
+    "bench/test_checker.py",
+    "bench/test_motion.py",
+    "bench/test_problems.py",
+    "bench/test_results_table.py",
+    "bench/test_scene.py",
+    "bench/test_solver.py",
+    "cli/test_report.py",
+    "cli/test_tasks.py",
+    "data/test_clearance.py",
+    "data/test_store.py",
+    "deploy/test_log.py",
+    "deploy/test_streaming.py",
+    "deploy/test_watch.py",
+    "design/runs/test_adding.py",
+    "design/runs/test_remembering.py",
+    "design/runs/test_search.py",
+    "design/test_steering.py",
+    "evaluation/test_films.py",
+    "inspection/test_rigid.py",
+    "kpam/test_arms.py",
+    "kpam/test_collision.py",
+    "kpam/test_config.py",
+    "kpam/test_continuous.py",
+    "kpam/test_drawer.py",
+    "kpam/test_grasps.py",
+    "kpam/test_kinematics.py",
+    "kpam/test_letting_go.py",
+    "kpam/test_mimic.py",
+    "kpam/test_moving_starts.py",
+    "kpam/test_path.py",
+    "kpam/test_plan.py",
+    "kpam/test_reach.py",
+    "kpam/test_surface.py",
+    "kpam/test_timing.py",
+    "objects/test_clearance.py",
+    "objects/test_export.py",
+    "objects/test_names.py",
+    "objects/test_pieces.py",
+    "objects/test_rigid.py",
+    "objects/test_rigid_damage.py",
+    "objects/test_rotations.py",
+    "objects/test_words.py",
+    "observations/test_cloud.py",
+    "observations/test_noise.py",
+    "planning/test_actions.py",
+    "planning/test_landmarks.py",
+    "planning/test_reaching.py",
+    "planning/test_shortening.py",
+    "planning/test_steps.py",
+    "planning/test_strategies.py",
+    "policy/experiments/test_figures.py",
+    "policy/test_array_file.py",
+    "policy/test_config.py",
+    "policy/test_encoders.py",
+    "policy/test_numerics.py",
+    "policy/test_symmetry.py",
+    "robots/test_arm.py",
+    "robots/test_profiles.py",
+    "rollout/test_attempts.py",
+    "rollout/test_causes.py",
+    "rollout/test_diagnose.py",
+    "rollout/test_noise.py",
+    "rollout/test_rates.py",
+    "rollout/test_room.py",
+    "rollout/test_run.py",
+    "rollout/test_verdicts.py",
+    "scenes/test_one_spelling.py",
+    "scenes/test_physics_switches.py",
+    "scenes/test_randomize.py",
+    "sim/test_grip.py",
+    "sim/test_lazy_mapping.py",
+    "sim/test_objects.py",
+    "tasks/test_archives.py",
+    "tasks/test_criteria.py",
+    "tasks/test_designed.py",
+    "tasks/test_library.py",
+)
+
+#: Some tests of these are quick, and marked so.
+PARTLY_FAST = (
+    "examples/test_examples.py",
+    "fuzz/test_readers.py",
+    "kill/test_kills.py",
+    "pages/test_pages.py",
+    "processes/test_pool.py",
+)
+
+#: Needs real objects, whose preparation takes seconds each.
+SLOW_ROOMS = ("real",)
+
+#: Files that take longest, begun first so that no core waits for one of them at the end.
+LONGEST = (
+    "real/test_sim_real.py",
+    "kpam/test_recheck.py",
+    "kill/test_kills.py",
+    "tasks/test_library_strategies.py",
+    "sim/test_headless.py",
+    "pages/test_pages.py",
+    "sim/test_env.py",
+    "deploy/test_processes.py",
+    "policy/test_train.py",
+    "policy/experiments/test_experiment.py",
+    "policy/keypose/test_learn.py",
+    "examples/test_examples.py",
+    "data/test_foreign.py",
+    "design/runs/test_benchmarking.py",
+    "design/sandbox/test_hostile.py",
+    "real/test_assets_real.py",
+    "fuzz/test_readers.py",
+    "evaluation/test_evaluate.py",
+    "rollout/test_trajectory.py",
+    "rollout/test_container.py",
+    "kill/test_night.py",
+)
+
+
+def place(file: Path) -> str:
+    """Path of a test file relative to the folder of all tests."""
+    return file.relative_to(TESTS).as_posix() if file.is_relative_to(TESTS) else file.as_posix()
