@@ -6,8 +6,8 @@
 
 Commands are taken from the blocks of the pages themselves: lines that begin with ``gensim2``, ``python`` or ``make``.
 Those of a page run in one fresh folder, so that one may use what another left. A command fails where it ends with a
-code other than 0 and 1, prints a traceback, or prints nothing at all. Without ``--full`` numbers of episodes, tasks, seconds
-and the like are made small, and what has not ended in a minute is interrupted and must then end in order.
+code other than 0 and 1, prints a traceback, or prints nothing at all. Without ``--full`` numbers of episodes, tasks,
+seconds and the like are made small, and what has not ended in a minute is interrupted and must then end in order.
 """
 
 from __future__ import annotations
