@@ -16,7 +16,7 @@ use self::batch::BatchProjection;
 use self::projection::{Aim, Residuals};
 use self::starts::NEARBY;
 use crate::KeypointProblem;
-use crate::model::{Model, Placed, Row};
+use crate::model::{MOST_JOINTS, Model, Placed, Row};
 use crate::qp::{ActiveSet, Bound};
 use crate::resolve::Resolved;
 
@@ -124,15 +124,18 @@ impl<'p> ActuationSearch<'p> {
                 _ if used < last && poses.is_empty() => (used + WIDTH).min(last),
                 _ => break,
             };
-            let from: Vec<Row> =
-                (used..end).map(|k| if k < most { self.start(k) } else { self.further_start(k - most) }).collect();
+            // Single precision knows angles near zero best; whole turns of joints without limits change nothing.
+            let unwound = |x: Row| self.model.unwound(&x, &[0.0; MOST_JOINTS]);
+            let from: Vec<Row> = (used..end)
+                .map(|k| unwound(if k < most { self.start(k) } else { self.further_start(k - most) }))
+                .collect();
             for (mut x, near) in self.batch.project(&from) {
                 let miss = if near { self.project(&mut x) } else { self.violation(&x) };
                 if miss <= 0.0 {
                     poses.push(self.candidate(&x));
                 } else if miss < least {
                     least = miss;
-                    best_effort = Some(x);
+                    best_effort = Some(self.model.unwound(&x, &self.start));
                 }
             }
             used = end;
