@@ -23,6 +23,7 @@ from gensim2.deploy.simulated_cameras import simulated_serials
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, DepthNoise
 from gensim2.planning.scene import Scene
+from gensim2.processes.fork_server import start_fork_server
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
@@ -51,6 +52,7 @@ class _Process:
         self._process: BaseProcess = _CONTEXT.Process(
             target=_child, args=(target, theirs, *arguments), daemon=True, name=what
         )
+        start_fork_server()
         self._process.start()
         theirs.close()
 

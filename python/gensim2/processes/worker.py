@@ -23,6 +23,7 @@ from typing import Any
 
 from gensim2.errors import GenSim2Error
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
+from gensim2.processes.fork_server import start_fork_server
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -159,6 +160,7 @@ def start_process(
         ours, theirs = _CONTEXT.Pipe(duplex)
         process = _CONTEXT.Process(target=target, args=(theirs, *arguments), daemon=True)
         try:
+            start_fork_server()
             process.start()
             return process, ours
         except (OSError, EOFError) as error:  # the server that forks was killed; the next start makes a new one

@@ -1,0 +1,47 @@
+"""Ctrl-C while the server that forks workers is still importing: no traceback of its own, and the program gets it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+PROGRAM = """
+import multiprocessing, time
+from gensim2.processes.fork_server import start_fork_server
+multiprocessing.set_forkserver_preload(["slow_import"])
+start_fork_server()
+print("started", flush=True)
+try:
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+def test_ctrl_c_while_modules_are_imported_leaves_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "slow_import.py").write_text(
+        f"import time\nopen({str(tmp_path / 'begun')!r}, 'w').close()\ntime.sleep(2)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        while not (tmp_path / "begun").exists():
+            assert program.poll() is None
+            time.sleep(0.02)
+        os.killpg(program.pid, signal.SIGINT)
+        out, err = program.communicate(timeout=60)
+    finally:
+        program.kill()
+    assert out.split() == ["started", "interrupted"]
+    assert err == ""
