@@ -72,6 +72,7 @@ def _program(
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(cwd)
+    multiprocessing.set_start_method(None, force=True)  # as in an interpreter that was just started
     first, *rest = words
     sys.path[:] = path
     if first == "-c":
