@@ -43,7 +43,8 @@ python_lane() {
     check python "reference" python scripts/reference.py --check
     check python "mypy" mypy
     # One file is one process: fixtures of a module or a session are made once. tests/conftest.py orders the files.
-    check python "pytest" python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --durations 10
+    # One process more than there are cores, four at most: some tests wait for clocks and other processes.
+    check python "pytest" python -m pytest -q -n "$(($(nproc) < 4 ? $(nproc) + 1 : 4))" --dist loadfile --no-loadscope-reorder --durations 10
 }
 
 rust_lane >"$work/rust.log" 2>&1 &

@@ -10,6 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import runpy
+import signal
 import subprocess
 import sys
 import tempfile
@@ -72,7 +73,9 @@ def _program(
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(cwd)
-    multiprocessing.set_start_method(None, force=True)  # as in an interpreter that was just started
+    # As in an interpreter that was just started:
+    multiprocessing.set_start_method(None, force=True)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT,))
     first, *rest = words
     sys.path[:] = path
     if first == "-c":

@@ -46,6 +46,7 @@ def test_clip_embeds_once_a_sentence(clip: str, monkeypatch: pytest.MonkeyPatch)
 
 def test_missing_weights_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "empty").mkdir()
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)  # else it tries the hub for most of a minute
     for model in (str(tmp_path / "empty"), "nobody/has-these-weights"):
         with pytest.raises(InputError, match="--text small") as caught:
             prepare(["a"], made_up.policy(text="clip", text_model=model))

@@ -23,7 +23,7 @@ from gensim2.deploy.simulated_cameras import simulated_serials
 from gensim2.errors import GenSim2Error
 from gensim2.observations import Camera, DepthNoise
 from gensim2.planning.scene import Scene
-from gensim2.processes.fork_server import start_fork_server
+from gensim2.processes.fork_server import ignore_interrupts, start_fork_server
 from gensim2.robots import robot
 from gensim2.scenes.config import SceneConfig
 from gensim2.tasks.measurement import Measurement
@@ -99,7 +99,7 @@ class _Process:
 
 
 def _child(target: Callable[..., None], pipe: Connection, *arguments: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_interrupts()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"

@@ -23,7 +23,7 @@ from typing import Any
 
 from gensim2.errors import GenSim2Error
 from gensim2.processes.executor import TRIES, Failure, Job, Outcome, WorkerStartError
-from gensim2.processes.fork_server import start_fork_server
+from gensim2.processes.fork_server import ignore_interrupts, start_fork_server
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
@@ -212,7 +212,7 @@ def _fate(exitcode: int | None) -> str:
 
 def _serve(connection: Connection, environment: Mapping[str, str], prepare: Callable[[], object] | None = None) -> None:
     """Body of a worker process: jobs in, outcomes out, until the parent closes the connection."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    ignore_interrupts()  # Ctrl-C reaches the whole group; the parent decides
     os.environ.clear()
     os.environ.update(environment)  # the server may have been started before something was set
     threading.Thread(target=_end_with_the_parent, daemon=True).start()

@@ -30,7 +30,7 @@ impl Bodies {
         })
     }
 
-    /// Whether what tells of places begins at once, as [`Scene::is_ready`].
+    /// Whether what tells of places begins at once, as [`crate::Scene::is_ready`].
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.0.obstacles.get().is_some()
