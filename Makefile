@@ -22,7 +22,7 @@ demo: setup ## design a task from nothing, take a long one from the library, ver
 test: setup ## everything that must hold: format, lint, types, Rust and Python tests
 	@scripts/check.sh
 
-fast: setup ## linters and the quick tests of every room: a minute and a half, while you work
+fast: setup ## linters and the quick tests of every room: a minute, while you work
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/python -m pytest -q -m fast
