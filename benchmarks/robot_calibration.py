@@ -14,19 +14,18 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gensim2.deploy.arm_limits import ArmLimits
+from gensim2.deploy.calibration.displacement import displaced, pose_error
 from gensim2.deploy.calibration.mesh import calibrate
 from gensim2.deploy.calibration.surfaces import ArmView, RobotSurface
 from gensim2.deploy.simulated_cameras import simulated_cameras
-from gensim2.observations import D435, Camera, DepthNoise
+from gensim2.observations import D435, DepthNoise
 from gensim2.raycast.scene import RaycastScene
 from gensim2.robots import robot
 from gensim2.seeding import rng
@@ -78,16 +77,6 @@ def picture(
     return ArmView(q, (1e-3 * measured).astype(np.float32))
 
 
-def off_by(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
-    """A camera turned and shifted by so much, some way."""
-    axis, way = draw.normal(size=(2, 3))
-    T = camera.T_base_camera.copy()
-    turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
-    T[:3, :3] = turn @ T[:3, :3]
-    T[:3, 3] += metres * way / np.linalg.norm(way)
-    return replace(camera, T_base_camera=T)
-
-
 def calibrated(
     number: int, views: int, degrees: float, metres: float, pixels: tuple[int, int], seed: int, noise: DepthNoise = D435
 ) -> dict[str, Any]:
@@ -98,14 +87,14 @@ def calibrated(
     scene = RaycastScene(PROFILE, {}, [true])
     scale, bias = 1.0 + SCALE * draw.normal(), BIAS * draw.normal()
     taken = [picture(scene, q, noise, scale, bias, draw) for q in arm_poses(draw, views + 2)]
-    guess = off_by(true, degrees, metres, draw)
+    guess = displaced(true, degrees, metres, draw)
     began = time.process_time()
     found = calibrate(surface(), guess, taken[:views], taken[views:], seed=number)
-    error = np.linalg.inv(true.T_base_camera) @ found.camera.T_base_camera
+    millimetres, turned = pose_error(found.camera.T_base_camera, true.T_base_camera)
     return {
         "camera": true.name,
-        "mm": 1e3 * float(np.linalg.norm(error[:3, 3])),
-        "deg": float(np.rad2deg(Rotation.from_matrix(error[:3, :3]).magnitude())),
+        "mm": millimetres,
+        "deg": turned,
         "scale": found.scale - scale,
         "bias_mm": 1e3 * (found.bias - bias),
         "held_out_mm": found.held_out_mm,

@@ -38,7 +38,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Where only quick tests are wanted, files without any are not even imported."""
+    """Leave files without quick tests unimported if only quick tests are selected."""
     if config.option.markexpr != "fast" or not collection_path.name.startswith("test_"):
         return None
     return suite.place(collection_path) not in (*suite.FAST, *suite.PARTLY_FAST) or None

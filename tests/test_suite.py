@@ -1,4 +1,4 @@
-"""What is said of the suite in ``common/suite.py`` is so."""
+"""Check the claims of ``common/suite.py`` about the suite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of the suite is quick, and what takes longest."""
+"""Quick files of the suite, and those that take longest."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from gensim2.cli import main as cli
 from gensim2.deploy.calibration.board import Board, Corners, find_corners, hand_eye
+from gensim2.deploy.calibration.displacement import displaced
 from gensim2.deploy.calibration.file import Calibration, calibrated, read_calibration
 from gensim2.deploy.calibration.mesh import calibrate
 from gensim2.deploy.calibration.surfaces import ArmView
@@ -48,7 +49,7 @@ def test_a_camera_is_found_from_far_off(number: int) -> None:
 
 
 def test_what_cannot_be_told_is_said(views: list[ArmView]) -> None:
-    guess = benchmark.off_by(CAMERAS[0], 10.0, 0.05, rng(0, "guess"))
+    guess = displaced(CAMERAS[0], 10.0, 0.05, rng(0, "guess"))
     surface = benchmark.surface()
     still = calibrate(surface, guess, [views[0]] * 4, views[4:])
     assert "does not move" in str(still.trouble)

@@ -1,4 +1,4 @@
-"""What tests of policies share: one thread, small random CLIP weights."""
+"""Fixtures of the tests of policies: one thread, small random CLIP weights."""
 
 from __future__ import annotations
 

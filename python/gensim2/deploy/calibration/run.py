@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import SPEED, ArmLimits
 from gensim2.deploy.calibration.board import Board, find_corners, hand_eye
+from gensim2.deploy.calibration.displacement import displaced, pose_error
 from gensim2.deploy.calibration.file import Calibration, CameraCalibration
 from gensim2.deploy.calibration.mesh import MOST_VIEWS, calibrate
 from gensim2.deploy.calibration.poses import Station, draw_poses, read_standing, take
@@ -82,7 +82,7 @@ def calibrate_simulated(
     finally:
         driver.close()
     draw = rng(seed, "first guess of cameras")
-    guesses = [_off(camera, degrees, metres, draw) for camera in cameras]
+    guesses = [displaced(camera, degrees, metres, draw) for camera in cameras]
     true = {camera.name: camera.T_base_camera for camera in cameras}
     return _calibrate(profile, guesses, seen.serials, standing, out, seed, true)
 
@@ -148,9 +148,8 @@ def _calibrate(
             "bias_mm": 1e3 * found.bias,
         }
         if guess.name in true:
-            error = np.linalg.inv(true[guess.name]) @ found.camera.T_base_camera
-            report[guess.name]["error_mm"] = 1e3 * float(np.linalg.norm(error[:3, 3]))
-            report[guess.name]["error_deg"] = float(np.rad2deg(Rotation.from_matrix(error[:3, :3]).magnitude()))
+            millimetres, turned = pose_error(found.camera.T_base_camera, true[guess.name])
+            report[guess.name].update(error_mm=millimetres, error_deg=turned)
         if found.trouble is None:
             cameras[guess.name] = CameraCalibration(
                 serial=serials[guess.name],
@@ -232,15 +231,6 @@ def _written(
         "cameras": report,
         "file": str(out) if whole else None,
     }
-
-
-def _off(camera: Camera, degrees: float, metres: float, draw: np.random.Generator) -> Camera:
-    axis, way = draw.normal(size=(2, 3))
-    T = camera.T_base_camera.copy()
-    turn = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
-    T[:3, :3] = turn @ T[:3, :3]
-    T[:3, 3] += metres * way / np.linalg.norm(way)
-    return replace(camera, T_base_camera=T)
 
 
 def _rounded(value: float) -> float | None:
