@@ -19,13 +19,13 @@ from gensim2.policy.control import Sees, Shuffled, altered
 from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.training import WAYS_JSON, read_ways
-from gensim2.robots import robot
+from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 Array = npt.NDArray[np.float64]
 
 MOST_LOOKS = 8
-"""Times that the policy looks in one episode, for every step of its task that it was taught."""
+"""Times that the policy looks in one episode, for every step of its task."""
 MOST_TRIES = 2
 """Times that one way is taken in one episode before the next most probable one is."""
 SURE = 0.8
@@ -35,6 +35,8 @@ RELEASES = 0.5
 """Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
 """N of each finger from which on a program is one that takes something up."""
+EMPTY = 0.003
+"""Distance of the pads (m) below which fingers that have closed hold nothing."""
 
 
 class KeyposeController:
@@ -73,7 +75,7 @@ class KeyposeController:
         self._executor = Executor(self._profile)
         self._arm = list(self._profile.arm_columns)
         self._rows: deque[npt.NDArray[np.float32]] = deque()
-        #: Counts over the episode: free motions by how they were found, programs cut short, looks.
+        #: Counts over the episode: looks, free motions by how they were found, programs cut short, things lost.
         self.told: Counter[str] = Counter()
 
     @property
@@ -87,7 +89,8 @@ class KeyposeController:
         if observation.language not in self._policy.sentences:  # also where the network looks at none
             raise unknown_sentence(self._policy, observation.language, self._folder)
         self._row = self._policy.row_of(observation.language, self._folder)
-        self._mine = {number for number, way in enumerate(self._ways) if way.language == observation.language}
+        mine = {number: way for number, way in enumerate(self._ways) if way.language == observation.language}
+        self._mine, self._most_looks = set(mine), MOST_LOOKS * len({way.step for way in mine.values()})
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
@@ -96,7 +99,9 @@ class KeyposeController:
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
-        if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
+        if self._holds and observation.gripper_width < EMPTY:
+            self._lost(observation)
+        if not self._rows and (self.told["looks"] >= self._most_looks or not self._look(observation)):
             return None
         action = self._rows.popleft()
         if self._until_gripped is not None:
@@ -132,7 +137,7 @@ class KeyposeController:
     def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
         self._tried[answer.way] += 1
         program = answer.program
-        found = self._executor.execute(program, q, command, points)
+        found = self._executor.execute(program, q, command, points, holds=self._holds)
         if found is None:
             self.told["out of reach"] += 1
             return False
@@ -146,6 +151,13 @@ class KeyposeController:
         if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
             end = q.copy()
             end[self._arm] = found.actions[-1, :-1]
-            back = self._executor.rest(end, self._home, float(found.actions[-1, -1]), points[:0])
-            self._rows.extend(back.actions)
+            self._rows.extend(self._executor.rest(end, self._home, float(found.actions[-1, -1])).actions)
         return True
+
+    def _lost(self, observation: Observation) -> None:
+        """Go back to where the arm looks from, with open fingers: they have closed on nothing, or it has slipped."""
+        self.told["lost"] += 1
+        self._holds = False
+        self._rows = deque(
+            self._executor.rest(observation.joint_positions.astype(np.float64), self._home, OPEN).actions
+        )
