@@ -11,12 +11,13 @@ import pytest
 from gensim2.cli.main import run as command
 from gensim2.observations.columns import GRIPPER
 from gensim2.planning import StepPlanner
+from gensim2.policy.keypose.answers import Answer, answers
 from gensim2.policy.keypose.controller import EMPTY, KeyposeController
 from gensim2.policy.keypose.execution import Executor
 from gensim2.policy.keypose.paths import between
 from gensim2.policy.keypose.program import KEYPOSES, program_of
 from gensim2.policy.keypose.source import PlannedSource
-from gensim2.policy.keypose.training import TRAINING, train_keypose
+from gensim2.policy.keypose.training import TRAINING, Way, train_keypose
 from gensim2.robots import OPEN, robot
 from gensim2.rollout.controller import PROPRIOCEPTIVE, PrivilegedObservation, is_privileged
 from gensim2.rollout.inputs import read_task_input
@@ -133,6 +134,13 @@ def test_the_controller_is_not_privileged_and_misfits_are_one_line(
     assert controller.told["lost"] == 1
     assert action is not None
     assert action[-1] == OPEN
+    # Of two steps the first is expected first, whatever a look makes of it within reason; "done" is not yet.
+    controller._ways = [Way(language="push the bar", step=step, name="one") for step in (0, 1)]
+    controller.reset(seen, 0)
+    program = answers(controller._policy, seen, controller._row)[0].program
+    first, second, done = (Answer(way, chance, program) for way, chance in ((0, 0.18), (1, 0.82), (2, 0.95)))
+    assert controller._weight(first) > max(controller._weight(second), controller._weight(done))
+    assert controller._weight(replace(first, chance=0.1)) < controller._weight(second)
     (folder / "keypose.json").write_text("{}")
     with pytest.raises(Exception, match=r"keypose\.json"):
         KeyposeController(str(folder))

@@ -31,6 +31,9 @@ MOST_TRIES = 2
 SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
 too few."""
+UNEXPECTED = 0.15
+"""Factor of a way's probability where its step does not follow on the one that was executed last: a look tells steps
+apart less surely than the order in which they are done."""
 RELEASES = 0.5
 """Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
@@ -90,7 +93,8 @@ class KeyposeController:
             raise unknown_sentence(self._policy, observation.language, self._folder)
         self._row = self._policy.row_of(observation.language, self._folder)
         mine = {number: way for number, way in enumerate(self._ways) if way.language == observation.language}
-        self._mine, self._most_looks = set(mine), MOST_LOOKS * len({way.step for way in mine.values()})
+        self._mine, self._steps = set(mine), 1 + max(way.step for way in mine.values())
+        self._expected, self._taking = {0}, 0
         self._tried, self.told = Counter[int](), Counter()
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
@@ -101,7 +105,7 @@ class KeyposeController:
         """The next action; None: done, or no way is left."""
         if self._holds and observation.gripper_width < EMPTY:
             self._lost(observation)
-        if not self._rows and (self.told["looks"] >= self._most_looks or not self._look(observation)):
+        if not self._rows and (self.told["looks"] >= MOST_LOOKS * self._steps or not self._look(observation)):
             return None
         action = self._rows.popleft()
         if self._until_gripped is not None:
@@ -122,10 +126,10 @@ class KeyposeController:
         seen = altered(observation, self._sees, self._others, self._seed)
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
-        for answer in answers(self._policy, seen, self._row):
+        for answer in sorted(answers(self._policy, seen, self._row), key=self._weight, reverse=True):
             if answer.way == len(self._ways):
                 # Whoever is asked to do something is asked before it is done.
-                if self.told["looks"] > 1 and answer.chance >= SURE:
+                if self._steps in self._expected and answer.chance >= SURE:
                     return False
                 continue
             if answer.way not in self._mine or self._tried[answer.way] >= MOST_TRIES:
@@ -133,6 +137,14 @@ class KeyposeController:
             if self._begin(answer, q, observation.gripper_command, points):
                 return True
         return False
+
+    def _step(self, answer: Answer) -> int:
+        """Number of the step that an answer is of; how many there are of "done"."""
+        return self._steps if answer.way == len(self._ways) else self._ways[answer.way].step
+
+    def _weight(self, answer: Answer) -> float:
+        """Probability of an answer, less where its step is not the one that is expected."""
+        return answer.chance * (1.0 if self._step(answer) in self._expected else UNEXPECTED)
 
     def _begin(self, answer: Answer, q: Array, command: float, points: Array) -> bool:
         self._tried[answer.way] += 1
@@ -145,8 +157,11 @@ class KeyposeController:
         if not found.is_whole:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
-        takes = program.force > HOLDS
+        step, takes = self._step(answer), program.force > HOLDS
+        # What the last step left to do may be it once more, or nothing.
+        self._expected = {step + 1} if step + 1 < self._steps else {step, step + 1}
         if takes:
+            self._taking = step
             self._force, self._until_gripped = program.force, found.gripped
         if not takes and (not self._holds or float(found.actions[:, -1].max()) > RELEASES):
             end = q.copy()
