@@ -35,6 +35,7 @@ class PolicyConfig(Settings):
     points: int | None = setting(None, "Points of a cloud.  [default: as the data have]", low=1, high=49152)
     colour: bool = setting(True, "See the colours of the points.")
     tool_frame: bool = setting(True, "See each point in the tool's frame, too.")
+    joints: bool = setting(True, "See the joints' angles beside the tool's pose.")
     velocity: bool = setting(False, "See the joints' velocities.")
     history: int = setting(1, "Frames that are seen, the present one included.", low=1, high=4)
     stride: int = setting(4, "Control steps between the frames of the history.", low=1, high=100)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -12,7 +13,7 @@ import torch
 
 from gensim2.errors import InputError
 from gensim2.observations import Observation, ObservationSpec
-from gensim2.observations.columns import CLOUD
+from gensim2.observations.columns import CLOUD, GRIPPER
 from gensim2.planning.actions import grip_on
 from gensim2.policy.checkpoint import CONFIG_JSON, PolicyCheckpoint, unknown_sentence
 from gensim2.policy.control import Sees, Shuffled, altered
@@ -32,8 +33,8 @@ SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
 too few."""
 UNEXPECTED = 0.15
-"""Factor of a way's probability where its step does not follow on the one that was executed last: a look tells steps
-apart less surely than the order in which they are done."""
+"""Factor of a way's probability where its step is neither the one that was executed last nor the one behind it: a look
+tells steps apart less surely than the order in which they are done."""
 RELEASES = 0.5
 """Gripper command from which on fingers hold nothing."""
 HOLDS = 0.1
@@ -99,7 +100,7 @@ class KeyposeController:
         self._rows.clear()
         self._seed, self._force, self._holds = seed, 0.0, False
         self._until_gripped: int | None = None
-        self._home = observation.joint_positions.astype(np.float64)
+        self._home, self._empty = observation.joint_positions.astype(np.float64), observation[GRIPPER]
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
@@ -124,6 +125,8 @@ class KeyposeController:
         """Plan what comes next; whether there is anything."""
         self.told["looks"] += 1
         seen = altered(observation, self._sees, self._others, self._seed)
+        if not self._holds:  # what the fingers of an empty hand have done last means nothing
+            seen = replace(seen, arrays={**seen.arrays, GRIPPER: self._empty})
         points = seen[CLOUD][:, :3].astype(np.float64) if self._sees != "nothing" else np.zeros((0, 3))
         q = observation.joint_positions.astype(np.float64)
         for answer in sorted(answers(self._policy, seen, self._row), key=self._weight, reverse=True):
@@ -158,8 +161,7 @@ class KeyposeController:
             self.told["cut short"] += 1
         self._rows = deque(found.actions)
         step, takes = self._step(answer), program.force > HOLDS
-        # What the last step left to do may be it once more, or nothing.
-        self._expected = {step + 1} if step + 1 < self._steps else {step, step + 1}
+        self._expected = {step, step + 1}  # once more, or what follows: the next step, or nothing
         if takes:
             self._taking = step
             self._force, self._until_gripped = program.force, found.gripped

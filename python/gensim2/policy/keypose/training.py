@@ -21,6 +21,7 @@ POLICY = PolicyConfig(
     head="keypose",
     colour=False,
     tool_frame=False,
+    joints=False,
     text="none",
     layers=1,
     width=128,
