@@ -46,6 +46,11 @@ class Fault:
     name: FaultName
     at: float
 
+    @property
+    def kind(self) -> str:
+        """Kind of the device that fails: ``camera``, ``policy``, ``arm`` or ``disk``."""
+        return self.name.partition("-")[0]
+
     @staticmethod
     def parse(text: str) -> Fault:
         """A fault from ``NAME@SECONDS``.

@@ -17,8 +17,9 @@ import numpy as np
 from gensim2.deploy.arm import Arm
 from gensim2.deploy.arm_limits import CYCLE, Array
 from gensim2.deploy.clocks import Clock
-from gensim2.deploy.devices import ArmState, CameraDriver, Frame
+from gensim2.deploy.devices import CameraDriver, Frame
 from gensim2.deploy.eyes import Sight
+from gensim2.deploy.journal import Journal
 from gensim2.deploy.limits import RefusedError, Sent, admit
 from gensim2.deploy.mind import Answer, Begin, Question
 from gensim2.deploy.streaming import Streamer
@@ -53,48 +54,6 @@ class Mind(Protocol):
     def is_alive(self) -> bool:
         """Whether there is still a controller."""
         ...
-
-
-class Journal(Protocol):
-    """Log of a run."""
-
-    trouble: str | None
-    """Why nothing more can be written; None: all is well."""
-
-    def state(self, state: ArmState) -> None: ...
-    def frame(self, frame: Frame) -> None: ...
-    def sent(self, time: float, sent: Sent, gripper: float) -> None: ...
-    def question(self, time: float, question: Question) -> None: ...
-    def answer(self, time: float, answer: Answer) -> None: ...
-    def change(self, time: float, state: str, reason: str) -> None: ...
-    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None: ...
-
-
-class NoJournal:
-    """Writes nothing down."""
-
-    trouble: str | None = None
-
-    def state(self, state: ArmState) -> None:
-        """Nothing."""
-
-    def frame(self, frame: Frame) -> None:
-        """Nothing."""
-
-    def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Nothing."""
-
-    def question(self, time: float, question: Question) -> None:
-        """Nothing."""
-
-    def answer(self, time: float, answer: Answer) -> None:
-        """Nothing."""
-
-    def change(self, time: float, state: str, reason: str) -> None:
-        """Nothing."""
-
-    def clocks(self, time: float, late: float, ages: dict[str, float]) -> None:
-        """Nothing."""
 
 
 class DeviceGoneError(GenSim2Error):
@@ -173,7 +132,6 @@ class Line:
         self.figures = Figures()
         self.commands: list[Array] | None = None
         self.interrupted: str | None = None
-        self._next = clock.now() + CYCLE
         self._cycle = self._next_period = 0
         self._fresh: set[str] = set()
         self._fresh_at = 0
@@ -189,6 +147,7 @@ class Line:
     def forget(self) -> None:
         """Forget an episode; the arm is let go until the next begins."""
         self.arm.release()
+        self._next = self._clock.now() + CYCLE  # between episodes a person may have taken his time
         self.watch.clear()
         self._streamer.clear()
         self.frames: dict[str, Frame] = {}
