@@ -77,7 +77,7 @@ def view(ctx: click.Context, /, policy: str | None, plan: bool, **given: Any) ->
 
     With --policy or --plan the page shows the actions that it would take next, too.
     """
-    from gensim2.deploy.live import looking
+    from gensim2.deploy.live import PATIENT, looking
 
     names = None
     if given["cameras"] != "simulated":
@@ -90,7 +90,7 @@ def view(ctx: click.Context, /, policy: str | None, plan: bool, **given: Any) ->
     elif policy is not None and plan:
         raise click.UsageError("Give either --plan or --policy DIR.")
     given = {**given, "policy": decides, "plan": plan, "view": True, "logged": False, "out": None, "minutes": 1e4}
-    _run(ctx, None, given, dry=True, episodes=ENDLESS)
+    _run(ctx, None, given, dry=True, episodes=ENDLESS, rules=PATIENT)
 
 
 def _run(ctx: click.Context, json_file: str | None, given: dict[str, Any], **beside: Any) -> None:

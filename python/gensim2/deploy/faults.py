@@ -24,6 +24,7 @@ FaultName = Literal[
     "policy-nan",
     "policy-slow",
     "policy-garbage",
+    "policy-token",
     "arm-reflex",
     "arm-lagging",
     "arm-silent",

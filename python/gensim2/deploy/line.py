@@ -83,15 +83,20 @@ class Figures:
     skipped: float = 0.0
 
 
-def phase_shift(waited: int) -> int:
+def phase_shift(waited: int, latency: float = 0.0, most: float = np.inf) -> int:
     """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
+
+    The nearer way is taken, but for the one on which pictures would grow too old before the next ones meet a question.
 
     Args:
         waited: cycles between the arrival of the newest complete set of pictures and a question.
+        latency: s from a picture to its arrival.
+        most: s that a picture may be old at a question.
     """
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
         return 0
-    return -1 if waited <= PERIOD_CYCLES // 2 else 1
+    too_old = latency + PERIOD + 2 * CYCLE > most
+    return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
 
 
 class Line:
@@ -109,6 +114,7 @@ class Line:
     Attributes:
         pace: control steps a second.
         commands: where set, every command is added to it.
+        in_phase: whether questions meet pictures soon after their arrival.
         stopped_ms, standing_ms: from what ended the motion to the last command that moved, and to the measured arm
             standing; None: not yet, or nothing ended it.
     """
@@ -135,6 +141,8 @@ class Line:
         self._cycle = self._next_period = 0
         self._fresh: set[str] = set()
         self._fresh_at = 0
+        self._latency = 0.0
+        self.in_phase = False
         self._number = 0
         self._sent_at = clock.now()
         self._braking = self._on_path = False
@@ -203,7 +211,9 @@ class Line:
             self._measure_period(now, late)
         self._take_in(now)
         if begins:
-            self._next_period = self._cycle + PERIOD_CYCLES + phase_shift(self._cycle - self._fresh_at)
+            shift = phase_shift(self._cycle - self._fresh_at, self._latency, self.watch.rules.frame_age)
+            self._next_period = self._cycle + PERIOD_CYCLES + shift
+            self.in_phase = shift == 0
         self._check(now)
         if begins and self.watch.state is State.RUNNING:
             self.watch.check_frames(self._names, now)
@@ -229,7 +239,7 @@ class Line:
             for frame in self._cameras.poll():
                 self.watch.saw_frame(frame, now)
                 self.frames[frame.camera] = frame
-                self._saw_fresh(frame.camera)
+                self._saw_fresh(frame.camera, now)
                 self._journal.frame(frame)
         except DeviceGoneError as error:
             self.watch.stop(now, str(error))
@@ -238,11 +248,12 @@ class Line:
         if not self._mind.is_alive:
             self.watch.stop(now, "the controller's process is gone")
 
-    def _saw_fresh(self, camera: str) -> None:
+    def _saw_fresh(self, camera: str, now: float) -> None:
         self._fresh.add(camera)
         if self._fresh.issuperset(self._names):
             self._fresh.clear()
             self._fresh_at = self._cycle
+            self._latency = max(now - self.frames[name].captured for name in self._names)
 
     def _check(self, now: float) -> None:
         if self.interrupted is not None:

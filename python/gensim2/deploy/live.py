@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gensim2.deploy.devices import ArmState, Frame
 from gensim2.deploy.limits import Sent
 from gensim2.deploy.mind import Answer, Question
+from gensim2.deploy.watch import WatchRules
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.observations.columns import CLOUD
 from gensim2.raycast.kinematics import Tree, read_urdf
@@ -28,6 +29,12 @@ NEXT = (255, 120, 0)
 NEXT_POINT = 0.012
 """Metres across of each of them."""
 NOWHERE = np.zeros((0, 3), np.float32)
+
+
+PATIENT = WatchRules(
+    frame_age=np.inf, apart=np.inf, no_action=np.inf, thinking=np.inf, state_age=np.inf, behind=np.inf, overrun=np.inf
+)
+"""Rules where nothing moves: what is late is shown, and looked at on."""
 
 
 class LivePage:
@@ -120,7 +127,7 @@ class LivePage:
         """Pictures are shown as the cloud that they make."""
 
     def sent(self, time: float, sent: Sent, gripper: float) -> None:
-        """Where the arm stands is shown, not where it is sent."""
+        """Nothing: the page shows where the arm stands."""
 
     def question(self, time: float, question: Question) -> None:
         """An answer follows."""

@@ -38,6 +38,8 @@ from gensim2.rollout.controller import is_privileged, spec_of
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.rollout.inputs import TaskInput
 
+REMOTE = "gensim2.deploy.remote.client:RemoteController"
+
 
 class DryArm:
     """An arm that is told nothing: all is computed and judged, and nothing is sent."""
@@ -123,6 +125,8 @@ def prepare(given: TaskInput, config: LineConfig, faults: Sequence[Fault] = ()) 
     elif seen.modalities:
         cameras = tuple(each for each in cameras if each.name in seen.cameras)
     for fault in faults:
+        if fault.name == "policy-token" and controller.target != REMOTE:
+            raise InputError("there is no server to refuse a token", field="--fault", remedy="--policy ws://HOST:PORT")
         if fault.kind in ("arm", "camera") and not config.is_simulated:
             raise InputError(f"{fault.name} is a fault of simulated devices", field="--fault")
         if fault.name in ("camera-swapped", "camera-mislabelled") and len(cameras) < 2:
@@ -261,7 +265,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
         return policy
     if is_url(str(policy)):
         arguments = {"url": str(policy), "robot": given.scene.robot, "deadline": config.deadline}
-        return ControllerSpec("gensim2.deploy.remote.client:RemoteController", arguments)
+        return ControllerSpec(REMOTE, arguments)
     from gensim2.policy.evaluating import policy_controller
 
     return policy_controller(Path(policy))

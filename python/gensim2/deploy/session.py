@@ -27,6 +27,8 @@ from gensim2.rollout.settling import SETTLE_SECONDS
 
 PATIENCE = 120.0
 """Seconds within which devices and controller must be ready."""
+MEETING = 2.0
+"""Seconds within which questions come to meet pictures; after that an episode begins all the same."""
 COMING_TO_REST = 3.0
 """Seconds within which a held or stopped arm stands."""
 RESUME = "r"
@@ -217,7 +219,8 @@ class Session:
             state = line.arm.state()
             if ready is not None and there and state is not None and state.time > ready:
                 fresh = min(line.frames[name].captured for name in names)
-                if devices.clock.now() - fresh < PERIOD:
+                settled = line.in_phase or devices.clock.now() - ready > MEETING
+                if settled and devices.clock.now() - fresh < PERIOD:
                     return True
             if time.monotonic() - begun > PATIENCE:
                 line.watch.stop(devices.clock.now(), f"devices were not ready within {PATIENCE:g} s")
