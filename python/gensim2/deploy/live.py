@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,6 @@ NEXT = (255, 120, 0)
 """Colour of the tool at the next actions."""
 NEXT_POINT = 0.012
 """Metres across of each of them."""
-NOWHERE = np.zeros((0, 3), np.float32)
 
 
 PATIENT = WatchRules(
@@ -69,8 +68,12 @@ class LivePage:
             for number, name in enumerate(self._tree.names)
             if (surface := surfaces[name]) is not None
         ]
-        self._cloud = server.scene.add_point_cloud("/cloud", NOWHERE, NOWHERE.astype(np.uint8), point_size=CLOUD_POINT)
-        self._next = server.scene.add_point_cloud("/next", NOWHERE, NOWHERE.astype(np.uint8), point_size=NEXT_POINT)
+        nowhere, black = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8)  # three.js takes no empty cloud
+        self._cloud, self._next = (
+            server.scene.add_point_cloud(name, nowhere, black, point_size=size, visible=False)
+            for name, size in (("/cloud", CLOUD_POINT), ("/next", NEXT_POINT))
+        )
+        self._stand(np.array(profile.reset_qpos))
         self._said = server.gui.add_markdown("nothing yet")
         self._state: ArmState | None = None
         self._answer: Answer | None = None
@@ -144,25 +147,24 @@ class LivePage:
         state, answer = self._state, self._answer
         with self.server.atomic():
             if state is not None and state is not self._drawn[0]:
-                for (_, handle), pose in zip(self._links, self._poses(state.q), strict=True):
-                    handle.position, handle.wxyz = pose[:3, 3], quaternion(pose)
+                self._stand(state.q)
             if answer is not None and answer is not self._drawn[1]:
                 self._draw_answer(answer, state)
             self._said.content = self._words(state, answer)
         self._drawn = state, answer
 
-    def _poses(self, q: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _stand(self, q: npt.NDArray[np.float64]) -> None:
         poses = self._tree.poses(np.eye(4)[None], q[None])[0]
-        return np.asarray(poses[[number for number, _ in self._links]])
+        for number, handle in self._links:
+            handle.position, handle.wxyz = poses[number][:3, 3], quaternion(poses[number])
 
     def _draw_answer(self, answer: Answer, state: ArmState | None) -> None:
         cloud = answer.seen.get(CLOUD)
         if cloud is not None:
-            self._cloud.points = cloud[:, :3].astype(np.float32)
-            self._cloud.colors = (255 * cloud[:, 3:6]).astype(np.uint8)
+            _show_points(self._cloud, cloud[:, :3].astype(np.float32), (255 * cloud[:, 3:6]).astype(np.uint8))
         if state is not None:
             tools = self.tools(answer.actions, state.q)
-            self._next.points, self._next.colors = tools, np.full((len(tools), 3), NEXT, np.uint8)
+            _show_points(self._next, tools, np.full((len(tools), 3), NEXT, np.uint8))
 
     def tools(self, actions: npt.NDArray[np.float32], q: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """(k, 3) m of the tool at (k, m + 1) actions, the other joints as in (n,) ``q``."""
@@ -182,6 +184,12 @@ class LivePage:
             cloud = "no cloud" if answer.cloud_ms is None else f"cloud {answer.cloud_ms:.0f} ms after its pictures"
             lines.append(f"{cloud}, controller {answer.acting_ms:.0f} ms, {len(answer.actions)} actions")
         return "\n\n".join([*lines, self._clocks])
+
+
+def _show_points(handle: Any, points: npt.NDArray[np.float32], colors: npt.NDArray[np.uint8]) -> None:
+    handle.visible = len(points) > 0
+    if len(points):
+        handle.points, handle.colors = points, colors
 
 
 class Looking:
