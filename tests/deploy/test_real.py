@@ -160,3 +160,37 @@ def test_the_page_shows_robot_cloud_next_actions_and_clocks() -> None:
         names = {name: handle for (_, handle), name in zip(page._links, page.shown, strict=True)}
         hand = PROFILE.model.forward_kinematics(q, "panda_hand")[:3, 3]
         np.testing.assert_allclose(names["panda_hand"].position, hand, atol=1e-6)
+
+
+def watched(puppet: Any, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        puppet.state()
+
+
+def test_a_loop_elsewhere_moves_the_arm_behind_limits_and_watch(body: FakeBody, tmp_path: Path) -> None:
+    from gensim2.deploy.puppet import HaltedError, Puppet
+
+    arguments: dict[str, Any] = {**REAL, "assets": "builtin", "speed": 0.5}
+    puppet = Puppet(move=False, **arguments)
+    with pytest.raises(HaltedError, match="not connected"):
+        puppet.state()
+    puppet.connect()
+    try:
+        assert puppet.cameras == {"left": (6, 8)}
+        np.testing.assert_allclose(puppet.state().q[:7], HOME)
+        assert puppet.frames()["left"].depth.shape == (6, 8)
+        goal, sent = HOME + 0.05, HOME
+        for _ in range(40):
+            sent = puppet.send(goal, 1.0)
+            time.sleep(0.05)
+            if np.abs(sent - goal).max() < 1e-3:
+                break
+        np.testing.assert_allclose(sent, goal, atol=1e-3)
+        assert body.sent == [], "a dry one sends nothing"
+        puppet.send(np.full(7, np.nan), 1.0)
+        with pytest.raises(HaltedError, match="holding: refused"):
+            watched(puppet, 10.0)
+    finally:
+        puppet.close()
+    assert not puppet.is_connected

@@ -29,7 +29,7 @@ from gensim2.deploy.real import ByHand, PolledCameras, camera_serials, open_arm,
 from gensim2.deploy.remote.client import RemoteController
 from gensim2.deploy.remote.protocol import is_url
 from gensim2.deploy.replay import camera_to_dict
-from gensim2.deploy.session import Devices
+from gensim2.deploy.session import Devices, OpenMind
 from gensim2.deploy.watch import Watch, WatchRules
 from gensim2.errors import InputError
 from gensim2.observations import Camera, DepthNoise, ObservationSpec
@@ -163,7 +163,13 @@ class Opened:
 
 @contextlib.contextmanager
 def opened(
-    prepared: Prepared, *, log: Path | None = None, watching: Sequence[Journal] = (), seed: int | None = None
+    prepared: Prepared,
+    *,
+    log: Path | None = None,
+    watching: Sequence[Journal] = (),
+    seed: int | None = None,
+    mind: OpenMind | None = None,
+    pace: float | None = None,
 ) -> Iterator[Opened]:
     """Open devices and log, and give them up when the block ends.
 
@@ -172,6 +178,8 @@ def opened(
         log: folder of the log; None: nothing is written down.
         watching: whoever else is told of everything.
         seed: of all noise; None: that of the configuration.
+        mind: whose actions are taken; None: those of the controller, in a process of its own.
+        pace: control steps a second; None: the robot's, stretched by the speed.
 
     Raises:
         InputError: the log's folder is not empty.
@@ -204,12 +212,12 @@ def opened(
             journals.append(written)
         spec = MindSpec(prepared.controller, given.spec, given.scene.robot, believed)
         if real is not None:
-            devices = _real(prepared, spec, real)
+            devices = _real(prepared, spec, real, mind)
             giving_up.pop_all()
         elif config.simulated_clock:
-            devices = _local(prepared, spec, noise_seed)
+            devices = _local(prepared, spec, noise_seed, mind)
         else:
-            devices = _in_processes(prepared, spec, noise_seed)
+            devices = _in_processes(prepared, spec, noise_seed, mind)
         stack.callback(devices.close)
         rules = config.rules
         if rules is None:
@@ -221,7 +229,7 @@ def opened(
             Watch(rules, serials),
             devices.clock,
             _journal([*journals, *watching]),
-            pace=prepared.profile.control_hz * config.speed,
+            pace=pace or prepared.profile.control_hz * config.speed,
         )
         line.commands = []
         yield Opened(line, devices, about, disk)
@@ -271,7 +279,7 @@ def _controller(given: TaskInput, config: LineConfig) -> ControllerSpec:
     return policy_controller(Path(policy))
 
 
-def _local(prepared: Prepared, spec: MindSpec, seed: int) -> Devices:
+def _local(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
     from gensim2.deploy.local import LocalArm, LocalCameras, LocalMind
     from gensim2.deploy.simulated_cameras import SimulatedCameras
     from gensim2.deploy.simulated_world import SimulatedWorld
@@ -281,28 +289,28 @@ def _local(prepared: Prepared, spec: MindSpec, seed: int) -> Devices:
     arm = LocalArm(world, clock)
     simulated = SimulatedCameras(world.profile, prepared.cameras, seed, prepared.noise)
     seeing = LocalCameras(world, simulated, clock, config.rate, config.delays.camera, seed)
-    mind = LocalMind(spec, world, clock, config.delays.controller)
+    mind = mind or LocalMind(spec, world, clock, config.delays.controller)
     return Devices(arm, seeing, mind, clock, arm, {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail})
 
 
-def _in_processes(prepared: Prepared, spec: MindSpec, seed: int) -> Devices:
+def _in_processes(prepared: Prepared, spec: MindSpec, seed: int, mind: OpenMind | None) -> Devices:
     from gensim2.deploy.processes import ProcessArm, ProcessCameras, ProcessMind, preload
 
     preload()
     scene = prepared.given.scene
     arm = ProcessArm(scene)
     seeing = ProcessCameras(scene.robot, prepared.cameras, arm.eyes, seed, prepared.config.rate, prepared.noise)
-    mind = ProcessMind(spec, arm.truth)
+    mind = mind or ProcessMind(spec, arm.truth)
     failing = {"arm": arm.fail, "camera": seeing.fail, "policy": mind.fail}
     return Devices(arm, seeing, mind, MachineClock(), arm, failing)
 
 
-def _real(prepared: Prepared, spec: MindSpec, cameras: PolledCameras) -> Devices:
+def _real(prepared: Prepared, spec: MindSpec, cameras: PolledCameras, mind: OpenMind | None) -> Devices:
     from gensim2.deploy.processes import ProcessMind, preload
 
     preload()
     arm = open_arm(prepared.config.arm, prepared.profile)
-    mind = ProcessMind(spec, None)
+    mind = mind or ProcessMind(spec, None)
     return Devices(arm, cameras, mind, MachineClock(), ByHand(), {"policy": mind.fail})
 
 

@@ -184,7 +184,7 @@ class Session:
         watch = self._line.watch
         try:
             for each in layouts:
-                if not self._prepare(each):
+                if not self.prepare(each):
                     return
                 if self._begun is None:
                     self._begun = self._devices.clock.now()
@@ -201,7 +201,7 @@ class Session:
         except GenSim2Error as error:
             watch.stop(self._devices.clock.now(), str(error))
 
-    def _prepare(self, layout: Layout) -> bool:
+    def prepare(self, layout: Layout) -> bool:
         """A fresh scene, and pictures of it; whether the episode can begin."""
         line, devices = self._line, self._devices
         line.forget()
