@@ -71,7 +71,8 @@ NEEDS: dict[str, str] = {
     r"45001|mylibrary|arms\.yaml|robot-2027|--data more|tape|my_task": "files of the reader's",
     r"mine\.py|--problems|runs/demo": "files of the reader's",
     r"tasks remove": "a task of the reader's own",
-    r"^gensim2 view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
+    r"franka:|realsense:": "an arm and its cameras",
+    r"^gensim2 (robot )?view|--show": "a person before a browser; tests/pages/test_viewing.py opens one",
 }
 _PLACEHOLDER = re.compile(r"(?<![\w.\-/=])<?[A-Z]{3,}[A-Z_]*>?(?![\w=])")
 
