@@ -95,6 +95,19 @@ def test_a_dry_run_reaches_the_drivers_and_moves_nothing_and_a_run_does(body: Fa
     assert body.halts > 0, "it is left standing by its own means"
 
 
+def test_cameras_that_are_to_be_calibrated_are_logged_without_clouds(body: FakeBody, tmp_path: Path) -> None:
+    from gensim2.deploy.live import looking
+    from gensim2.deploy.replay import about_of
+
+    decides = looking("panda", ["left"], clouds=False)
+    given: dict[str, Any] = {**REAL, "policy": decides, "assets": "builtin", "dry": True}
+    assert not prepare(read_task_input("CloseBox", assets="builtin"), LineConfig.split(given)[0]).seen.modalities
+    found = run("CloseBox", minutes=0.01, log=tmp_path, **given)
+    assert found["state"] == "idle", found["reason"]
+    assert [camera["name"] for camera in about_of(tmp_path)["cameras"]] == ["left"]
+    assert about_of(tmp_path)["observation"]["cameras"] == ["left"]
+
+
 def test_words_that_cannot_be_used_are_told() -> None:
     assert camera_serials("realsense:left=1,right=2") == {"left": "1", "right": "2"}
     for word in ("realsense", "realsense:1", "kinect:left=1", "realsense:left=1,left=2"):

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import pty
+import select
+import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -184,3 +189,39 @@ def test_ctrl_c_keeps_what_is_finished_and_resuming_goes_on(tmp_path: Path) -> N
 def test_wrong_words_of_a_trial_are_told(capfd: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
     assert cli.run(["robot", "trial", *words]) == 2
     assert said in capfd.readouterr().err
+
+
+def test_a_person_at_a_terminal_types_and_ctrl_c_is_heard_at_once(tmp_path: Path) -> None:
+    """A real terminal (pty): answers are read as lines, and what is typed is not wiped away."""
+    script = tmp_path / "asks.py"
+    script.write_text(
+        "import sys\n"
+        "from gensim2.deploy.keys import Keys\n"
+        "from gensim2.deploy.trial.person import Terminal\n"
+        "from gensim2.progress import ConsoleProgress\n"
+        "with ConsoleProgress() as progress, Keys() as keys:\n"
+        "    person = Terminal(keys, progress)\n"
+        "    person.lay_out(['box: there'])\n"
+        "    print('said', person.judge('Is it closed?', True), person.cause(['a', 'b']), flush=True)\n"
+        "    try:\n"
+        "        person.judge('And now?', None)\n"
+        "    except BaseException as error:\n"
+        "        print('ended', type(error).__name__, flush=True)\n"
+    )
+    process, terminal = pty.fork()
+    if process == 0:
+        os.execv(sys.executable, [sys.executable, str(script)])
+    typed = [(b"Enter begins", b"\n"), (b"[Y/n]", b"n\n"), (b"own words", b"9\n"), (b"own words", b"2\n")]
+    typed.append((b"And now?", b"\x03"))
+    heard, end = b"", time.monotonic() + 120.0
+    for question, answer in [*typed, (b"ended", b"")]:
+        while question not in heard:
+            assert time.monotonic() < end, heard
+            if select.select([terminal], [], [], 1.0)[0]:
+                heard += os.read(terminal, 4096)
+        heard = heard[heard.index(question) + len(question) :] if answer else heard
+        if b"said" in heard:
+            assert b"said False b" in heard
+        os.write(terminal, answer)
+    assert b"ended Abort" in heard
+    os.waitpid(process, 0)

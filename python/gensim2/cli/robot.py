@@ -70,26 +70,26 @@ def dry_run(ctx: click.Context, /, json_file: str | None, **given: Any) -> None:
 
 @robot.command("view", cls=options.Command, short_help="See in the browser what the cameras and the arm say.")
 @click.argument("task")
-@all_of(LINE, PAGE[1:])
+@click.option(
+    "--no-clouds", is_flag=True, help="Pictures alone, into the log: of cameras that are to be calibrated by it."
+)
+@all_of(RUN[1:], LINE, PAGE[1:])
 @click.pass_context
-def view(ctx: click.Context, /, policy: str | None, plan: bool, **given: Any) -> None:
+def view(ctx: click.Context, /, policy: str | None, plan: bool, no_clouds: bool, **given: Any) -> None:
     """Show clouds, robot and clocks in the browser until Ctrl-C, and move nothing.
 
     With --policy or --plan the page shows the actions that it would take next, too.
     """
     from gensim2.deploy.live import PATIENT, looking
+    from gensim2.deploy.real import camera_serials
 
-    names = None
-    if given["cameras"] != "simulated":
-        from gensim2.deploy.real import camera_serials
-
-        names = tuple(camera_serials(given["cameras"]))
+    if no_clouds and (plan or policy is not None):
+        raise click.UsageError("--no-clouds is without --policy and --plan.")
     decides: Any = policy
     if policy is None and not plan:
-        decides = looking(given["robot"], names)
-    elif policy is not None and plan:
-        raise click.UsageError("Give either --plan or --policy DIR.")
-    given = {**given, "policy": decides, "plan": plan, "view": True, "logged": False, "out": None, "minutes": 1e4}
+        names = None if given["cameras"] == "simulated" else tuple(camera_serials(given["cameras"]))
+        decides = looking(given["robot"], names, not no_clouds)
+    given = {**given, "policy": decides, "plan": plan, "view": True, "minutes": 1e4}
     _run(ctx, None, given, dry=True, episodes=ENDLESS, rules=PATIENT)
 
 

@@ -58,7 +58,7 @@ def trial(protocol: str, json_file: str | None, move: bool, verdict: str, out: P
             progress.message(f"{page.url} shows the line")
             watching.append(page)
         keys = stack.enter_context(Keys())
-        person = None if verdict == "simulator" else Terminal(keys)
+        person = None if verdict == "simulator" else Terminal(keys, progress)
         found = function(
             asked,
             out=where,

@@ -19,6 +19,7 @@ from gensim2.observations.columns import CLOUD
 from gensim2.raycast.kinematics import Tree, read_urdf
 from gensim2.raycast.shapes import read_links
 from gensim2.robots import OPEN, robot
+from gensim2.rollout.controller import PROPRIOCEPTIVE
 from gensim2.rollout.controller_spec import ControllerSpec
 from gensim2.viewing import CLOUD_POINT, draw_solid, quaternion, viser_module
 
@@ -198,10 +199,12 @@ class Looking:
     Args:
         arm: number of the arm's joints.
         cameras: names of those that it looks through; None: the usual ones.
+        clouds: whether it wants clouds; of cameras that are not calibrated none can be made.
     """
 
-    def __init__(self, arm: int, cameras: Sequence[str] | None = None) -> None:
-        self.observation_spec = ObservationSpec.of(None if cameras is None else {"cameras": list(cameras)})
+    def __init__(self, arm: int, cameras: Sequence[str] | None = None, clouds: bool = True) -> None:
+        seen = ObservationSpec.of(None if cameras is None else {"cameras": list(cameras)})
+        self.observation_spec = seen if clouds else PROPRIOCEPTIVE
         self._arm = arm
 
     def reset(self, observation: Observation, seed: int) -> None:
@@ -213,7 +216,8 @@ class Looking:
         return self._action
 
 
-def looking(robot_name: str, cameras: Sequence[str] | None = None) -> ControllerSpec:
+def looking(robot_name: str, cameras: Sequence[str] | None = None, clouds: bool = True) -> ControllerSpec:
     """A controller that looks and moves nothing."""
-    arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": None if cameras is None else list(cameras)}
+    named = None if cameras is None else list(cameras)
+    arguments = {"arm": len(robot(robot_name).arm_joints), "cameras": named, "clouds": clouds}
     return ControllerSpec(f"{__name__}:Looking", arguments)

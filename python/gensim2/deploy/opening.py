@@ -258,7 +258,7 @@ def _about(prepared: Prepared, believed: tuple[Camera, ...]) -> dict[str, Any]:
         "speed": config.speed,
         "margin": config.margin,
         "seed": config.seed,
-        "observation": looked_at(prepared.seen, prepared.cameras).to_dict(),
+        "observation": looked_at(prepared.seen, believed).to_dict(),
         "cameras": [camera_to_dict(camera) for camera in believed],
     }
 

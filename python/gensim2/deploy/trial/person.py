@@ -11,6 +11,7 @@ from typing import Protocol
 import click
 
 from gensim2.deploy.keys import Keys
+from gensim2.progress import ConsoleProgress
 
 
 class Person(Protocol):
@@ -34,10 +35,11 @@ class Terminal:
 
     Args:
         keys: that are let go of while a question is open.
+        progress: that leaves the terminal alone meanwhile.
     """
 
-    def __init__(self, keys: Keys) -> None:
-        self._keys = keys
+    def __init__(self, keys: Keys, progress: ConsoleProgress) -> None:
+        self._keys, self._progress = keys, progress
 
     def lay_out(self, lines: Sequence[str]) -> None:
         """Say what is to be laid out, and wait for Enter."""
@@ -67,7 +69,7 @@ class Terminal:
     @contextlib.contextmanager
     def _asking(self) -> Iterator[None]:
         """The terminal as it was before, and Ctrl-C at once: the arm stands by its own means meanwhile."""
-        with self._keys.let_go(), _interruptible():
+        with self._progress.paused(), self._keys.let_go(), _interruptible():
             yield
 
 
