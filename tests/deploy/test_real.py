@@ -31,7 +31,14 @@ from gensim2.rollout.inputs import read_task_input
 PROFILE = robot("panda")
 HOME = np.array(PROFILE.reset_qpos[:7])
 PATIENT = WatchRules(
-    frame_age=60.0, apart=60.0, no_action=60.0, thinking=60.0, state_age=60.0, behind=10.0, overrun=60.0
+    frame_age=60.0,
+    apart=60.0,
+    no_action=60.0,
+    thinking=60.0,
+    late_answers=10**6,
+    state_age=60.0,
+    behind=10.0,
+    overrun=60.0,
 )
 STILL = ControllerSpec("gensim2.policy.standing:StandStill", {"arm": 7})
 REAL: dict[str, Any] = {"arm": "franka:here", "cameras": "realsense:left=827112070000", "rules": PATIENT}

@@ -315,7 +315,9 @@ class Line:
         if self.watch.state is State.RUNNING and self.arm.sent is not None and targets:
             before = self._streamer.late
             self._streamer.add(targets, self.arm.sent, self._sent_at)
-            self.figures.late_actions += self._streamer.late - before
+            late = self._streamer.late - before
+            self.figures.late_actions += late
+            self.watch.came(late == len(targets), now)
 
     def _note(self, answer: Answer) -> None:
         if answer.cloud_ms is not None:

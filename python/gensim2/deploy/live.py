@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Sequence
 from types import TracebackType
@@ -32,7 +33,14 @@ NEXT_POINT = 0.012
 
 
 PATIENT = WatchRules(
-    frame_age=np.inf, apart=np.inf, no_action=np.inf, thinking=np.inf, state_age=np.inf, behind=np.inf, overrun=np.inf
+    frame_age=np.inf,
+    apart=np.inf,
+    no_action=np.inf,
+    thinking=np.inf,
+    late_answers=sys.maxsize,
+    state_age=np.inf,
+    behind=np.inf,
+    overrun=np.inf,
 )
 """Rules where nothing moves: what is late is shown, and looked at on."""
 
