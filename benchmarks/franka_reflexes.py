@@ -1,6 +1,6 @@
 """Does the stream raise an arm's reflexes? The Franka driver over SAPIEN at 1 kHz, judged by a checker of its own.
 
-    python benchmarks/franka_reflexes.py [--runs 100] [--speed 0.1] [--seed 0] [--json OUT]
+    python benchmarks/franka_reflexes.py [--runs 100] [--speed 0.1 0.5] [--seed 0] [--json OUT]
 
 In simulated time, in one process: commands 100 a second through the limits, the driver's own interpolation 200 times a
 second, and, 1000 times a second, joint impedance about its references on an arm in SAPIEN whose drives are off. What
@@ -221,7 +221,7 @@ def around_the_limits() -> str | None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100)
-    parser.add_argument("--speed", type=float, nargs="*", default=[0.1, 1.0])
+    parser.add_argument("--speed", type=float, nargs="*", default=[0.1, 0.5])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
