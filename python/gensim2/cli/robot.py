@@ -80,7 +80,7 @@ def _devices(command: Any) -> Any:
                 help="Episodes are repeated until this time is over.",
             ),
             click.option(
-                "--pixels", default="320x240", show_default=True, metavar="WIDTHxHEIGHT", help="Size of a picture."
+                "--pixels", default="320x240", show_default=True, metavar="WIDTHxHEIGHT", help="Of a picture."
             ),
             click.option(
                 "--rate",
@@ -94,14 +94,14 @@ def _devices(command: Any) -> Any:
                 default="d435",
                 show_default=True,
                 metavar="d435|white|FILE",
-                help="Depth noise of the simulated cameras; FILE as gensim2 robot fit-noise wrote it.",
+                help="Of the simulated cameras; FILE as gensim2 robot fit-noise wrote it.",
             ),
             click.option(
                 "--calibration",
                 type=click.Path(path_type=Path),
                 default=None,
                 metavar="FILE",
-                help="Poses of the cameras, as gensim2 robot calibrate wrote it.",
+                help="Where the cameras are, as gensim2 robot calibrate wrote it.",
             ),
             click.option(
                 "--calibration-days",
@@ -230,12 +230,12 @@ def _number(value: float | None) -> str:
     "--board", default=None, metavar="COLUMNSxROWS:SQUARE:MARKER", help="ChArUco board in the log's pictures."
 )
 @click.option("--carried", is_flag=True, help="With a board: it stands still, and the cameras hang on the arm.")
-@click.option("--poses", type=click.IntRange(4, 12), default=8, show_default=True, help="Number of arm poses.")
+@click.option("--poses", type=click.IntRange(4, 12), default=8, show_default=True, help="That the arm is moved to.")
 @click.option(
     "--degrees", type=click.FloatRange(0, 60), default=15.0, show_default=True, help="Off, of the first guess."
 )
 @click.option("--metres", type=click.FloatRange(0, 1), default=0.1, show_default=True, help="Off, of the first guess.")
-@click.option("--pixels", default="320x240", show_default=True, metavar="WIDTHxHEIGHT", help="Size of a picture.")
+@click.option("--pixels", default="320x240", show_default=True, metavar="WIDTHxHEIGHT", help="Of a picture.")
 @click.option("--speed", type=click.FloatRange(0.01, 1.0), default=0.1, show_default=True, help="Share of the arm's.")
 @options.out("File to write.  [default: calibration.json]")
 @options.seed
