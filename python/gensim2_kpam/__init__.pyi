@@ -55,10 +55,11 @@ class ProblemError(KpamError):
 class Robot:
     """Kinematics, dynamics and collision shapes of a URDF arm. Pickles.
 
-    Example::
-
+    Example:
+        ```python
         robot = Robot.from_urdf("ur5.urdf", hand_link="flange")
         T = robot.forward_kinematics([0.8, -1.2, 1.5, -1.9, -1.6, 0.0])  # (4, 4) flange in the base frame
+        ```
     """
 
     @staticmethod
@@ -132,8 +133,8 @@ class Robot:
 class SolverConfig:
     """A validated solver config: constraints at the actuation pose, and motions before and after it.
 
-    Example::
-
+    Example:
+        ```python
         config = SolverConfig({
             "constraint_list": [
                 {"type": "point2point_constraint", "keypoint_name": "tip", "target_keypoint_name": "handle",
@@ -141,6 +142,7 @@ class SolverConfig:
             ],
             "pre_actuation_motions": [["translate_z", -0.1]],
         })
+        ```
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
@@ -266,13 +268,14 @@ class Scene:
     """A robot and its surroundings, built once; every problem on it shares its shapes and its tree. Methods that change
     a scene return another one. Pickles.
 
-    Example::
-
+    Example:
+        ```python
         post = Body("post", "rigid", [Shape.capsule(0.05, 1.0)], T_base_post)
         scene = Scene(robot, [post])
         motion = scene.plan_to(q_start, q_goal)
         if motion.trajectory is not None:
             position, velocity, acceleration = motion.trajectory.sample(0.5)
+        ```
     """
 
     def __init__(self, robot: Robot, bodies: Sequence[Body] = ..., joints: Sequence[SceneJoint] = ...) -> None:
@@ -519,8 +522,8 @@ class Cancel:
 class KeypointProblem:
     """Robot, config, keypoints and obstacles of one plan; checked on construction. Pickles.
 
-    Example::
-
+    Example:
+        ```python
         problem = KeypointProblem(
             robot,
             config,
@@ -530,6 +533,7 @@ class KeypointProblem:
             T_base_object=np.eye(4),
         )
         result = plan(problem)
+        ```
     """
 
     def __init__(
@@ -714,11 +718,12 @@ def plan(
 ) -> Plan:
     """Plan a timed motion that meets a problem's constraints. The GIL is released; Ctrl-C ends it.
 
-    Example::
-
+    Example:
+        ```python
         result = plan(problem)
         if result.trajectory is None:
             print(result.status, result.reason)
+        ```
 
     Args:
         problem: robot, config, keypoints and obstacles.

@@ -71,10 +71,11 @@ def collect(
 ) -> CollectionResult:
     """Collect a data set of demonstrations; each episode is kept as soon as it is finished.
 
-    Example::
-
+    Example:
+        ```python
         gensim2.collect(["OpenDrawer"], episodes=100, out="night", assets="builtin")
         frames = gensim2.DataSet.open("night").frames()
+        ```
 
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: the whole suite.

@@ -27,10 +27,11 @@ DATASET_JSON = "dataset.json"
 class DataSet:
     """A data set on disk, opened by :meth:`open`.
 
-    Example::
-
+    Example:
+        ```python
         data = gensim2.DataSet.open("night")
         frames = data.frames()  # by number; frames.torch() is a torch.utils.data.Dataset
+        ```
 
     Args:
         path: folder of the data set.

@@ -87,9 +87,10 @@ def render(
 
     A file follows from the episode and the spec alone.
 
-    Example::
-
+    Example:
+        ```python
         gensim2.render("night", spec=gensim2.ObservationSpec.of({"points": 512}))
+        ```
 
     Args:
         folder: data set of a finished collection.

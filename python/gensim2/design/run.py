@@ -63,10 +63,11 @@ def run_pipeline(
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
-    Example::
-
+    Example:
+        ```python
         result = gensim2.run_pipeline(num_tasks=1, episodes=2, assets="builtin")
         [task.name for task in result.tasks if task.kept]
+        ```
 
     Args:
         num_tasks: number of tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and

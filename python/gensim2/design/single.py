@@ -66,10 +66,11 @@ def demo(
 ) -> DemoResult:
     """Record demonstrations of a task with its stored strategies.
 
-    Example::
-
+    Example:
+        ```python
         result = gensim2.demo("OpenDrawer", episodes=2, assets="builtin")
         result.run_dir, result.demos
+        ```
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.

@@ -79,10 +79,11 @@ def benchmark(
 ) -> BenchmarkResult:
     """Run the planner on random scenes of every task; each episode is kept as soon as it is finished.
 
-    Example::
-
+    Example:
+        ```python
         result = gensim2.benchmark(["OpenDrawer"], runs=1, episodes=10, assets="builtin", out=Path("runs/drawer"))
         result.rows[0].rates("held")  # share of the episodes, by run
+        ```
 
     Args:
         tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: all tasks of

@@ -101,10 +101,11 @@ def evaluate(
 ) -> EvaluationResult:
     """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
 
-    Example::
-
+    Example:
+        ```python
         result = gensim2.evaluate("mine.py:Policy", ["CloseBox"], arguments={"weights": "policy.pt"}, episodes=50)
         result.held_mean
+        ```
 
     Args:
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import

@@ -40,11 +40,12 @@ _loading: list[list[str]] = []
 def register_robot(make: _Made) -> _Made:
     """Register a robot under the name of the function that makes its profile; usable as a decorator.
 
-    Example::
-
+    Example:
+        ```python
         @gensim2.register_robot
         def my_arm() -> RobotProfile:
             return RobotProfile(...)
+        ```
 
     Worker processes are told where the function stands, and load that file or module: it must be a function of a
     module's own level, and the module must do nothing else when it is loaded (``if __name__ == "__main__"``).
@@ -102,10 +103,11 @@ def robot_key(name: str) -> str:
 def robot(name: str = DEFAULT_ROBOT) -> RobotProfile:
     """Return the profile of a robot, the same one at every call.
 
-    Example::
-
+    Example:
+        ```python
         panda = gensim2.robot("panda")
         panda.arm_joints, panda.control_hz, panda.reset_qpos
+        ```
 
     Args:
         name: of a robot of the package, or of a registered one; or the path of a Python file that registers one robot

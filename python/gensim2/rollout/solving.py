@@ -99,10 +99,11 @@ def solve(
     order until one is planned whole without touching anything early, and the best is taken; without a motion the result
     ends with that step.
 
-    Example::
-
+    Example:
+        ```python
         result = gensim2.solve("OpenDrawer", seed=3, assets="builtin")
         result.is_whole, [step.strategy for step in result.steps]
+        ```
 
     Args:
         task: name of a library task, or a folder that holds task.yaml and strategies/.

@@ -51,12 +51,13 @@ class HeadlessEnv(SceneAccessMixin):
 
     Its states are those of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit, without ManiSkill around each step.
 
-    Example::
-
+    Example:
+        ```python
         env = gensim2.HeadlessEnv("OpenDrawer", assets="builtin")
         env.reset(seed=7)
         env.step(np.append(env.initial_state.start[:7], 1.0))  # targets of the arm's joints in rad; gripper -1..1
         env.measure().openness
+        ```
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.

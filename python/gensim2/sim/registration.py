@@ -36,11 +36,12 @@ def env_id(task: TaskSpec) -> str:
 def make_env(task: str | TaskSpec | Mapping[str, Any], **kwargs: Any) -> gym.Env[Any, Any]:
     """Make the gymnasium environment of a task.
 
-    Example::
-
+    Example:
+        ```python
         env = gensim2.make_env("OpenDrawer", assets="builtin", obs_mode="raycast")
         obs, info = env.reset(seed=7)
         obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        ```
 
     Args:
         task: name of a library task, a spec, or its fields.
@@ -71,10 +72,11 @@ def make_vec_env(
     ``gymnasium.make_vec`` with ManiSkill's ``CPUGymWrapper``, which takes off the batch of one that ManiSkill gives
     every value.
 
-    Example::
-
+    Example:
+        ```python
         envs = gensim2.make_vec_env("OpenDrawer", 4, assets="builtin")
         obs, info = envs.reset(seed=[0, 1, 2, 3])
+        ```
 
     Args:
         task: as for :func:`make_env`.

@@ -247,11 +247,12 @@ def listing(library: Library) -> tuple[ClassListing, ...]:
 def open_library(where: Path | str | None = None) -> Library:
     """Open a library of objects.
 
-    Example::
-
+    Example:
+        ```python
         library = gensim2.open_library("builtin")
         drawer = library.load_articulated("drawer", "3")
         drawer.urdf, drawer.joint.lower, drawer.joint.upper  # a path; rad or m
+        ```
 
     Args:
         where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
