@@ -75,6 +75,7 @@ _RUST_NAME = re.compile(
 _RUST_SIGNATURE = re.compile(
     r"^\s*pub(?:\([\w ]+\))? (?:const )?fn \w+[^(]*\(([^{;]*?)\) *(?:->|\{|where)", re.MULTILINE
 )
+_IN_CODE = re.compile(r"`(?:--)?(\w+)`")
 _RUST_PARAMETER = re.compile(r"\b(\w+): ")
 
 
@@ -110,6 +111,8 @@ def offences(root: Path) -> tuple[list[Offence], Counter[str]]:
     for path in (root / "README.md", *pages):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             found += _speakers(line, path.relative_to(root), number)
+            for name in _IN_CODE.findall(line):
+                found += _named(name, path.relative_to(root), number)
     return [*found, *twice(root)], count
 
 
