@@ -8,7 +8,7 @@
 Commands are taken from the blocks of the pages themselves. Those of a page run in one folder, so that one may use what
 another left. A command fails where it ends with a code other than 0 and 1, prints a traceback, or prints nothing at
 all. Without ``--full`` numbers of episodes, tasks, seconds and the like are made small, and what has not ended in a
-minute (ten for what later commands of the page read) is interrupted by Ctrl-C and must then end with 130 and a line.
+minute of CPU (ten for what later commands of the page read) is interrupted by Ctrl-C and must then end in order.
 ``GENSIM2_ASSETS`` names the folder of real objects that some need. ``first_hour_pages.py`` names with the reason which
 commands are not run, and which take over a minute however small and are begun and interrupted.
 """
@@ -16,6 +16,7 @@ commands are not run, and which take over a minute however small and are begun a
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import resource
@@ -32,8 +33,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from first_hour_pages import ROOT, Command, all_commands, left_by, pages
 
-#: Seconds after which a command is interrupted, the factor for one that others wait for, and seconds to end in.
-LIMIT, AWAITED, GRACE = 60.0, 10.0, 60.0
+#: Seconds of CPU after which a command is interrupted, the factor for one that others wait for, and those to end in.
+LIMIT, AWAITED, GRACE = 60.0, 10.0, 30.0
+#: Wall time for each second of CPU: machines are shared, and a robot's line waits for its clock.
+IDLE = 10.0
 #: Share of the time for a command that takes longer however small.
 BEGUN = 1 / 3
 
@@ -61,12 +64,12 @@ def run(command: Command, folder: Path, limit: float | None, grace: float = GRAC
     command.code = command.fault = None
     interrupted = False
     try:
-        said, _ = process.communicate(timeout=limit)
+        said = _wait(process, limit)
     except subprocess.TimeoutExpired:
         interrupted = True
         os.killpg(process.pid, signal.SIGINT)
         try:
-            said, _ = process.communicate(timeout=grace)
+            said = _wait(process, grace)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             said, _ = process.communicate()
@@ -78,6 +81,33 @@ def run(command: Command, folder: Path, limit: float | None, grace: float = GRAC
     command.said = "\n".join(said.strip().splitlines()[-5:])
     if command.fault is None:
         command.fault = fault_of(said, process.returncode, interrupted)
+
+
+def _wait(process: subprocess.Popen[str], limit: float | None) -> str:
+    """Return what a command said once it has ended.
+
+    Raises:
+        TimeoutExpired: its session has used ``limit`` seconds of CPU, or ten times as many have passed.
+    """
+    begin, before = time.monotonic(), _cpu_of_session(process.pid)
+    while True:
+        try:
+            return process.communicate(timeout=None if limit is None else min(limit, 1.0))[0]
+        except subprocess.TimeoutExpired:
+            assert limit is not None
+            if _cpu_of_session(process.pid) - before > limit or time.monotonic() - begin > IDLE * limit:
+                raise
+
+
+def _cpu_of_session(session: int) -> float:
+    """Return the seconds of CPU of the processes of a session that are there."""
+    ticks = 0
+    for file in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            fields = file.read_text().rpartition(")")[2].split()
+            if int(fields[3]) == session:
+                ticks += sum(map(int, fields[11:15]))  # its own and those of children that have ended
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def fault_of(said: str, code: int, interrupted: bool = False) -> str | None:
@@ -186,7 +216,7 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="run nothing")
     parser.add_argument("--full", action="store_true", help="as written, without a limit")
     parser.add_argument("--page", action="append", type=Path, help="only this page; may be given again")
-    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds a command may take without --full")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="seconds of CPU a command may take without --full")
     parser.add_argument("--state", type=Path, help="folder that keeps what was run")
     parser.add_argument("--json", type=Path, help="write the figures, and how each fared")
     given = parser.parse_args()

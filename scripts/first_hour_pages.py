@@ -58,7 +58,6 @@ ADDED = {
     r"^gensim2 train ": " --steps 20 --warmup 5",
     r"^gensim2 learn ": " --minutes 0.1 --scenes 4 --objects 4 --episodes 2 --controls none --videos 1",
     r"^gensim2 evaluate .*--checkpoint(?!.*--episodes)": " --episodes 1",
-    r"^gensim2 render ": " --episodes 1",
     r"^gensim2 benchmark(?!.*--runs)": " --runs 1",
     r"^gensim2 benchmark(?!.*--episodes)": " --episodes 1",
     r"^gensim2 robot run (?!.*--minutes)": " --minutes 0.1",

@@ -131,6 +131,6 @@ def test_commands_in_sentences_exist() -> None:
 )
 def test_how_a_command_ends_is_judged(tmp_path: Path, text: str, fault: str | None) -> None:
     command = first_hour_pages.Command("page.md:1", text, text)
-    first_hour.run(command, tmp_path, 0.5)
+    first_hour.run(command, tmp_path, 0.1)
     assert command.fault == fault
     assert command.interrupted == ("sleep" in text)
