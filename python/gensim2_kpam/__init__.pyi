@@ -324,16 +324,18 @@ class Scene:
             deadline_ms: wall time after which the search ends; without one, the same question has the same answer.
             cancel: ends the search from another thread.
         """
-    def ik(self, pose: Numbers, q_start: Numbers, *, link: str | None = None, most: int = 16, seed: int = 0) -> Array:
+    def ik(
+        self, pose: Numbers, q_start: Numbers, *, link: str | None = None, max_solutions: int = 16, seed: int = 0
+    ) -> Array:
         """Distinct joint vectors (K, n) that bring ``link`` (default: the hand) to a pose (4, 4) in the base frame,
-        nearest to ``q_start`` first, at most ``most`` (1 to 256); samples where the arm is redundant. Obstacles are
-        left out."""
+        nearest to ``q_start`` first, at most ``max_solutions`` (1 to 256); samples where the arm is redundant.
+        Obstacles are left out."""
     def in_collision(self, q: Numbers) -> bool | npt.NDArray[np.bool_]:
         """Whether the robot overlaps a body or itself: (n,) -> bool, (N, n) -> (N,) bool. No contact rules; links that
         no joint moves, pairs that the SRDF disables and what the hand holds against it are left out."""
-    def distance(self, q: Numbers, most: float = 1.0) -> float | Array:
-        """Smallest signed distance (m) of the same pairs, ``most`` where none is nearer: (n,) -> float, (N, n) ->
-        (N,)."""
+    def distance(self, q: Numbers, max_distance: float = 1.0) -> float | Array:
+        """Smallest signed distance (m) of the same pairs, ``max_distance`` where none is nearer: (n,) -> float,
+        (N, n) -> (N,)."""
     def check(self, q: Numbers, reach: float = 0.0) -> list[Any]:
         """Pairs that come within ``reach`` (m), nearest first, each a :class:`CheckedPair`: for
         (n,) a list of them, for (N, n) a list of such lists."""
@@ -520,7 +522,7 @@ class Plan:
 def plan(
     problem: KeypointProblem,
     *,
-    former: Plan | None = None,
+    warm_start: Plan | None = None,
     resume: str | None = None,
     max_checks: int | None = None,
     deadline_ms: float | None = None,
@@ -531,10 +533,10 @@ def plan(
 
     Args:
         problem: the problem.
-        former: an earlier plan of this or a similar problem; its pose and its way are tried first.
+        warm_start: an earlier plan of this or a similar problem; its pose and its way are tried first.
         resume: label of the keyframe that the motion goes to first. What comes before it is done: ``q_start`` and
             ``start_velocity`` are the present state, everything else is as before the motion. Past the actuation pose
-            it needs ``former``.
+            it needs ``warm_start``.
         max_checks: most states that are checked for collisions; the same on every machine.
         deadline_ms: wall time after which planning ends with the best so far, or why there is none; without one, the
             same question has the same answer.
@@ -542,7 +544,7 @@ def plan(
         explain: whether ``Plan.tried_poses`` says what became of each pose that was tried.
     """
 
-def ik(problem: KeypointProblem, most: int = 10) -> list[ActuationPose]:
+def ik(problem: KeypointProblem, max_solutions: int = 10) -> list[ActuationPose]:
     """The cheapest distinct poses that meet the constraints, cheapest first: ``q`` (n,), ``cost``. Obstacles are left
     out; ``Scene.check`` says what a pose touches."""
 

@@ -117,9 +117,9 @@ class RandomProblem:
                 "acceleration_limits": np.full(count, self.acceleration),
                 "jerk_limits": np.full(count, self.jerk),
                 "workspace": None,
-                "starts": 12,
+                "num_seeds": 12,
                 "candidates": 6,
-                "harvest": 12,
+                "extra_seeds": 12,
                 "samples": 200,
                 **({"start_velocity": self.start_velocity} if self.start_velocity.any() else {}),
                 **self.options,
@@ -296,7 +296,7 @@ def configuration(draw: np.random.Generator, mechanism: Mechanism) -> Array:
 
 
 def free(mechanism: Mechanism, q: Array, things: list[Thing], room: float) -> bool:
-    """Whether nothing that is judged is nearer than ``room``; attached things are left out."""
+    """Whether nothing that is checked is nearer than ``room``; attached things are left out."""
     placed = {name: poses[0] for name, poses in mechanism.place(q[None]).items()}
 
     def apart(ones: list[Part], at_one: Array, twos: list[Part], at_two: Array) -> bool:

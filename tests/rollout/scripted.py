@@ -173,7 +173,7 @@ class ScriptedWorld:
     """Name of the drawer's last keypoint."""
 
     @property
-    def setup(self) -> Any:
+    def initial_state(self) -> Any:
         point = SimpleNamespace(link="tray", position=np.array([0.0, 0.0, 0.1]))
         joint = SimpleNamespace(type="prismatic", lower=0.0, upper=0.2)
         common = {"id": "0", "source": "generated", "content_hash": "ab"}

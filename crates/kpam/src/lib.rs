@@ -81,11 +81,11 @@ pub use cancel::Cancel;
 pub use config::{Gripper, SolverConfig, SolverConfigBuilder};
 pub use error::{ConfigError, ProblemError};
 pub use grasp::{Grasp, GraspOptions, GraspPlan, GraspTask, ParallelGripper};
-pub use model::{MOST_JOINTS, Row};
+pub use model::{MAX_JOINTS, Row};
 pub use object_joint::{ObjectJoint, ObjectJointKind};
 pub use options::Options;
 pub use plan::{
-    Collision, Guess, IkSolution, KeyframeReport, Lack, MOST_CHECKS, MOST_THREADS, Outcome, Plan, Request, Residual,
+    Collision, Guess, IkSolution, KeyframeReport, Lack, MAX_CHECKS, MAX_THREADS, Outcome, Plan, Request, Residual,
     StageTimes, Status, Tight, Touch, TriedPose, ik, joint_travel, min_clearance, plan, plan_batch, plan_timed,
     plan_with,
 };

@@ -66,9 +66,9 @@ from gensim2.cli.output import line, report, table
 def benchmark(tasks: tuple[str, ...], json_file: str | None, **given: Any) -> None:
     """Run TASKS (the paper's suite, or all of --origin, where none is named) on random scenes, in the paper's protocol.
 
-    Three verdicts stand beside each other: paper (what the paper counts), held (true at the end, at rest, and not with
-    a still arm) and strict, each with its 95 % interval. The JSON holds every episode, from which the table follows.
-    Tasks for which these objects do not do are named and left out.
+    Three verdicts stand beside each other: paper (what the paper counts), held (true at the end, at rest, and not in
+    the no-op baseline) and strict, each with its 95 % interval. The JSON holds every episode, from which the table
+    follows. Tasks for which these objects do not do are named and left out.
     """
     method = given.pop("method")
     if method == "original-configs":

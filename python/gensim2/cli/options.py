@@ -81,9 +81,9 @@ def _set_redraw(ctx: click.Context, _: click.Parameter, redraw: str | None) -> N
         ctx.params["physics"] = physics_name(f"{ctx.params['physics']}+redraw={redraw}")
 
 
-def count(most: int = 1_000_000) -> click.IntRange:
-    """A whole number from 1 to ``most``: what could never end is refused, not begun."""
-    return click.IntRange(1, most)
+def count(max_count: int = 1_000_000) -> click.IntRange:
+    """A whole number from 1 to ``max_count``: what could never end is refused, not begun."""
+    return click.IntRange(1, max_count)
 
 
 seed = click.option(

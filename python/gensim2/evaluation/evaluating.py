@@ -243,7 +243,7 @@ def _film(
 ) -> list[str]:
     """Film the episodes of a task whose states were kept, with the cloud that the controller is given."""
     from gensim2.data.store import TaskStore
-    from gensim2.data.trajectory import Provenance, write_trajectory
+    from gensim2.data.trajectory import TrajectoryMetadata, write_trajectory
     from gensim2.evaluation.films import film_episode, film_path
     from gensim2.processes import Job
     from gensim2.rollout.identity import versions
@@ -253,7 +253,7 @@ def _film(
     episodes = [(each.path, each.row.digest) for _, each in sorted(kept.items()) if each.row is not None]
     if not episodes:
         return []
-    provenance = Provenance(
+    provenance = TrajectoryMetadata(
         task=task,
         strategies={},
         assets=evaluator.scene.assets,

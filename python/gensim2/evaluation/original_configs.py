@@ -15,7 +15,7 @@ from gensim2.errors import InputError
 from gensim2.evaluation.benchmark_table import by_instance
 from gensim2.evaluation.comparison import Rate, differ
 from gensim2.evaluation.running import finish_table, run_episodes
-from gensim2.objects import Instance, Library, open_library
+from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.processes import JOBS_PER_WORKER, TIME_LIMIT
 from gensim2.progress import NULL_PROGRESS, Progress
 from gensim2.record_files import SCHEMA_VERSION
@@ -333,11 +333,11 @@ def _check_tool(problem: PlanProblem, file: Path) -> None:
 
 def _with_time(spec: TaskSpec) -> TaskSpec:
     """The task with as many control steps as an episode of the original has."""
-    from gensim2.rollout.hand_steps import MOST_STEPS, control_steps
+    from gensim2.rollout.hand_steps import MAX_STEPS, control_steps
     from gensim2.rollout.settling import MAX_SETTLE_SECONDS
 
     profile = robot(ROBOT)
-    most = MOST_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
+    most = MAX_STEPS * control_steps(profile) + profile.steps(MAX_SETTLE_SECONDS)
     return spec.model_copy(update={"max_episode_steps": most})
 
 
@@ -345,7 +345,7 @@ def _recorded(spec: TaskSpec, problem: PlanProblem, library: Library) -> ConfigE
     """The record's scene: its object as it stood, raised until nothing that moves is in the table."""
     record = problem.objects.articulated
     model = library.load(record.cls, record.id)
-    assert isinstance(model, Instance)
+    assert isinstance(model, ArticulatedObject)
     position, quaternion = np.array(record.root_p), np.array(record.root_q)
     quaternion = quaternion / np.linalg.norm(quaternion)
     sunk = max(0.0, -lowest_of_moving_link(model, position, quaternion))

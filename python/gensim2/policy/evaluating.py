@@ -28,7 +28,7 @@ CONTROL_EPISODES = 30
 """Episodes of each task that a control is measured by, the first of the policy's own."""
 
 KEYPOSE, CHUNKS = "gensim2.policy.keypose.controller:KeyposeController", "gensim2.policy.controller:PolicyController"
-STANDS_STILL = "gensim2.policy.standing:StandStill"
+NO_OP = "gensim2.policy.no_op:NoOpPolicy"
 
 
 def read_controls(text: str) -> tuple[Control, ...]:
@@ -188,7 +188,7 @@ def evaluate_policy(
             )
         else:
             spec = (
-                ControllerSpec(STANDS_STILL, {"arm": policy.action.arm})
+                ControllerSpec(NO_OP, {"arm": policy.action.arm})
                 if control == "no-op"
                 else policy_controller(checkpoint, sees="nothing" if control == "blind" else "other")
             )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Unpack
 
 from gensim2.errors import InputError, brief, near
-from gensim2.objects import Instance, Library, open_library
+from gensim2.objects import ArticulatedObject, Library, open_library
 from gensim2.objects.library.selection import object_of_ids, taken_instances, words_of_objects
 from gensim2.planning.config import ObjectNames, check_strategies
 from gensim2.planning.strategies import parse_strategy
@@ -256,7 +256,7 @@ def _object_names(spec: TaskSpec, library: Library, word: str) -> dict[str, Obje
     found: dict[str, ObjectNames] = {}
     for name, ids in _taken(spec, library, word).items():
         model = library.load(spec.objects[name].asset_class, ids[0])
-        joint = model.joint.type if isinstance(model, Instance) else None
+        joint = model.joint.type if isinstance(model, ArticulatedObject) else None
         found[name] = ObjectNames(tuple(model.keypoints), joint)
     return found
 

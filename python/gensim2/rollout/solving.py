@@ -120,7 +120,7 @@ def solve(
     env.reset(seed)
     objects = {
         role: {"class": placed.model.asset_class, "instance": placed.model.id}
-        for role, placed in env.setup.objects.items()
+        for role, placed in env.initial_state.objects.items()
     }
     steps = _plan(given, env.scene_state())
     result = SolveResult(given.spec.name, objects, tuple(steps), len(given.spec.steps))

@@ -25,12 +25,12 @@ from gensim2.foreign.archive import open_archive, read_member
 from gensim2.tasks import version_1
 from gensim2.tasks.parse import parse_task
 from gensim2.tasks.spec import TaskSpec
-from gensim2.yaml_files import MOST_BYTES, parse_yaml, read_yaml
+from gensim2.yaml_files import MAX_BYTES, parse_yaml, read_yaml
 
 TASK_FILE = "task.yaml"
 STRATEGIES = "strategies"
 
-Strategy = dict[str, Any]
+StrategyData = dict[str, Any]
 """A way to do a step, as plain data: a solver config in the paper's language, or a rule for a grasp."""
 
 
@@ -151,7 +151,7 @@ def names_in(shelf: Traversable | None) -> tuple[str, ...]:
     return tuple(sorted(entry.name for entry in entries if entry.name[:1] != "." and (entry / TASK_FILE).is_file()))
 
 
-def load_strategies(name: str) -> dict[str, Strategy]:
+def load_strategies(name: str) -> dict[str, StrategyData]:
     """The strategies of a library task, by name: those that its steps name, in that order.
 
     Raises:
@@ -161,7 +161,7 @@ def load_strategies(name: str) -> dict[str, Strategy]:
 
 
 @cache
-def shared_strategy(name: str) -> Strategy:
+def shared_strategy(name: str) -> StrategyData:
     """One of the ways that tasks of the package share; not to be changed in place.
 
     Raises:
@@ -186,7 +186,7 @@ def load_task_file(path: Path) -> TaskSpec:
     return parse_task(read_yaml(source), str(source))
 
 
-def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
+def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, StrategyData]:
     """The strategies of a task that was read from a file or a folder, by name: those that its steps name.
 
     Raises:
@@ -196,7 +196,7 @@ def load_strategies_beside(path: Path, task: TaskSpec) -> dict[str, Strategy]:
     return {name: _read(file) for name, file in strategy_files(folder, task).items()}
 
 
-def load_strategy_file(path: Path) -> Strategy:
+def load_strategy_file(path: Path) -> StrategyData:
     """One strategy in a YAML (or JSON) file; numbers are finite.
 
     Raises:
@@ -246,7 +246,7 @@ def _read(file: Traversable) -> dict[str, Any]:
     """The fields of a file of the package, of a folder or of an archive."""
     if isinstance(file, Path):
         return read_yaml(file)
-    return parse_yaml(read_member(file, MOST_BYTES + 1), str(file))
+    return parse_yaml(read_member(file, MAX_BYTES + 1), str(file))
 
 
 def _files_in(folder: Traversable) -> list[str]:

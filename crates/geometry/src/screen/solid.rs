@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::Sphere;
 use crate::Convex;
 
-/// Most faces by which a hull is judged.
+/// Most faces by which a hull is checked.
 const MAX_FACES: usize = 28;
 /// Faces whose normals are nearer to each other than this (cosine) count as one.
 const SAME_FACE: f64 = 0.985;

@@ -1,11 +1,11 @@
 //! Retiming of given waypoints.
 
-use super::law::Method;
-use super::lead::{Lead, Start, append, leads, turn, unit};
 use super::limits::Limits;
 use super::spline::Spline;
+use super::start_transition::{Start, StartTransition, append, start_transitions, turn, unit};
+use super::time_scaling::Method;
 use super::trajectory::{Builder, Refusal, Trajectory};
-use crate::model::{JointMap, MOST_JOINTS};
+use crate::model::{JointMap, MAX_JOINTS};
 use crate::{Cancel, ProblemError};
 
 /// Options of a retiming beside waypoints and limits.
@@ -55,7 +55,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         if list.len() != joints {
             return Err(ProblemError::new(field, format!("has {} entries, not {joints}", list.len())));
         }
-        let mut out = [0.0; MOST_JOINTS];
+        let mut out = [0.0; MAX_JOINTS];
         out[..joints].copy_from_slice(list);
         Ok(out)
     };
@@ -86,7 +86,7 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
         return Err(ProblemError::new("start_time", message));
     }
     let optional =
-        |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MOST_JOINTS]), |l| finite(field, l));
+        |field: &str, list: &Option<Vec<f64>>| list.as_ref().map_or(Ok([0.0; MAX_JOINTS]), |l| finite(field, l));
     let start = Start {
         position: first,
         velocity: optional("start_velocity", &options.start_velocity)?,
@@ -94,13 +94,13 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     let (lower, upper) = match &options.position_limits {
         Some((lower, upper)) => (row("position_limits[0]", lower)?, row("position_limits[1]", upper)?),
-        None => ([f64::NEG_INFINITY; MOST_JOINTS], [f64::INFINITY; MOST_JOINTS]),
+        None => ([f64::NEG_INFINITY; MAX_JOINTS], [f64::INFINITY; MAX_JOINTS]),
     };
     let mut builder = Builder::new(*limits, options.method, options.start_time).cancelled_by(options.cancel.clone());
-    let mut found = leads(&mut builder, &start, &lower, &upper)
+    let mut found = start_transitions(&mut builder, &start, &lower, &upper)
         .map_err(|e| ProblemError::new(format!("start_velocity[{}]", e.joint), e.reason))?;
-    let lead = found.swap_remove(0);
-    append(&mut builder, &lead, &start);
+    let transition = found.swap_remove(0);
+    append(&mut builder, &transition, &start);
     let mut stops = options.stops.clone();
     stops.push(last);
     stops.sort_unstable();
@@ -120,22 +120,22 @@ pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) 
     };
     for stop in stops {
         let tail = &points[from + 1..=stop];
-        let mut way = vec![if from == 0 { lead.rest() } else { points[from] }];
-        let mut velocity = [0.0; MOST_JOINTS];
+        let mut way = vec![if from == 0 { transition.rest() } else { points[from] }];
+        let mut velocity = [0.0; MAX_JOINTS];
         let mut least = vec![0.0; 0];
         if from == 0
-            && let Lead::Line { begin, brake, .. } = &lead
+            && let StartTransition::Line { begin, brake, .. } = &transition
         {
-            match turn(&builder, &lead, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
+            match turn(&builder, &transition, [&lower, &upper], &tail[0], |_| tail.to_vec(), |_| true) {
                 Some(turned) => {
-                    velocity = lead.velocity();
+                    velocity = transition.velocity();
                     way = turned.waypoints;
                     way.truncate(turned.turn);
                     least.resize(way.len() - 1, 0.0);
                 }
                 None => {
                     let line = Spline::through(joints, &[*begin, *brake], None);
-                    let _ = builder.push(&line, &[], &lead.velocity(), None, &[]).map_err(refused)?;
+                    let _ = builder.push(&line, &[], &transition.velocity(), None, &[]).map_err(refused)?;
                 }
             }
         }

@@ -14,7 +14,7 @@ use std::time::Instant;
 
 use gensim2_geometry::{Needs, Other};
 
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::timing::{Builder, Dynamics, Limits, Method, Spline};
 use crate::world::{Compiled, TOUCH};
 use crate::{ProblemError, Scene, Trajectory};
@@ -129,7 +129,7 @@ impl Transit<'_> {
             return Err(NoMotion::GoalsBlocked(hit));
         }
         let limits = &self.limits;
-        let mut pace = [0.0; MOST_JOINTS];
+        let mut pace = [0.0; MAX_JOINTS];
         for v in 0..self.model.n() {
             pace[v] = 1.0 / limits.velocity[v].min(1e3);
         }
@@ -257,7 +257,7 @@ impl Transit<'_> {
             acceleration[driven.joint] = driven.factor.abs() * limits.acceleration[driven.variable];
         }
         let mut sweep = Sweep::new(self.scene, self.model, needs, acceleration, field.weights);
-        let rest = [0.0; MOST_JOINTS];
+        let rest = [0.0; MAX_JOINTS];
         let mut breach = Stuck::Untimed;
         let mut rounding = Rounding::new(corners);
         while let Some(path) = rounding.next(field, n, self.model) {

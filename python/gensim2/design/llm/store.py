@@ -23,7 +23,7 @@ from gensim2.special_files import is_special
 MODEL_JSON = "model.json"
 
 #: Bytes of the longest file of an answer.
-MOST_BYTES = 30_000_000
+MAX_BYTES = 30_000_000
 
 
 class _Record(BaseModel):
@@ -179,8 +179,8 @@ def _read(path: Path, kind: type[_R]) -> _R:
         if is_special(path):
             raise InputError("is not a regular file", file=path)
         with path.open("rb") as stream:
-            data = stream.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
+            data = stream.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
             raise InputError("is too large to be what was recorded", file=path)
         return kind.model_validate_json(data)
     except OSError as error:

@@ -18,7 +18,7 @@ from gensim2.objects.library.release_splits import release_split
 from gensim2.objects.library.rigid import YCB_INFO, FolderRigidShelf, GeneratedRigidShelf, YcbShelf, maniskill_ycb
 from gensim2.objects.library.shelf import Shelf
 from gensim2.objects.rigid import ONLY_ID, RigidObject
-from gensim2.objects.types import Hulls, Instance, Kind, Source
+from gensim2.objects.types import ArticulatedObject, Hulls, Kind, Source
 from gensim2.seeding import rng
 
 Split = Literal["train", "test", "all"]
@@ -48,7 +48,7 @@ class Library:
         self._own = {asset_class: shelf for shelf in shelves for asset_class in shelf.classes()}
         lent = {} if stand_in is None else dict.fromkeys(stand_in.classes(), stand_in)
         self._shelves: dict[str, Shelf] = {**lent, **self._own}
-        self._loaded: dict[tuple[str, str, Hulls], Instance | RigidObject] = {}
+        self._loaded: dict[tuple[str, str, Hulls], ArticulatedObject | RigidObject] = {}
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_loaded": {}}
@@ -107,7 +107,7 @@ class Library:
         """
         return self._shelf(asset_class).instances(asset_class)
 
-    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> Instance | RigidObject:
+    def load(self, asset_class: str, instance_id: str, hulls: Hulls = "default") -> ArticulatedObject | RigidObject:
         """A prepared object; the first time it is made and kept in the cache, later it is read from there.
 
         Args:
@@ -123,10 +123,10 @@ class Library:
             self._loaded[key] = self._shelf(asset_class).load(*key)
         return self._loaded[key]
 
-    def load_articulated(self, asset_class: str, instance_id: str) -> Instance:
+    def load_articulated(self, asset_class: str, instance_id: str) -> ArticulatedObject:
         """As :meth:`load`; a rigid object is an InputError too."""
         self.check_kind(asset_class, "articulated")
-        return cast(Instance, self.load(asset_class, instance_id))
+        return cast(ArticulatedObject, self.load(asset_class, instance_id))
 
     def load_rigid(self, asset_class: str) -> RigidObject:
         """As :meth:`load`; an articulated object is an InputError too."""

@@ -24,9 +24,9 @@ from gensim2.rollout.controller import PROPRIOCEPTIVE
 
 Array = npt.NDArray[np.float64]
 
-MOST_LOOKS = 8
+MAX_LOOKS = 8
 """Times that the policy looks in one episode, for every step of its task that it was taught."""
-MOST_TRIES = 2
+MAX_TRIES = 2
 """Times that one way is taken in one episode before the next most probable one is."""
 SURE = 0.8
 """Probability from which on the policy believes that nothing is left to do: an effort too many does less harm than one
@@ -96,7 +96,7 @@ class KeyposeController:
 
     def act(self, observation: Observation) -> npt.NDArray[np.float32] | None:
         """The next action; None: done, or no way is left."""
-        if not self._rows and (self.told["looks"] >= MOST_LOOKS or not self._look(observation)):
+        if not self._rows and (self.told["looks"] >= MAX_LOOKS or not self._look(observation)):
             return None
         action = self._rows.popleft()
         if self._until_gripped is not None:
@@ -123,7 +123,7 @@ class KeyposeController:
                 if self.told["looks"] > 1 and answer.chance >= SURE:
                     return False
                 continue
-            if answer.way not in self._mine or self._tried[answer.way] >= MOST_TRIES:
+            if answer.way not in self._mine or self._tried[answer.way] >= MAX_TRIES:
                 continue
             if self._begin(answer, q, observation.gripper_command, points):
                 return True

@@ -28,7 +28,7 @@ RESOLUTION = 1e-4
 """Metres in a unit of the stored clouds."""
 OTHER_OPENNESS = 0.3
 """Share of scenes whose first joint stands anywhere: as a hand may leave it that has failed or is done."""
-MOST_TOUCHING = 1
+MAX_TOUCHING = 1
 """Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
 
 
@@ -66,7 +66,7 @@ def draw(
     """
     env, task, profile = simulator(scene), scene.task, robot(scene.robot)
     env.reset(seed, _other_openness(scene, seed))
-    observer = Observer(profile, {name: thing.model for name, thing in env.setup.objects.items()}, spec, seed)
+    observer = Observer(profile, {name: thing.model for name, thing in env.initial_state.objects.items()}, spec, seed)
     now = env.scene_state()
     begin = 0
     if all_hold(task.success, env.measure()):
@@ -101,8 +101,8 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
         taken: the strategy of each step.
     """
     from gensim2.rollout.chain import ChainController
+    from gensim2.rollout.no_op import NoOpResult
     from gensim2.rollout.run import run
-    from gensim2.rollout.still import StillResult
     from gensim2.tasks.strategies import with_strategies
 
     env = simulator(scene)
@@ -110,7 +110,7 @@ def refuted(scene: SceneConfig, strategies: Strategies, taken: Mapping[str, str]
     chosen = {name: data for own in ways.values() for name, data in own.items()}
     controller = ChainController(with_strategies(scene.task, ways), chosen, robot(scene.robot), one_plan=True)
     # Whether the goal comes by itself says nothing of a plan.
-    still = StillResult(success=False, stable=True, start=env.measure(), end=env.measure())
+    still = NoOpResult(success=False, stable=True, start=env.measure(), end=env.measure())
     options = _other_openness(scene, seed)
     episode = run(env, controller, seed=seed, options=options, still=lambda: still).episode
     return None if episode.held else "no cause found" if episode.cause is None else episode.cause.value
@@ -167,7 +167,7 @@ def planned_way(
         if found[name].rank == 0:
             break
     best = min(found, key=lambda name: found[name].rank, default=None)
-    return None if best is None or found[best].rank > MOST_TOUCHING else (best, found[best])
+    return None if best is None or found[best].rank > MAX_TOUCHING else (best, found[best])
 
 
 def _rested(scene: Scene, profile: RobotProfile) -> Scene:

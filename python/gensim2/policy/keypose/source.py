@@ -124,10 +124,10 @@ class PlannedSource:
             FORCE: torch.from_numpy(found["force"]),
         }
 
-    def some_clouds(self, most: int) -> Shuffled:
+    def some_clouds(self, max_clouds: int) -> Shuffled:
         """Clouds of scenes evenly through the data; they have no colours."""
         points = self._arrays["points"]
-        rows = np.unique(np.linspace(0, len(points) - 1, most).astype(np.int64))
+        rows = np.unique(np.linspace(0, len(points) - 1, max_clouds).astype(np.int64))
         found = points[rows].astype(np.float32) * np.float32(RESOLUTION)
         return Shuffled(found, np.zeros(found.shape, np.uint8))
 
