@@ -69,6 +69,7 @@ from gensim2.errors import InputError
 @options.robot
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.processes
+@options.ray
 @options.resume
 @options.json_file
 def evaluate(

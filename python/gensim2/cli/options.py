@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from gensim2.seeding import LARGEST_SEED
 
@@ -96,12 +97,28 @@ assets = click.option(
     help="Folder of objects, 'builtin' for the generated ones, or 'ycb' for ManiSkill's download; a rigid object that "
     "a folder lacks is the generated one.  [default: $GENSIM2_ASSETS, else builtin]",
 )
+
+
+def _workers(ctx: click.Context, _: click.Parameter, count: int) -> int | None:
+    """Return None, one for each CPU of the cluster, where ``--ray`` is given and ``--workers`` is not."""
+    default = ctx.get_parameter_source("workers") is ParameterSource.DEFAULT
+    return None if default and ctx.params.get("ray") is not None else count
+
+
 workers = click.option(
     "--workers",
     type=count(1024),
     default=_cores,
     show_default="number of cores",
+    callback=_workers,
     help="Simulator processes; the result does not depend on their number.",
+)
+ray = click.option(
+    "--ray",
+    metavar="local|ADDRESS",
+    default=None,
+    help="Run on Ray (extra gensim2[ray]): on this machine, or on a cluster whose nodes all have --out at the same "
+    "path. --workers is then the most environments at a time, one a CPU where it is not given.",
 )
 resume = click.option("--resume", is_flag=True, help="Go on with the run that --out holds.")
 time_limit = click.option(

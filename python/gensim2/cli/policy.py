@@ -106,11 +106,11 @@ def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **g
         from gensim2.policy.evaluating import policy_controller
 
         spec = policy_controller(Path(controller))
-    token = os.environ.get(TOKEN)
-    if not token:
-        token = secrets.token_urlsafe(24)
-        line(f"export {TOKEN}={token}")
+    given_token = os.environ.get(TOKEN)
+    token = given_token or secrets.token_urlsafe(24)
     server = PolicyServer(spec, given["robot"], token, host=host, port=port, said=line)
+    if not given_token:
+        line(f"export {TOKEN}={token}")
     line(f"{spec.target} at {server.url}")
     try:
         server.serve()

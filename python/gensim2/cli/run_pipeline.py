@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 @options.library
 @options.out("Run folder.  [default: runs/<date>-<time>]")
 @options.processes
+@options.ray
 @options.resume
 @options.video
 @options.json_file

@@ -39,7 +39,9 @@ def add(folder: Path, json_file: str | None, **given: Any) -> None:
             remembered = add_task(folder, progress=progress, **given)
         else:
             from gensim2.design.remembering import remember
+            from gensim2.tasks.memory import Memory
 
+            _ = Memory().folder  # there must be one, for this command has nothing else to do
             remembered = remember(folder)
         give({"schema_version": 1, **asdict(remembered)})
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -26,7 +25,7 @@ class CollectionResult:
         folder: of the data set.
         status: at the end.
         skipped: tasks that could not be run on these objects, with the reason.
-        cpu_s: CPU of all processes in this call, their start apart; of this one alone on Ray.
+        cpu_s: CPU of all processes in this call, their start apart.
     """
 
     folder: Path
@@ -106,13 +105,9 @@ def collect(
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` tries them again.
     """
     check_counts(episodes=episodes)
-    check_workers(time_limit, jobs_per_worker)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     given, skipped = read_task_inputs(tasks, seed=seed, **scene)
     given = [replace(one, rollout=replace(one.rollout, noise=noise)) for one in only_strategies(given, strategy)]
-    if ray is not None:
-        from gensim2.processes.ray import check_address
-
-        check_address(ray)
     # Only now what takes long to import.
     from gensim2.data.folder import ERRORS_LOG, CollectionFolder
     from gensim2.data.queue import Queue
@@ -131,20 +126,10 @@ def collect(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.path / ERRORS_LOG,
-            pool=_pool(ray),
+            ray=ray,
         ) as evaluator:
             status = queue.run(evaluator)
             return CollectionResult(folder.path, status, skipped, evaluator.cpu_s)
-
-
-def _pool(ray: str | None) -> Any:
-    from gensim2.processes import WorkerPool
-
-    if ray is None:
-        return WorkerPool
-    from gensim2.processes.ray import RayPool
-
-    return partial(RayPool, ray)
 
 
 def _description(given: Sequence[TaskInput], seed: int, episodes: int, keep_failures: bool) -> DatasetRecord:

@@ -49,7 +49,8 @@ def run_pipeline(
     episodes: int = 5,
     seed: int = 0,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     target_task: str | None = None,
     stored_tasks: Sequence[str] = (),
     resume: bool = False,
@@ -79,7 +80,10 @@ def run_pipeline(
         episodes: number of demonstrations to keep of each task; 0: none.
         seed: seed of every draw.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes; the result does not depend on their number.
+        workers: simulator processes, 0 for this one; the result does not depend on their number. On Ray the most at a
+            time; None: one a CPU of the cluster.
+        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
+            this machine.
         target_task: design this task of the task library anew, with that task hidden from the designer.
         stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
         resume: go on with the run that ``out`` holds.
@@ -102,10 +106,10 @@ def run_pipeline(
             ``resume`` goes on.
     """
     wanted = Wanted(num_tasks) if single is None and long is None else _by_kind(single or 0, long or 0)
-    check_counts(num_tasks=wanted.total, verify=verify, workers=workers)
+    check_counts(num_tasks=wanted.total, verify=verify)
     if episodes < 0:
         raise InputError(f"must be at least 0, not {episodes}", field="episodes")
-    check_workers(time_limit, jobs_per_worker)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     by = _designer(designer)
     target = redesigned(load_task(target_task)) if target_task is not None else None
     seeding.check_seed(seed)
@@ -137,6 +141,7 @@ def run_pipeline(
                 "target_task": target_task,
                 "stored_tasks": [given.spec.name for given in stored],
                 "workers": workers,
+                "ray": ray,
             },
             {
                 "budget": digest([asdict(each) for each in ((budget,) if budget else (Budget(), LONG_BUDGET))]),
@@ -155,6 +160,7 @@ def run_pipeline(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         extent = Extent(verify, episodes, instances, video)

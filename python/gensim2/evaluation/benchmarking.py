@@ -70,7 +70,8 @@ def benchmark(
     one_plan: bool = False,
     disturbance: Disturbance | None = None,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -96,7 +97,10 @@ def benchmark(
         one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
-        workers: simulator processes; the table does not depend on their number.
+        workers: simulator processes, 0 for this one; the table does not depend on their number. On Ray the most at a
+            time; None: one a CPU of the cluster.
+        ray: ``"local"``, or the address of a cluster whose nodes all have ``out`` at the same path; None: processes of
+            this machine.
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
         progress: listener for stages and steps.
@@ -110,8 +114,8 @@ def benchmark(
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(runs=runs, episodes=episodes, attempts=attempts, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(runs=runs, episodes=episodes, attempts=attempts)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if disturbance is not None and disturbance not in DISTURBANCES:
         raise InputError(
             f"no disturbance {disturbance!r}", field="disturbance", remedy=f"one of {', '.join(DISTURBANCES)}"
@@ -147,6 +151,7 @@ def benchmark(
                 "stored_tasks": names,
                 **arguments,
                 "workers": workers,
+                "ray": ray,
             },
             identity(given),
             resume,
@@ -159,6 +164,7 @@ def benchmark(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         rows, speeds = [], {}

@@ -92,7 +92,8 @@ def evaluate(
     seed: int = 0,
     videos: int = 0,
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -115,7 +116,7 @@ def evaluate(
         data: rendered data set that the controller was trained on: its observations must be of the same spec.
         stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second, or
             at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
-        runs, episodes, seed, out, workers, resume, time_limit, jobs_per_worker, progress, scene: as for
+        runs, episodes, seed, out, workers, ray, resume, time_limit, jobs_per_worker, progress, scene: as for
             :func:`~gensim2.evaluation.benchmark`.
         videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.
 
@@ -127,8 +128,8 @@ def evaluate(
         InputError: an argument cannot be used.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(runs=runs, episodes=episodes, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(runs=runs, episodes=episodes)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if stop not in STOPS:
         raise InputError(f"no way to stop {stop!r}", field="stop", remedy=f"one of {', '.join(STOPS)}")
     given, skipped = read_task_inputs((tasks,) if isinstance(tasks, str) else tasks, seed=seed, **scene)
@@ -151,7 +152,13 @@ def evaluate(
     with (
         RunFolder(
             Path(out) if out is not None else default_run_dir(),
-            {"command": "evaluate", "stored_tasks": [one.spec.name for one in given], **asked, "workers": workers},
+            {
+                "command": "evaluate",
+                "stored_tasks": [one.spec.name for one in given],
+                **asked,
+                "workers": workers,
+                "ray": ray,
+            },
             {**identity(given), "controller": spec.digest, "stop": stop},
             resume,
         ) as folder,
@@ -162,6 +169,7 @@ def evaluate(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         rows, speeds, films = [], {}, {}

@@ -192,6 +192,9 @@ def load_task_file(path: Path) -> TaskSpec:
         InputError: the file cannot be read, is not YAML, or a field is unknown, missing or out of range.
     """
     source = path / TASK_FILE if path.is_dir() else path
+    if path.is_dir() and not os.path.lexists(source):
+        remedy = f"give a folder with {TASK_FILE} and strategies/, or a task by its name"
+        raise InputError("is not there", file=source, remedy=remedy)
     return parse_task(read_yaml(source), str(source))
 
 
