@@ -83,7 +83,7 @@ class Figures:
     skipped: float = 0.0
 
 
-def phase_shift(waited: int, latency: float = 0.0, most: float = np.inf) -> int:
+def phase_shift(waited: int, latency: float = 0.0, max_age: float = np.inf) -> int:
     """Return the cycles to add to a period so that questions come to meet pictures; -1, 0 or 1.
 
     The nearer way is taken, but for the one on which pictures would grow too old before the next ones meet a question.
@@ -91,11 +91,11 @@ def phase_shift(waited: int, latency: float = 0.0, most: float = np.inf) -> int:
     Args:
         waited: cycles between the arrival of the newest complete set of pictures and a question.
         latency: s from a picture to its arrival.
-        most: s that a picture may be old at a question.
+        max_age: s that a picture may be old at a question.
     """
     if waited <= FRESH_CYCLES or waited > PERIOD_CYCLES:  # soon enough, or no set a period: nothing to follow
         return 0
-    too_old = latency + PERIOD + 2 * CYCLE > most
+    too_old = latency + PERIOD + 2 * CYCLE > max_age
     return -1 if too_old or waited <= PERIOD_CYCLES // 2 else 1
 
 
