@@ -55,3 +55,25 @@ def test_options_of_the_solver_load_by_their_former_names() -> None:
         problem(harvest=3, extra_seeds=3)
     with pytest.warns(FutureWarning), pytest.raises(kpam.ProblemError, match="extra_seeds"):
         problem(harvest=-1)
+
+
+def test_keywords_of_the_solver_work_by_their_former_names() -> None:
+    robot = kpam.Robot.from_urdf_string(
+        "<robot name='r'><link name='b'/><link name='h'/><joint name='j' type='prismatic'><parent link='b'/>"
+        "<child link='h'/><axis xyz='1 0 0'/><limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>",
+        hand_link="h",
+    )
+    problem = kpam.KeypointProblem(robot, kpam.SolverConfig({"constraint_list": []}), q_start=[0.0])
+    first = kpam.plan(problem)
+    ways = (
+        (lambda **given: kpam.plan(problem, **given).status, {"former": first}, {"warm_start": first}),
+        (lambda **given: len(kpam.ik(problem, **given)), {"most": 1}, {"max_solutions": 1}),
+        (lambda **given: kpam.Scene(robot).distance([0.0], **given), {"most": 0.5}, {"max_distance": 0.5}),
+    )
+    for call, before, today in ways:
+        with pytest.warns(FutureWarning, match=f"{next(iter(before))} is called {next(iter(today))}"):
+            assert call(**before) == call(**today)  # type: ignore[no-untyped-call]
+        with pytest.raises(TypeError, match="which is given too"):
+            call(**before, **today)  # type: ignore[no-untyped-call]
+        with pytest.raises(TypeError, match="unexpected keyword argument 'other'"):
+            call(other=1)  # type: ignore[no-untyped-call]
