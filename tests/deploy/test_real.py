@@ -40,7 +40,7 @@ PATIENT = WatchRules(
     behind=10.0,
     overrun=60.0,
 )
-STILL = ControllerSpec("gensim2.policy.standing:StandStill", {"arm": 7})
+STILL = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
 REAL: dict[str, Any] = {"arm": "franka:here", "cameras": "realsense:left=827112070000", "rules": PATIENT}
 
 

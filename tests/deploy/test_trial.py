@@ -155,7 +155,7 @@ class Scripted:
 
 def test_ctrl_c_keeps_what_is_finished_and_resuming_goes_on(tmp_path: Path) -> None:
     protocol, person = read_protocol("CloseBox"), Scripted()
-    still = ControllerSpec("gensim2.policy.standing:StandStill", {"arm": 7})
+    still = ControllerSpec("gensim2.policy.no_op:NoOpPolicy", {"arm": 7})
     line: dict[str, Any] = {"assets": "builtin", "simulated_clock": True, "pixels": (64, 48), "speed": 1.0}
     with pytest.raises(KeyboardInterrupt):
         trial(protocol, out=tmp_path, trials=3, person=person, policy=still, **line)
