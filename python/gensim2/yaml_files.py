@@ -45,7 +45,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}", file=path) from error
+        remedy = "name a file that is there" if isinstance(error, FileNotFoundError) else None
+        raise InputError(f"cannot read: {error.strerror}", file=path, remedy=remedy) from error
     return parse_yaml(data, str(path))
 
 

@@ -36,10 +36,20 @@ from gensim2.cli.output import line, report, table
     show_default=True,
     help="Most of each task to plan; of episodes at most 200.",
 )
-@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task to evaluate.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=50,
+    show_default=True,
+    help="Number of episodes of each task to evaluate.",
+)
 @options.controls("all")
 @click.option(
-    "--videos", type=click.IntRange(0, 1000), default=3, show_default=True, help="Of each task, for the page's films."
+    "--videos",
+    type=click.IntRange(0, 1000),
+    default=3,
+    show_default=True,
+    help="Number of episodes of each task to film for the page.",
 )
 @click.option(
     "--objects",
@@ -54,6 +64,7 @@ from gensim2.cli.output import line, report, table
     help="Execute the plans that a keypose policy is taught by in physics, and leave out those that it refutes; a "
     "scene then takes ten times as long.",
 )
+@options.noise(None, "Of the cameras, in training and in evaluation  [default: none]")
 @click.option(
     "--test-instances",
     default=None,
@@ -83,6 +94,7 @@ def learn(
     controls: str,
     instances: str | None,
     json_file: str | None,
+    noise: str | None,
     **given: Any,
 ) -> None:
     """Teach TASKS to a policy that sees point clouds, the robot and a sentence.
@@ -92,11 +104,14 @@ def learn(
     """
     with report(json_file, _show) as (progress, give):
         from gensim2.data.runfolder import default_run_dir
+        from gensim2.deploy.fit_noise import read_noise
         from gensim2.policy.evaluating import read_controls
         from gensim2.policy.learning import learn as function
 
         if instances is not None:
             given["instances"] = instances
+        if noise is not None:
+            given["noise"] = read_noise(noise)
         where = out or default_run_dir()
         result = function(tasks, out=where, controls=read_controls(controls), progress=progress, **given)
         give(result.to_dict())

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, cast, get_args
 
-from gensim2.errors import InputError
+from gensim2.errors import InputError, near
 
 FaultName = Literal[
     "camera-frozen",
@@ -24,6 +24,7 @@ FaultName = Literal[
     "policy-nan",
     "policy-slow",
     "policy-garbage",
+    "policy-token",
     "arm-reflex",
     "arm-lagging",
     "arm-silent",
@@ -46,6 +47,11 @@ class Fault:
     name: FaultName
     at: float
 
+    @property
+    def kind(self) -> str:
+        """Kind of the device that fails: ``camera``, ``policy``, ``arm`` or ``disk``."""
+        return self.name.partition("-")[0]
+
     @staticmethod
     def parse(text: str) -> Fault:
         """A fault from ``NAME@SECONDS``.
@@ -55,7 +61,7 @@ class Fault:
         """
         name, _, at = text.partition("@")
         if name not in FAULTS:
-            raise InputError(f"no fault {name!r}", field="--fault", remedy=f"one of {', '.join(FAULTS)}")
+            raise InputError(f"no fault {name!r}", field="--fault", remedy=near(name, FAULTS))
         try:
             seconds = float(at)
         except ValueError:

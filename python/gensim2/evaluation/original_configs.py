@@ -152,7 +152,8 @@ def benchmark_configs(
     assets: str | Path | None = None,
     physics: str = "original",
     out: Path | None = None,
-    workers: int = 2,
+    workers: int | None = 2,
+    ray: str | None = None,
     resume: bool = False,
     time_limit: float = TIME_LIMIT,
     jobs_per_worker: int = JOBS_PER_WORKER,
@@ -169,14 +170,14 @@ def benchmark_configs(
         assets: folder of the original's objects.
         physics: of the scenes.
         out: run folder; default ``runs/<date>-<time>``.
-        workers, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
+        workers, ray, resume, time_limit, jobs_per_worker, progress: as for the benchmark.
 
     Raises:
         InputError: an argument cannot be used, or the file holds nothing that can be run.
         NotRunError: some episodes could not be run; all others are finished, and ``resume`` goes on.
     """
-    check_counts(episodes=episodes, workers=workers)
-    check_workers(time_limit, jobs_per_worker)
+    check_counts(episodes=episodes)
+    check_workers(time_limit, jobs_per_worker, workers, ray)
     if scenes not in SCENES:
         raise InputError(f"no scenes {scenes!r}", field="scenes", remedy=f"one of {', '.join(SCENES)}")
     problems = read_problems(configs)
@@ -198,7 +199,7 @@ def benchmark_configs(
         "episodes": episodes,
         **options.to_record(),
     }
-    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers}
+    told = {"command": "benchmark", "stored_tasks": list(groups), **arguments, "workers": workers, "ray": ray}
     identity = {
         "tasks": digest([group.spec.model_dump(mode="json") for group in groups.values()]),
         "configs": digest([[one.model_dump(mode="json") for one in group.problems] for group in groups.values()]),
@@ -216,6 +217,7 @@ def benchmark_configs(
             time_limit=time_limit,
             jobs_per_worker=jobs_per_worker,
             log=folder.errors_log,
+            ray=ray,
         ) as evaluator,
     ):
         for name, group in groups.items():

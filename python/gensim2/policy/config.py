@@ -44,7 +44,7 @@ class PolicyConfig(Settings):
     attention: int = setting(4, "Attention heads of the trunk and of the decoders.", low=1, high=64)
     decoder_layers: int = setting(2, "Layers of the decoders of transformer, diffusion and flow.", low=1, high=48)
     hidden: int = setting(384, "Width of the MLP of the chunk head.", low=8, high=8192)
-    horizon: int = setting(16, "Actions that are foretold at once.", low=1, high=256)
+    horizon: int = setting(16, "Actions that are predicted at once.", low=1, high=256)
     execute: int = setting(8, "Actions of them that are executed before the policy looks again.", low=1, high=256)
     noise_levels: int = setting(100, "Noise levels of diffusion in training.", low=2, high=10000)
     ways: int = setting(2, "Strategies that the keypose head tells apart, and one for done.", low=1, high=10000)
