@@ -13,10 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from gensim2.errors import InputError
 from gensim2.special_files import is_special
+
+try:  # libyaml's parser, five times as fast; packages of PyYAML have it, a build from source may not
+    from yaml import CSafeLoader as _Loader
+except ImportError:
+    from yaml import SafeLoader as _Loader  # type: ignore[assignment]
 
 #: A config of ours has 2 kB.
 MOST_BYTES = 100_000
@@ -98,17 +104,18 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
             check_finite(item, file, f"{field}.{index}" if field else str(index))
 
 
-class _PlainLoader(yaml.SafeLoader):
+class _PlainLoader(Composer, _Loader):
     """Composes within the bounds, constructs the types of JSON only."""
 
     def __init__(self, stream: str) -> None:
-        super().__init__(stream)
+        _Loader.__init__(self, stream)
+        Composer.__init__(self)  # in Python, as it is bounded here; libyaml's own is not asked
         self._depth = 0
         self._values = 0
         self._repeats: dict[Node, int] = {}
 
     def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
+        event: Any = self.peek_event()
         if isinstance(event, yaml.AliasEvent):
             node = super().compose_node(parent, index)
             assert node is not None
