@@ -19,11 +19,6 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from gensim2.errors import InputError
 from gensim2.special_files import is_special
 
-try:  # libyaml's parser, five times as fast; packages of PyYAML have it, a build from source may not
-    from yaml import CSafeLoader as _Loader
-except ImportError:
-    from yaml import SafeLoader as _Loader  # type: ignore[assignment]
-
 #: A config of ours has 2 kB.
 MOST_BYTES = 100_000
 #: Lists and mappings inside each other; ours have 4.
@@ -104,20 +99,31 @@ def check_finite(value: Any, file: str | None, field: str = "") -> None:
             check_finite(item, file, f"{field}.{index}" if field else str(index))
 
 
-class _PlainLoader(Composer, _Loader):
+class _FastLoader(Composer, getattr(yaml, "CSafeLoader", object)):  # type: ignore[misc]
+    """libyaml's parser, five times as fast, under the composer in Python, which can be bounded."""
+
+    def __init__(self, stream: str) -> None:
+        yaml.CSafeLoader.__init__(self, stream)
+        Composer.__init__(self)
+
+
+# Packages of PyYAML have libyaml, a build from source may not.
+_Loader: Any = _FastLoader if hasattr(yaml, "CSafeLoader") else yaml.SafeLoader
+
+
+class _PlainLoader(_Loader):  # type: ignore[misc]
     """Composes within the bounds, constructs the types of JSON only."""
 
     def __init__(self, stream: str) -> None:
-        _Loader.__init__(self, stream)
-        Composer.__init__(self)  # in Python, as it is bounded here; libyaml's own is not asked
+        super().__init__(stream)
         self._depth = 0
         self._values = 0
         self._repeats: dict[Node, int] = {}
 
     def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        event: Any = self.peek_event()
+        event = self.peek_event()
         if isinstance(event, yaml.AliasEvent):
-            node = super().compose_node(parent, index)
+            node: Node | None = super().compose_node(parent, index)
             assert node is not None
             if node not in self._repeats:
                 raise _refusal(f"*{event.anchor} stands inside itself", event.start_mark)
