@@ -10,11 +10,13 @@ use crate::actuation::{Actuation, ActuationSearch, Candidate};
 use crate::default_limits::{ASSUMED, assumed_limits};
 use crate::free_space::{self, NoWay, Sampling};
 use crate::hand_path::Follower;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::options::Timing;
 use crate::resolve::Resolved;
-use crate::timing::{Builder, CannotStop, Dynamics, Lead, Limits, Method, Spline, Start, leads, rounded, turn};
-use crate::world::{Hit, Leg, Margins, State, TOUCH, Way, World};
+use crate::timing::{
+    Builder, CannotStop, Dynamics, Limits, Method, Spline, Start, StartTransition, rounded, start_transitions, turn,
+};
+use crate::world::{Hit, Margins, MotionSegment, State, TOUCH, Way, World};
 
 /// Trials so far, and the best of them.
 #[derive(Default)]
@@ -64,12 +66,12 @@ pub(super) struct Planner<'p> {
     pub world: World<'p>,
     /// State at the start, the ways from there to where planning begins, and the one that is taken.
     pub start: Start,
-    pub leads: Vec<Lead>,
-    pub lead: usize,
+    pub transitions: Vec<StartTransition>,
+    pub transition: usize,
     /// Clearance (m) that is kept from what may not be touched.
     pub margin: f64,
     /// Obstacle to all of them, once that was looked at.
-    lead_judged: Option<Option<Hit>>,
+    transition_checked: Option<Option<Hit>>,
     /// Inputs of a trajectory of this problem.
     pub builder: Builder,
     pub clock: Option<Vec<f64>>,
@@ -77,7 +79,7 @@ pub(super) struct Planner<'p> {
     pub exit: Option<Option<Row>>,
     /// Number in time of the keyframe that the motion goes to first; what comes before it is done.
     pub entry: usize,
-    pub former: Option<&'p Plan>,
+    pub warm_start: Option<&'p Plan>,
     pub explain: bool,
 }
 
@@ -105,7 +107,7 @@ impl<'p> Planner<'p> {
         begun: Instant,
         entry: usize,
     ) -> Result<Self, CannotStop> {
-        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MOST_JOINTS], |v| model.pick(v));
+        let rates = |list: &Option<Vec<f64>>| list.as_ref().map_or([0.0; MAX_JOINTS], |v| model.pick(v));
         let options = &problem.options;
         let start = Start {
             position: model.start(),
@@ -114,10 +116,10 @@ impl<'p> Planner<'p> {
         };
         let mut builder = Builder::new(Limits::of(problem, model), Method::default(), options.start_time)
             .loaded(Dynamics::asked(&problem.robot, model, options));
-        let leads = leads(&mut builder, &start, &model.lower, &model.upper)?;
+        let transitions = start_transitions(&mut builder, &start, &model.lower, &model.upper)?;
         let mut world = World::new(problem, model);
-        world.measure_start(State::still(&model.start()), world.course.toward(entry));
-        world.limit(request.most_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
+        world.measure_start(State::still(&model.start()), world.schedule.toward(entry));
+        world.limit(request.max_checks, request.deadline.map(|d| begun + d), request.cancel.clone());
         let timing =
             problem.options.timing.unwrap_or(if problem.config.has_times() { Timing::Config } else { Timing::Limits });
         let clock = match timing {
@@ -132,15 +134,15 @@ impl<'p> Planner<'p> {
             follower: Follower::new(problem, model),
             world,
             start,
-            leads,
-            lead: 0,
+            transitions,
+            transition: 0,
             margin: options.margin,
-            lead_judged: None,
+            transition_checked: None,
             builder,
             clock,
             exit: None,
             entry,
-            former: request.former,
+            warm_start: request.warm_start,
             explain: request.explain,
         })
     }
@@ -153,8 +155,8 @@ impl<'p> Planner<'p> {
 
     /// The motion that goes on from an earlier plan: through its actuation pose, where that still serves. Past the
     /// actuation there is no other.
-    pub(super) fn former_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
-        let past = self.entry > self.world.course.actuation();
+    pub(super) fn warm_start_motion(&mut self, search: &mut ActuationSearch<'_>, x: &Row) -> Option<Plan> {
+        let past = self.entry > self.world.schedule.actuation();
         let pose = if past { Candidate { x: *x, cost: search.cost(x) } } else { search.from(x)? };
         let mut trial = Trial::default();
         let samples = if past { 0 } else { self.problem.options.samples.min(FIRST_SAMPLES) };
@@ -187,7 +189,7 @@ impl<'p> Planner<'p> {
         }
         // Yet more poses of the same constraints, for a motion that the cheap ones do not allow.
         let mut extra = 0;
-        for start in 0..options.harvest {
+        for start in 0..options.extra_seeds {
             if self.is_done(&trial) || extra > most {
                 break;
             }
@@ -215,7 +217,7 @@ impl<'p> Planner<'p> {
 
     fn set_margin(&mut self, margin: f64) {
         if self.margin.to_bits() != margin.to_bits() {
-            (self.margin, self.lead_judged) = (margin, None);
+            (self.margin, self.transition_checked) = (margin, None);
         }
     }
 
@@ -229,14 +231,14 @@ impl<'p> Planner<'p> {
     /// The plan of a problem that begins too deep inside something.
     pub(super) fn too_deep_at_start(&self) -> Option<Plan> {
         // Past the actuation it is not yet known where things are.
-        let hit = self.too_deep().filter(|_| self.entry <= self.world.course.actuation())?;
+        let hit = self.too_deep().filter(|_| self.entry <= self.world.schedule.actuation())?;
         let depth = self.problem.options.start_depth;
         let mut out = refused(Lack::StartInCollision, format!("{}; start_depth allows {depth} m", inside(&hit)));
         out.start_overlap = self.world.start_overlap;
         out.collisions = vec![Collision {
             bodies: [hit.first, hit.second],
             time: None,
-            toward: self.world.course.label(self.entry),
+            toward: self.world.schedule.label(self.entry),
             distance: hit.distance,
             point: [hit.at.x, hit.at.y, hit.at.z],
         }];
@@ -328,46 +330,52 @@ impl<'p> Planner<'p> {
     /// Free motion from the start to the first keyframe.
     pub(super) fn approach(&mut self, goal: &Row, samples: usize) -> Result<Approach, NoWay> {
         let n = self.model.n();
-        let leg = self.world.course.toward(self.entry);
-        let braking = self.choose_lead(leg);
+        let segment = self.world.schedule.toward(self.entry);
+        let braking = self.choose_start_transition(segment);
         if let (Some(hit), true) = (&braking, self.problem.options.avoid_collisions) {
             return Err(NoWay::Blocked(hit.clone()));
         }
-        let lead = self.leads[self.lead].clone();
-        let start = lead.rest();
+        let transition = self.transitions[self.transition].clone();
+        let start = transition.rest();
         let straight = |corners: &[Row]| rounded(n, corners, WIDE, NEAR);
         if !self.problem.options.avoid_collisions {
-            let hit = braking.or_else(|| self.world.sweep(&start, goal, leg, &Margins::plain(0.0)));
+            let hit = braking.or_else(|| self.world.sweep(&start, goal, segment, &Margins::plain(0.0)));
             let room = [&self.model.lower, &self.model.upper];
-            let pieces =
-                match turn(&self.builder, &lead, room, goal, |end| straight(&[*end, *goal])[1..].to_vec(), |_| true) {
-                    Some(turned) => vec![turned.waypoints],
-                    None => lead.line().into_iter().chain([straight(&[start, *goal])]).collect(),
-                };
+            let pieces = match turn(
+                &self.builder,
+                &transition,
+                room,
+                goal,
+                |end| straight(&[*end, *goal])[1..].to_vec(),
+                |_| true,
+            ) {
+                Some(turned) => vec![turned.waypoints],
+                None => transition.line().into_iter().chain([straight(&[start, *goal])]).collect(),
+            };
             return Ok(Approach { pieces, corners: Vec::new(), kept: Margins::plain(0.0), hit });
         }
         // What overlaps at the start comes apart first, and then stays apart.
-        let out = self.way_out(&start, leg);
+        let out = self.way_out(&start, segment);
         let (begin, mut pieces) = out.map_or((start, Vec::new()), |exit| (exit, vec![vec![start, exit]]));
-        pieces.splice(0..0, lead.line());
-        let wide = self.margins(&begin, goal, leg, self.margin + CURVED, out.is_some());
+        pieces.splice(0..0, transition.line());
+        let wide = self.margins(&begin, goal, segment, self.margin + CURVED, out.is_some());
         let curved = wide.with_clearance(self.margin + PAD);
         // On the way out of what it overlaps at the start the motion is still inside.
         let kept = Margins { forgiving: true, ..wide.with_clearance(self.margin) };
-        if let Some(way) = self.former_way(&begin, goal, leg, &curved) {
+        if let Some(way) = self.warm_start_way(&begin, goal, segment, &curved) {
             let along = |_: &Row, _: f64| way.clone();
             let corners: Vec<_> = pieces.iter().cloned().chain(way.windows(2).map(<[_]>::to_vec)).collect();
-            if let Some(turned) = self.turned(&way, leg, &curved, along).filter(|_| out.is_none()) {
+            if let Some(turned) = self.turned(&way, segment, &curved, along).filter(|_| out.is_none()) {
                 return Ok(Approach { pieces: vec![turned], corners, kept, hit: None });
             }
-            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), leg, &curved) {
+            if curve_is_free(&mut self.world, self.model, &Spline::through(n, &way, None), segment, &curved) {
                 pieces.push(way);
                 return Ok(Approach { pieces, corners, kept, hit: None });
             }
         }
-        let corners = match self.connect(&begin, goal, leg, &wide, samples) {
+        let corners = match self.connect(&begin, goal, segment, &wide, samples) {
             // Straight from stop to stop no more than the margin is needed.
-            Err(_) => self.connect(&begin, goal, leg, &curved, samples)?,
+            Err(_) => self.connect(&begin, goal, segment, &curved, samples)?,
             Ok(corners) => corners,
         };
         let stops: Vec<_> = pieces.iter().cloned().chain(corners.windows(2).map(straight)).collect();
@@ -376,13 +384,13 @@ impl<'p> Planner<'p> {
             corners[0] = *end;
             rounded(n, &corners, spacing, NEAR)
         };
-        if let Some(turned) = self.turned(&corners, leg, &curved, from).filter(|_| out.is_none()) {
+        if let Some(turned) = self.turned(&corners, segment, &curved, from).filter(|_| out.is_none()) {
             return Ok(Approach { pieces: vec![turned], corners: stops, kept, hit: None });
         }
         if corners.len() == 2 {
             return Ok(Approach { pieces: stops, corners: Vec::new(), kept, hit: None });
         }
-        match self.rounded(&corners, leg, &curved) {
+        match self.rounded(&corners, segment, &curved) {
             Some(curve) => pieces.push(curve),
             None => pieces.extend(corners.windows(2).map(straight)),
         }
@@ -390,12 +398,11 @@ impl<'p> Planner<'p> {
     }
 
     /// One smooth curve near the corners, with knots ever closer to them, where one stays free.
-    fn rounded(&mut self, corners: &[Row], leg: Leg, margins: &Margins) -> Option<Vec<Row>> {
+    fn rounded(&mut self, corners: &[Row], segment: MotionSegment, margins: &Margins) -> Option<Vec<Row>> {
         let n = self.model.n();
-        SPACINGS
-            .into_iter()
-            .map(|spacing| rounded(n, corners, spacing, NEAR))
-            .find(|curve| curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), leg, margins))
+        SPACINGS.into_iter().map(|spacing| rounded(n, corners, spacing, NEAR)).find(|curve| {
+            curve_is_free(&mut self.world, self.model, &Spline::through(n, curve, None), segment, margins)
+        })
     }
 
     /// The way along waypoints from a start under way, which leaves its line in a turn without coming to rest, where
@@ -403,46 +410,53 @@ impl<'p> Planner<'p> {
     fn turned(
         &mut self,
         way: &[Row],
-        leg: Leg,
+        segment: MotionSegment,
         margins: &Margins,
         from: impl Fn(&Row, f64) -> Vec<Row>,
     ) -> Option<Vec<Row>> {
-        let lead = &self.leads[self.lead];
+        let transition = &self.transitions[self.transition];
         let (builder, model, world) = (&self.builder, self.model, &mut self.world);
         SPACINGS.into_iter().find_map(|spacing| {
-            let free = |path: &Spline| curve_is_free(world, model, path, leg, margins);
-            turn(builder, lead, [&model.lower, &model.upper], way.get(1)?, |end| from(end, spacing)[1..].to_vec(), free)
-                .map(|turned| turned.waypoints)
+            let free = |path: &Spline| curve_is_free(world, model, path, segment, margins);
+            turn(
+                builder,
+                transition,
+                [&model.lower, &model.upper],
+                way.get(1)?,
+                |end| from(end, spacing)[1..].to_vec(),
+                free,
+            )
+            .map(|turned| turned.waypoints)
         })
     }
 
     /// Margins of the free motion between two poses; `parted` where what overlapped at the start has come apart.
-    fn margins(&mut self, from: &Row, to: &Row, leg: Leg, clearance: f64, parted: bool) -> Margins {
-        let margins = self.world.margins_between([State::still(from), State::still(to)], leg, clearance);
+    fn margins(&mut self, from: &Row, to: &Row, segment: MotionSegment, clearance: f64, parted: bool) -> Margins {
+        let margins = self.world.margins_between([State::still(from), State::still(to)], segment, clearance);
         if parted { margins.parted() } else { margins }
     }
 
     /// Chooses the first way from the start to rest that is free, where none was chosen yet; what is in the way where
     /// none is.
-    fn choose_lead(&mut self, leg: Leg) -> Option<Hit> {
-        if self.lead_judged.is_none() {
+    fn choose_start_transition(&mut self, segment: MotionSegment) -> Option<Hit> {
+        if self.transition_checked.is_none() {
             let mut first = None;
             let clearance = if self.problem.options.avoid_collisions { self.margin } else { 0.0 };
             let start = self.start.position;
-            let margins = self.margins(&start, &start, leg, clearance, false);
-            for (k, lead) in self.leads.iter().enumerate() {
-                let way = lead.way(&self.start);
-                match self.world.sweep_along(Way::still(&way), leg, &margins) {
+            let margins = self.margins(&start, &start, segment, clearance, false);
+            for (k, transition) in self.transitions.iter().enumerate() {
+                let way = transition.way(&self.start);
+                match self.world.sweep_along(Way::still(&way), segment, &margins) {
                     None => {
-                        (self.lead, first) = (k, None);
+                        (self.transition, first) = (k, None);
                         break;
                     }
                     Some((_, hit)) => first = first.or(Some(hit)),
                 }
             }
-            self.lead_judged = Some(first);
+            self.transition_checked = Some(first);
         }
-        self.lead_judged.clone().flatten()
+        self.transition_checked.clone().flatten()
     }
 
     /// Corners of a free motion that keeps to margins.
@@ -450,29 +464,36 @@ impl<'p> Planner<'p> {
         &mut self,
         from: &Row,
         to: &Row,
-        leg: Leg,
+        segment: MotionSegment,
         margins: &Margins,
         samples: usize,
     ) -> Result<Vec<Row>, NoWay> {
-        let sampling = Sampling { most: samples, seed: self.problem.options.seed };
-        free_space::connect(&mut self.world, self.model, from, to, leg, margins, sampling)
+        let sampling = Sampling { max_samples: samples, seed: self.problem.options.seed };
+        free_space::connect(&mut self.world, self.model, from, to, segment, margins, sampling)
     }
 
     /// A free pose near the start, where that overlaps something and can get out of it.
-    fn way_out(&mut self, start: &Row, leg: Leg) -> Option<Row> {
+    fn way_out(&mut self, start: &Row, segment: MotionSegment) -> Option<Row> {
         if self.world.start_overlap <= TOUCH {
             return None;
         }
         if self.exit.is_none() {
-            self.exit = Some(free_space::way_out(&mut self.world, self.model, start, leg, self.problem.options.seed));
+            self.exit =
+                Some(free_space::way_out(&mut self.world, self.model, start, segment, self.problem.options.seed));
         }
         self.exit.flatten()
     }
 }
 
 /// Whether a curve stays within the joint limits, or where its waypoints are, and off everything.
-fn curve_is_free(world: &mut World<'_>, model: &Model, path: &Spline, leg: Leg, margins: &Margins) -> bool {
+fn curve_is_free(
+    world: &mut World<'_>,
+    model: &Model,
+    path: &Spline,
+    segment: MotionSegment,
+    margins: &Margins,
+) -> bool {
     let all = 0..path.intervals();
     path.keeps_within(all.clone(), &model.lower, &model.upper)
-        && world.sweep_along(Way::still(&path.along(all, 0.05)), leg, margins).is_none()
+        && world.sweep_along(Way::still(&path.along(all, 0.05)), segment, margins).is_none()
 }

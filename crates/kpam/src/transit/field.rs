@@ -6,7 +6,7 @@ use std::time::Instant;
 use gensim2_geometry::{Batch, LANES, Needs, Pose, Suspect};
 
 use super::path::Along;
-use crate::model::{MOST_JOINTS, Model, Row};
+use crate::model::{MAX_JOINTS, Model, Row};
 use crate::world::Compiled;
 use crate::{Cancel, Scene};
 
@@ -49,7 +49,7 @@ pub(super) struct Field<'s> {
 impl<'s> Field<'s> {
     pub fn new(scene: &'s Scene, model: &'s Model, needs: Needs, ending: Ending) -> Self {
         let world = scene.compiled();
-        let mut weights = [0.0; MOST_JOINTS];
+        let mut weights = [0.0; MAX_JOINTS];
         for driven in model.map().driven() {
             weights[driven.variable] += driven.factor.abs() * scene.robot().cover().levers()[driven.joint];
         }
@@ -67,7 +67,7 @@ impl<'s> Field<'s> {
             suspects: Vec::new(),
             poses: Vec::new(),
             q: Vec::new(),
-            rows: [[0.0; MOST_JOINTS]; LANES],
+            rows: [[0.0; MAX_JOINTS]; LANES],
         }
     }
 
@@ -119,7 +119,7 @@ impl<'s> Field<'s> {
         };
         let mut hit = None;
         world.screen.survey(batch, needs, 0.0, |s| {
-            hit = (0..count).find(|lane| s.most[*lane] < 0.0);
+            hit = (0..count).find(|lane| s.max_gap[*lane] < 0.0);
             if hit.is_some() {
                 return false;
             }
