@@ -11,20 +11,20 @@ from pydantic import TypeAdapter
 import gensim2_kpam as kpam
 from gensim2 import renamed
 from gensim2.rollout.record import AttemptRecord, Cause
-from gensim2.scenes.physics import physics_name
+from gensim2.scenes.physics import physics_name, physics_switches
 
 
 @pytest.fixture(autouse=True)
 def _untold() -> None:
     renamed._tell.cache_clear()
+    physics_switches.cache_clear()
 
 
 def test_a_former_name_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert physics_name("default") == "default"
     assert capsys.readouterr().err == ""
-    assert (physics_name("ours"), renamed.current("ours", {"ours": "default"}, "physics")) == ("default", "default")
-    told = "physics 'ours' is called 'default'; the old name goes with the next release\n"
-    assert capsys.readouterr().err.count(told) <= 1  # physics are remembered by their word
+    assert physics_name("ours") == physics_name("ours+gripper=default") == "default"
+    assert capsys.readouterr().err == "physics 'ours' is called 'default'; the old name goes with the next release\n"
 
 
 def test_a_record_with_a_former_cause_loads(capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,22 +36,3 @@ def test_a_record_with_a_former_cause_loads(capsys: pytest.CaptureFixture[str]) 
     assert "'happens in the no-op baseline'" in capsys.readouterr().err
     with pytest.raises(ValueError, match="cause"):
         TypeAdapter(AttemptRecord).validate_json(today.replace("no-op baseline", "end"))
-
-
-def test_options_of_the_solver_load_by_their_former_names() -> None:
-    robot = kpam.Robot.from_urdf_string(
-        "<robot name='r'><link name='b'/><link name='h'/><joint name='j' type='prismatic'><parent link='b'/>"
-        "<child link='h'/><axis xyz='1 0 0'/><limit lower='0' upper='1' effort='1' velocity='1'/></joint></robot>",
-        hand_link="h",
-    )
-    config = kpam.SolverConfig({"constraint_list": []})
-
-    def problem(**options: object) -> kpam.KeypointProblem:
-        return kpam.KeypointProblem(robot, config, q_start=[0.0], options=options)
-
-    with pytest.warns(FutureWarning, match=r"options\.starts is called options\.num_seeds"):
-        assert problem(starts=3) == problem(num_seeds=3)
-    with pytest.raises(kpam.ProblemError, match=r"options\.harvest: is called extra_seeds"):
-        problem(harvest=3, extra_seeds=3)
-    with pytest.warns(FutureWarning), pytest.raises(kpam.ProblemError, match="extra_seeds"):
-        problem(harvest=-1)

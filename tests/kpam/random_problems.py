@@ -270,11 +270,11 @@ def at(point: Any) -> Array:
     return pose
 
 
-def solid(draw: np.random.Generator, least: float, most: float) -> Solid:
+def solid(draw: np.random.Generator, least: float, limit: float) -> Solid:
     """A random shape."""
     kind = str(draw.choice(["box", "sphere", "capsule", "cylinder"]))
     count = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2}[kind]
-    return Solid(kind, draw.uniform(least, most, count).tolist())
+    return Solid(kind, draw.uniform(least, limit, count).tolist())
 
 
 def ranges(mechanism: Mechanism) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The lane for episodes that nobody watches gives the states of the registered environment, bit for bit."""
+"""The headless environment gives the states of the registered environment, bit for bit."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def test_no_room_is_an_error_that_names_the_objects() -> None:
     task = _task({"bowl": {"class": "bowl", **there}, "mug": {"class": "mug", **there}})
     with pytest.raises(PlacementError, match=r"100 draws of seed 5 found no room for bowl \(bowl\), mug \(mug\)"):
         _set_up(task, 5)
-    # Unless somebody puts one of them elsewhere, or both where they please.
+    # Unless options put one of them elsewhere, or both.
     away = _set_up(task, 5, {"offset": {"mug": [0.0, 0.3, 0.0]}})
     assert away.draws == 1
     both = _set_up(task, 5, {"offset": {"mug": [0.0, 0.0, 0.0], "bowl": [0.0, 0.0, 0.0]}})

@@ -1,22 +1,20 @@
 //! Solver configs and problems.
 
 use std::collections::BTreeMap;
-use std::ffi::CString;
 use std::sync::Arc;
 
 use gensim2_kpam::config::Constraint;
 use gensim2_kpam::{Body, KeypointProblem, KeypointProblemBuilder, SolverConfig};
 use nalgebra::Vector3;
-use pyo3::exceptions::PyFutureWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyMapping};
 use serde::de::DeserializeOwned;
-use serde_json::Value;
 
 use crate::KpamError;
 use crate::convert;
 use crate::errors::{config_error, from_config, from_problem, problem_error};
 use crate::geometry::{PyBody, PyJoint, PyRobot};
+use crate::renamed;
 use crate::scene::PyScene;
 
 /// A validated solver config. Unknown fields, unknown types and non-finite numbers raise ConfigError naming the field.
@@ -91,31 +89,13 @@ pub(crate) fn keypoints(value: &Bound<'_, PyAny>, field: &str) -> PyResult<BTree
     Ok(out)
 }
 
-/// Names of options in the release before, which users' files may still have, with today's; they go with the next.
-const RENAMED: [(&str, &str); 3] =
-    [("starts", "num_seeds"), ("descents", "num_refinements"), ("harvest", "extra_seeds")];
-
-/// Gives renamed options today's names, with a warning.
-fn rename(py: Python<'_>, options: &mut Value) -> PyResult<()> {
-    let Some(options) = options.as_object_mut() else { return Ok(()) };
-    for (former, today) in RENAMED {
-        let Some(value) = options.remove(former) else { continue };
-        if options.insert(today.to_owned(), value).is_some() {
-            return Err(problem_error(&format!("options.{former}"), format!("is called {today}, which is given too")));
-        }
-        let message = format!("options.{former} is called options.{today}; the old name goes with the next release");
-        PyErr::warn(py, &py.get_type::<PyFutureWarning>(), &CString::new(message)?, 1)?;
-    }
-    Ok(())
-}
-
 /// Options from a mapping, or the defaults; errors name the option.
 pub(crate) fn read_options<O: DeserializeOwned + Default>(value: Option<&Bound<'_, PyAny>>) -> PyResult<O> {
     match value {
         None => Ok(O::default()),
         Some(o) => {
             let mut value = convert::json(o, "options", 0, problem_error)?;
-            rename(o.py(), &mut value)?;
+            renamed::options(o.py(), &mut value)?;
             serde_path_to_error::deserialize(value).map_err(|e| match e.path().to_string().as_str() {
                 "." => problem_error("options", e.inner()),
                 path => problem_error(&format!("options.{path}"), e.inner()),

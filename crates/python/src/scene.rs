@@ -14,6 +14,7 @@ use crate::geometry::{LONG, PyBody, PyJoint, PyRobot};
 use crate::grasps::{PyGrasp, PyGraspPlan, PyParallelGripper};
 use crate::interrupt::interruptible;
 use crate::problem::{PyKeypointProblem, PySolverConfig, Question, bodies_listed, keypoints, read_options};
+use crate::renamed;
 use crate::transit::{Asked, PyMotion, limit_set};
 
 /// So many configurations are checked without a thread of their own.
@@ -256,16 +257,19 @@ impl PyScene {
 
     /// Distinct joint vectors that bring `link` (default: the hand) to a pose (4, 4) in the base frame, nearest to
     /// `q_start` first, at most `max_solutions`: (K, n). Obstacles are left out.
-    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = 16, seed = 0))]
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (pose, q_start, *, link = None, max_solutions = None, seed = 0, **former))]
     fn ik<'py>(
         &self,
         py: Python<'py>,
         pose: &Bound<'py, PyAny>,
         q_start: &Bound<'py, PyAny>,
         link: Option<&str>,
-        max_solutions: usize,
+        max_solutions: Option<usize>,
         seed: usize,
+        former: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        let max_solutions = renamed::keyword(py, max_solutions, former, ("most", "max_solutions"))?.unwrap_or(16);
         self.solutions(py, pose, q_start, link, max_solutions, seed)
     }
 
@@ -282,8 +286,15 @@ impl PyScene {
 
     /// Smallest signed distance (m) of the robot to a body or itself, `max_distance` where nothing is nearer: (n,) -> float,
     /// (N, n) -> (N,).
-    #[pyo3(signature = (q, max_distance = 1.0))]
-    fn distance<'py>(&self, py: Python<'py>, q: &Bound<'py, PyAny>, max_distance: f64) -> PyResult<Bound<'py, PyAny>> {
+    #[pyo3(signature = (q, max_distance = None, **former))]
+    fn distance<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        max_distance: Option<f64>,
+        former: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let max_distance = renamed::keyword(py, max_distance, former, ("most", "max_distance"))?.unwrap_or(1.0);
         is_reach(max_distance, "max_distance")?;
         let q = self.rows(q)?;
         let single = q.count.is_none();

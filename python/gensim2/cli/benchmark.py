@@ -15,7 +15,13 @@ from gensim2.cli.output import line, report, table
 @click.command("benchmark", cls=options.Command, short_help="Measure how often tasks succeed.")
 @click.argument("tasks", nargs=-1)
 @click.option("--runs", type=options.count(1000), default=5, show_default=True, help="Repetitions.")
-@click.option("--episodes", type=options.count(), default=50, show_default=True, help="Of each task in each run.")
+@click.option(
+    "--episodes",
+    type=options.count(),
+    default=50,
+    show_default=True,
+    help="Number of episodes of each task in each run.",
+)
 @options.origin
 @options.library
 @options.scenes
@@ -56,7 +62,7 @@ from gensim2.cli.output import line, report, table
     "scenes",
     type=click.Choice(("recorded", "drawn")),
     default=None,
-    help="Of original-configs: every scene of the file once, or --episodes of each task.  [default: recorded]",
+    help="With original-configs: every scene of the file once, or --episodes of each task.  [default: recorded]",
 )
 @options.out("Folder to write to.  [default: runs/<date>-<time>]")
 @options.processes

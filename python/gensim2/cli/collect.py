@@ -13,7 +13,9 @@ from gensim2.cli.output import line, report, table
 
 @click.command("collect", cls=options.Command, short_help="Collect a data set of many tasks.")
 @click.argument("tasks", nargs=-1)
-@click.option("--episodes", type=options.count(999_999_999), required=True, help="To try of each task.")
+@click.option(
+    "--episodes", type=options.count(999_999_999), required=True, help="Number of episodes to try of each task."
+)
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder of the data set.")
 @options.scenes
 @click.option("--keep-failures", is_flag=True, help="Keep the states of episodes that do not hold, too.")

@@ -87,7 +87,7 @@ def count(max_count: int = 1_000_000) -> click.IntRange:
 
 
 seed = click.option(
-    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Of everything that is drawn."
+    "--seed", type=click.IntRange(0, LARGEST_SEED), default=0, show_default=True, help="Seed of every draw."
 )
 
 assets = click.option(
@@ -127,7 +127,7 @@ time_limit = click.option(
     default=900.0,
     show_default=True,
     metavar="SECONDS",
-    help="After which an episode counts as hung and is tried again in a fresh process.",
+    help="Time after which an episode counts as hung and is tried again in a fresh process.",
 )
 jobs_per_worker = click.option(
     "--jobs-per-worker",
@@ -171,7 +171,7 @@ robot = click.option(
     default="panda",
     show_default=True,
     metavar="NAME|FILE.py",
-    help="Who does it: panda, fetch, or a Python file that registers a robot of your own.",
+    help="Robot: panda, fetch, or a Python file that registers a robot of your own.",
 )
 open_loop = click.option(
     "--open-loop",
@@ -234,7 +234,11 @@ def controls(default: str) -> Callable[[_F], _F]:
         help="What a policy is measured beside: blind, shuffled (clouds of other scenes), no-op, expert (the planner).",
     )
     episodes = click.option(
-        "--control-episodes", type=count(), default=30, show_default=True, help="Of each task and control."
+        "--control-episodes",
+        type=count(),
+        default=30,
+        show_default=True,
+        help="Number of episodes of each task and control.",
     )
     return _all(which, episodes)
 

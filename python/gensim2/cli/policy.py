@@ -84,7 +84,7 @@ def _show_export(result: dict[str, Any]) -> None:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address that is listened at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any that is free.")
 @click.option(
-    "--argument", "arguments", multiple=True, metavar="NAME=JSON", help="Of module:Class; may be given again."
+    "--argument", "arguments", multiple=True, metavar="NAME=JSON", help="Argument of module:Class; may be given again."
 )
 @options.robot
 def serve(controller: str, host: str, port: int, arguments: tuple[str, ...], **given: Any) -> None:

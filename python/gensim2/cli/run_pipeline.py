@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @click.option(
     "--designer",
     metavar="offline|MODEL",
-    help="Who proposes tasks and writes configs: the search, or a language model by its name.  [default: offline]",
+    help="Designer of tasks and configs: the search, or a language model by its name.  [default: offline]",
 )
 @designer_options
 @options.scenes

@@ -15,7 +15,11 @@ from gensim2.cli.output import line, report
 @click.command("add", cls=options.Command, short_help="Add what a run kept, or a task of your own, to your library.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
-    "--episodes", type=options.count(), default=20, show_default=True, help="To verify a task of your own by."
+    "--episodes",
+    type=options.count(),
+    default=20,
+    show_default=True,
+    help="Number of episodes that verify a task of your own.",
 )
 @options.library
 @options.scenes

@@ -68,14 +68,20 @@ def collect(
     listener: Listener | None = None,
     **scene: Unpack[RolloutArguments],
 ) -> CollectionResult:
-    """Try episodes of tasks and keep each as soon as it is finished.
+    """Collect a data set of demonstrations; each episode is kept as soon as it is finished.
+
+    Example:
+        ```python
+        gensim2.collect(["OpenDrawer"], episodes=100, out="night", assets="builtin")
+        frames = gensim2.DataSet.open("night").frames()
+        ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: the whole suite. Those that
-            these objects do not do for are named and left out.
-        episodes: tried of each task.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: the whole suite.
+            A task whose classes the objects lack is named in the result and left out.
+        episodes: number of episodes that are tried of each task.
         out: folder of the data set.
-        seed: of the scenes; nothing else draws from the same ones.
+        seed: seed of the scenes; nothing else draws from the same ones.
         keep_failures: keep the states of episodes that do not hold, too; their records are kept in any case.
         noise: standard deviation, rad, of what the arm is sent elsewhere by now and then; what was meant is recorded
             beside what was sent (:mod:`gensim2.rollout.noise`).
@@ -86,8 +92,12 @@ def collect(
             this machine.
         resume: go on with the data set that ``out`` holds, if it does; it may get more episodes and more tasks.
         time_limit, jobs_per_worker: as for ``demo``.
-        listener: is told how far it is.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        listener: listener for the state of every task.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+
+    Returns:
+        Counts of the episodes by task, and the tasks that were left out.
 
     Raises:
         InputError: an argument cannot be used, or what an earlier run left.

@@ -64,15 +64,21 @@ def run_pipeline(
 ) -> PipelineResult:
     """Design new tasks, verify them in physics and collect demonstrations of those that hold.
 
+    Example:
+        ```python
+        result = gensim2.run_pipeline(num_tasks=1, episodes=2, assets="builtin")
+        [task.name for task in result.tasks if task.kept]
+        ```
+
     Args:
-        num_tasks: how many tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
+        num_tasks: number of tasks to keep; fewer if the library affords fewer, and the notes say so. ``single`` and
             ``long`` take its place where one of them is given.
-        single, long: how many tasks of one step, and of several.
-        verify: fresh episodes that decide of each task whether it is kept.
+        single, long: number of tasks of one step, and of several.
+        verify: number of fresh episodes that decide whether a task is kept.
         from_empty: the designer knows of no task; else of all that are stored, and proposes none of them again. What
             repeats the paper's suite is then made as a piece of longer tasks at best, and not counted.
-        episodes: demonstrations to keep of each task; 0: none.
-        seed: of everything that is drawn.
+        episodes: number of demonstrations to keep of each task; 0: none.
+        seed: seed of every draw.
         out: run folder; default ``runs/<date>-<time>``.
         workers: simulator processes, 0 for this one; the result does not depend on their number. On Ray the most at a
             time; None: one a CPU of the cluster.
@@ -81,14 +87,18 @@ def run_pipeline(
         target_task: design this task of the task library anew, with that task hidden from the designer.
         stored_tasks: tasks of the library that are also verified and demonstrated, with the strategies stored there.
         resume: go on with the run that ``out`` holds.
-        designer: ``"offline"``, or a designer.
+        designer: ``"offline"``, or a :class:`~gensim2.design.base.Designer`.
         video: film each kept task where this machine can render.
-        budget: of the search.
+        budget: episodes and rounds of the search of each task; None: the usual ones.
         time_limit: seconds after which an episode, or the planning on one scene, counts as hung and is tried again.
         jobs_per_worker: jobs after which a simulator process is renewed.
-        progress: listener.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`. Demonstrations draw from ``instances``, search and
-            verification keep theirs apart; only tasks on objects that have such instances are proposed.
+        progress: listener for stages and steps.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them. Demonstrations draw from ``instances``, search
+            and verification keep theirs apart; only tasks on objects that have such instances are proposed.
+
+    Returns:
+        The run folder, every task that was designed with its verification, and the proposals that were rejected.
 
     Raises:
         InputError: an argument cannot be used.

@@ -78,16 +78,22 @@ def benchmark(
     progress: Progress = NULL_PROGRESS,
     **scene: Unpack[RolloutArguments],
 ) -> BenchmarkResult:
-    """Run every task on random scenes; each episode is kept as soon as it is finished.
+    """Run the planner on random scenes of every task; each episode is kept as soon as it is finished.
+
+    Example:
+        ```python
+        result = gensim2.benchmark(["OpenDrawer"], runs=1, episodes=10, assets="builtin", out=Path("runs/drawer"))
+        result.rows[0].rates("held")  # share of the episodes, by run
+        ```
 
     Args:
-        tasks: names of library tasks, or folders that hold task.yaml and strategies/; none: all of ``origin``. Those
-            that these objects do not do for are named and left out.
-        origin: who proposed the tasks, where none is named; None: the paper, whose suite they are.
+        tasks: names of library tasks, or folders that hold task.yaml and strategies/. None given: all tasks of
+            ``origin``. A task whose classes the objects lack is named in the result and left out.
+        origin: proposer of the tasks, where none is named; None: the paper's suite.
         runs: repetitions, for the deviation between them.
-        episodes: of each task in each run.
-        seed: of the scenes; no search draws from the same ones.
-        attempts: that an episode has at most from its start, until one holds.
+        episodes: number of episodes of each task in each run.
+        seed: seed of the scenes; no search draws from the same ones.
+        attempts: largest number of attempts of an episode from its start, until one holds.
         one_plan: each step is planned once, at its turn, by its first strategy: the paper's method with our solver.
         disturbance: ``"push"`` or ``"drop"``, once an episode at a seeded moment.
         out: run folder; default ``runs/<date>-<time>``.
@@ -97,8 +103,12 @@ def benchmark(
             this machine.
         resume: go on with the run that ``out`` holds.
         time_limit, jobs_per_worker: as for ``demo``.
-        progress: listener.
-        scene: see :class:`~gensim2.rollout.config.RolloutArguments`.
+        progress: listener for stages and steps.
+        scene: ``assets``, ``instances``, ``physics``, ``robot``, ``randomization``, ``open_loop``, as
+            :class:`~gensim2.rollout.config.RolloutArguments` has them.
+
+    Returns:
+        The table: one row a task with its three verdicts and their 95 % intervals.
 
     Raises:
         InputError: an argument cannot be used.

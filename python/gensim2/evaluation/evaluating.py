@@ -59,7 +59,7 @@ class EvaluationResult:
 
     @property
     def held_mean(self) -> float:
-        """Share of episodes that held, each task counted once."""
+        """Mean over the tasks of the share of episodes that held, 0 to 1."""
         rates = [rate for row in self.rows for rate in row.rates("held")]
         return sum(rates) / len(rates)
 
@@ -102,17 +102,26 @@ def evaluate(
 ) -> EvaluationResult:
     """Run a controller on the scenes that a benchmark with this seed has, and judge its episodes as it does.
 
+    Example:
+        ```python
+        result = gensim2.evaluate("mine.py:Policy", ["CloseBox"], arguments={"weights": "policy.pt"}, episodes=50)
+        result.held_mean
+        ```
+
     Args:
         controller: ``module:Class``, ``FILE.py:Class``, or a class that another process can import
             (docs/controllers.md).
         tasks: names of library tasks, or folders that hold task.yaml and strategies/.
-        arguments: keywords that it is made with, plain data.
-        data: a rendered data set that it was trained on: observations must be of the same spec.
+        arguments: keyword arguments of the controller, plain data.
+        data: rendered data set that the controller was trained on: its observations must be of the same spec.
         stop: ``"goal"``: an episode ends where the controller says None, where the goal has held for half a second, or
             at the step limit, and is judged. ``"controller"``: one that never says None is cut and has not held.
         runs, episodes, seed, out, workers, ray, resume, time_limit, jobs_per_worker, progress, scene: as for
             :func:`~gensim2.evaluation.benchmark`.
-        videos: episodes of each task that are filmed by ray casting, beside the cloud that the controller is given.
+        videos: number of episodes of each task that are filmed by ray casting, beside the controller's point cloud.
+
+    Returns:
+        The table: one row a task with its three verdicts and their 95 % intervals, and the films.
 
     Raises:
         ControllerError: the controller cannot be made, fails, or gives no action that can be used.

@@ -47,7 +47,17 @@ if TYPE_CHECKING:
 
 
 class HeadlessEnv(SceneAccessMixin):
-    """One task's episodes in physics alone; actions are those of the control mode ``pd_joint_pos``.
+    """Physics-only environment of a task; actions are those of the control mode ``pd_joint_pos``.
+
+    Its states are those of :class:`~gensim2.sim.env.GenSim2Env`, bit for bit, without ManiSkill around each step.
+
+    Example:
+        ```python
+        env = gensim2.HeadlessEnv("OpenDrawer", assets="builtin")
+        env.reset(seed=7)
+        env.step(np.append(env.initial_state.start[:7], 1.0))  # targets of the arm's joints in rad; gripper -1..1
+        env.measure().openness
+        ```
 
     Args:
         task: name of a library task, a :class:`TaskSpec`, or its fields.

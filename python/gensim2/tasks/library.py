@@ -70,13 +70,13 @@ def _designed() -> Traversable:
 
 
 def task_names(origin: str | None = None) -> tuple[str, ...]:
-    """Names of the tasks in the library, sorted.
+    """Return the names of the tasks in the library, sorted.
 
     Args:
-        origin: only those that this one proposed: ``"paper"`` for the suite, else a designer's name; None: all.
+        origin: proposer of the tasks: ``"paper"`` for the suite, else a designer's name; None: all.
 
     Raises:
-        InputError: there are none of that origin; names those that there are. Or a task cannot be read.
+        InputError: no task has that origin (names the origins that there are), or a task cannot be read.
     """
     if origin is None:
         return tuple(sorted({*packaged_names(), *names_in(_user_shelf())}))
@@ -118,10 +118,16 @@ def task_folder(name: str) -> Traversable:
 
 
 def load_task(name: str) -> TaskSpec:
-    """The spec of a library task.
+    """Load the spec of a library task.
+
+    Args:
+        name: of the task, e.g. ``"OpenDrawer"``.
+
+    Returns:
+        Objects, steps and goal of the task.
 
     Raises:
-        InputError: there is no such task; names near matches. Or its file cannot be used.
+        InputError: there is no such task (names near matches), or its file cannot be used.
     """
     return _packaged_task(name) if name in packaged_names() else _read_task(task_folder(name), name)
 
@@ -152,7 +158,13 @@ def names_in(shelf: Traversable | None) -> tuple[str, ...]:
 
 
 def load_strategies(name: str) -> dict[str, StrategyData]:
-    """The strategies of a library task, by name: those that its steps name, in that order.
+    """Load the strategies of a library task.
+
+    Args:
+        name: of the task, e.g. ``"OpenDrawer"``.
+
+    Returns:
+        Strategies as plain data, by name: those that the task's steps name, in that order.
 
     Raises:
         InputError: there is no such task, or a strategy's file is missing.

@@ -94,7 +94,7 @@ pub struct Touch {
     pub depth: f64,
 }
 
-/// Assumed travel of the object's joint by a motion of which that is not known.
+/// Assumed travel of the object's joint during a motion whose travel the config leaves open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Guess {
@@ -110,7 +110,7 @@ pub struct Guess {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct TriedPose {
-    /// The pose, one entry a joint.
+    /// Joint vector (rad or m), one entry a joint.
     pub q: Vec<f64>,
     /// Its number in the order of trial.
     pub rank: usize,

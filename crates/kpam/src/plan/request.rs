@@ -20,6 +20,6 @@ pub struct Request<'a> {
     pub deadline: Option<std::time::Duration>,
     /// Ends planning when set.
     pub cancel: Option<Cancel>,
-    /// Whether the plan says of each pose that was tried what became of it.
+    /// Whether [`Plan::tried_poses`] holds the outcome of each pose that was tried.
     pub explain: bool,
 }

@@ -93,7 +93,7 @@ impl Envelope {
         out
     }
 
-    /// Greatest ds/dt at a place of a path.
+    /// Greatest path speed ds/dt (1/s) where the joints are at `position` (rad or m) and move along `slope` = dq/ds.
     pub fn speed(&self, position: &Row, slope: &Row) -> f64 {
         let mut out = f64::INFINITY;
         for (v, braking) in self.0.iter().enumerate() {

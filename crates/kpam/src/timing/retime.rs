@@ -47,6 +47,17 @@ pub struct Retimed {
 /// Velocity and acceleration are those of the time-optimal motion on the path; the jerk limits add a moving average,
 /// which takes a joint off the path, and off a waypoint that it passes, by at most 1e-4 rad (or m).
 ///
+/// ```
+/// use gensim2_kpam::{Limits, RetimeOptions, retime};
+///
+/// let limits = Limits::new(&[1.0, 1.0], &[2.0, 2.0], &[50.0, 50.0])?; // rad/s, rad/s^2, rad/s^3
+/// let path = [vec![0.0, 0.0], vec![0.5, 0.2], vec![1.0, 0.0]];
+/// let found = retime(&path, &limits, &RetimeOptions::default())?;
+/// let end = found.trajectory.sample(found.trajectory.end());
+/// assert!((end.position[0] - 1.0).abs() < 1e-9 && found.times.len() == 3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// Waypoints, stops or a start that do not fit, by field; `start_velocity` where no motion from there keeps the limits.
 pub fn retime(waypoints: &[Vec<f64>], limits: &Limits, options: &RetimeOptions) -> Result<Retimed, ProblemError> {

@@ -134,7 +134,7 @@ impl Builder {
         }
     }
 
-    /// Takes the acceleration away; returns position and velocity then.
+    /// Appends a motion that brings the acceleration to zero; returns the position and velocity at its end.
     pub fn settle(&mut self, position: &Row, velocity: &Row, acceleration: &Row) -> (Row, Row) {
         let nodes = stop::settle(&self.limits, position, velocity, acceleration);
         self.append_nodes(&nodes);

@@ -44,6 +44,29 @@ const FINER: f64 = 4.0;
 /// Plans a motion from rest at `q_start` (one entry a joint) to rest at one of the goals, the easiest to reach; joints
 /// that do not move the hand stay where they are.
 ///
+/// ```
+/// use std::sync::Arc;
+///
+/// use gensim2_geometry::{Convex, Joint, Link, Pose, Robot};
+/// use gensim2_kpam::{Body, Goal, Role, Scene, TransitOptions, plan_to};
+/// use nalgebra::Vector3;
+///
+/// let cube = || Convex::cuboid([0.05; 3], &Pose::identity());
+/// let slide = |name: &str, axis| Joint::prismatic(name, axis).limits(-1.0, 1.0).velocity(0.5);
+/// let robot = Robot::builder("plotter")
+///     .link(Link::base("frame"))
+///     .link(Link::below("frame", "bridge").moved_by(slide("x", Vector3::x())))
+///     .link(Link::below("bridge", "pen").moved_by(slide("y", Vector3::y())).shape(cube()?))
+///     .build("pen")?;
+/// let post = Body::builder("post", Role::Rigid).shape(cube()?).build()?;
+/// let scene = Scene::new(Arc::new(robot), vec![post], Vec::new())?;
+/// let goal = Goal::Joints(vec![vec![0.5, 0.0]]);
+/// let found = plan_to(&scene, &[-0.5, 0.0], &goal, &TransitOptions::default())?;
+/// let motion = found.map_err(|refused| format!("{refused:?}"))?;
+/// assert!(motion.trajectory.end() > 1.0); // 1 m at 0.5 m/s, around the post
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// A start, goals or options that do not fit, by field.
 pub fn plan_to(

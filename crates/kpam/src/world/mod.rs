@@ -253,9 +253,8 @@ impl<'p> World<'p> {
         });
     }
 
-    /// Takes up an actuation pose: what is picked rides from there on as it lies in the hand there, what is released
-    /// stands where the hand holds it there, and what is held yet where the hand lets go, at pose `letting_go`, stands
-    /// where it holds it there.
+    /// Sets the actuation pose `x`. Picked bodies are fixed to the hand as they lie in it at `x`. Released bodies stay at
+    /// their pose at `x`. Bodies that are held longer stay at their pose at `letting_go`, the hand's pose when it lets go.
     pub fn act_at(&mut self, x: &Row, letting_go: Option<&Pose>) {
         let riding = self.objects.groups.iter().any(|g| matches!(g, Group::Riding(_)));
         if !riding {

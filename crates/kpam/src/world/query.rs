@@ -121,7 +121,7 @@ impl World<'_> {
         self.table(segment).guessed && matches!(self.objects.groups[self.objects.pairs[pair].1], Group::Moved(_))
     }
 
-    /// Takes what is too near in a state for what is so at the start.
+    /// Records the distances of all pairs at the start: pairs that begin too near need keep no more than that.
     pub fn measure_start(&mut self, state: State<'_>, segment: MotionSegment) {
         self.known.start_bodies.fill(f64::INFINITY);
         self.known.start_pairs.fill(f64::INFINITY);

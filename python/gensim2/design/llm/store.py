@@ -90,7 +90,9 @@ class AnswerRecord(_Record):
 
 
 class AnswerStore:
-    """A folder of answers; an answer is whole or absent. Threads and processes may share it.
+    """Folder of a model's answers by the digest of their question; threads and processes may share it.
+
+    An answer is whole or absent.
 
     Args:
         path: the folder.

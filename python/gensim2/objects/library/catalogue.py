@@ -245,13 +245,23 @@ def listing(library: Library) -> tuple[ClassListing, ...]:
 
 
 def open_library(where: Path | str | None = None) -> Library:
-    """Open a library.
+    """Open a library of objects.
+
+    Example:
+        ```python
+        library = gensim2.open_library("builtin")
+        drawer = library.load_articulated("drawer", "3")
+        drawer.urdf, drawer.joint.lower, drawer.joint.upper  # a path; rad or m
+        ```
 
     Args:
-        where: None: ``$GENSIM2_ASSETS`` where set, else the generated one; ``"builtin"``: the generated one; ``"ycb"``:
-            ManiSkill's download of the YCB objects; otherwise a folder in the layout of the GenSim2 release, or its
-            ``articulated_objs``, or its ``rigidbody_objs/models``, or one as ManiSkill's download makes it. A rigid
-            object that a folder lacks is the generated one of that name.
+        where: ``"builtin"`` for the generated library, ``"ycb"`` for ManiSkill's download of the YCB objects, or a
+            folder: in the layout of the GenSim2 release, its ``articulated_objs`` or ``rigidbody_objs/models``, or one
+            as ManiSkill's download makes it. A rigid object that a folder lacks is the generated one of that name.
+            None: ``$GENSIM2_ASSETS`` where set, else the generated library.
+
+    Returns:
+        The library; objects are read when they are asked for.
 
     Raises:
         InputError: the folder is missing, cannot be read, holds no objects, or two of one name.

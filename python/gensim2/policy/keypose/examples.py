@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from gensim2.observations import Observation, ObservationSpec
 from gensim2.planning import Scene, StepPlan, StepPlanner, Strategy
+from gensim2.planning.predict import with_joint
 from gensim2.policy.keypose.program import KEYPOSES, program_of
 from gensim2.raycast.observer import Observer
 from gensim2.robots import OPEN, RobotProfile, robot
@@ -19,6 +20,7 @@ from gensim2.scenes.config import SceneConfig
 from gensim2.seeding import rng
 from gensim2.sim.headless import HeadlessEnv
 from gensim2.tasks.criteria import all_hold
+from gensim2.tasks.measurement import Measurement
 from gensim2.tasks.spec import Step
 from gensim2.tasks.strategies import Strategies
 
@@ -27,7 +29,7 @@ Example = dict[str, npt.NDArray[Any]]
 RESOLUTION = 1e-4
 """Metres in a unit of the stored clouds."""
 OTHER_OPENNESS = 0.3
-"""Share of scenes whose first joint stands anywhere: as a hand may leave it that has failed or is done."""
+"""Share of scenes in which a step's joint stands anywhere: as a hand may leave it that has failed or is done."""
 MAX_TOUCHING = 1
 """Worst rank of a plan that is taught: whole, if need be with a touch on the way to the actuation pose."""
 
@@ -68,8 +70,11 @@ def draw(
     env.reset(seed, _other_openness(scene, seed))
     observer = Observer(profile, {name: thing.model for name, thing in env.initial_state.objects.items()}, spec, seed)
     now = env.scene_state()
+    measured = env.measure()
     begin = 0
-    if all_hold(task.success, env.measure()):
+    while begin < len(task.steps) and task.steps[begin].done and all_hold(task.steps[begin].done, measured):
+        begin += 1
+    if all_hold(task.success, measured):
         begin = len(task.steps)
     planner, ways = StepPlanner(profile), parsed(strategies)
     following = [(step, [ways[name] for name in step.strategies]) for step in task.steps]
@@ -77,6 +82,8 @@ def draw(
     taken: dict[str, str] = {}
     for number in range(begin, len(task.steps)):
         step = task.steps[number]
+        if number > 0:
+            now = _left_anywhere(now, step, measured, rng(seed, f"{task.name}/keypose/{step.name}"))
         names = [name for name in step.strategies if only is None or name in only.get(step.name, ())]
         found = planned_way(planner, now, step, {name: ways[name] for name in names}, following[number + 1 :])
         if found is None:
@@ -150,6 +157,17 @@ def _other_openness(scene: SceneConfig, seed: int) -> dict[str, Any] | None:
     first = scene.task.steps[0].object
     has_joint = any(criterion_is_of_joint(each) for each in scene.task.steps[0].done)
     return {"openness": {first: openness}} if anywhere and has_joint else None
+
+
+def _left_anywhere(now: Scene, step: Step, measured: Measurement, generator: np.random.Generator) -> Scene:
+    """The scene of a later step, in some of them with its joint anywhere, and what lies in it taken along."""
+    anywhere, openness = generator.random() < OTHER_OPENNESS, float(generator.random())
+    joint = now.objects[step.object].joint
+    if not anywhere or joint is None or now.held is not None or not any(map(criterion_is_of_joint, step.done)):
+        return now
+    if all_hold(step.done, replace(measured, openness={**measured.openness, step.object: openness})):
+        return now
+    return with_joint(now, step.object, joint.lower + openness * (joint.upper - joint.lower))
 
 
 def criterion_is_of_joint(criterion: Any) -> bool:
