@@ -1,5 +1,6 @@
 //! Putting it together: the cheapest actuation pose whose whole motion is reachable and free.
 
+mod approach;
 mod attempt;
 mod emitted;
 mod failure;

@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
+use super::approach::{NEAR, WIDE};
 use super::attempt::Attempt;
 use super::failure::Failure;
-use super::planner::{NEAR, Planner, WIDE};
+use super::planner::Planner;
 use crate::hand_path::OFF_PATH;
 use crate::model::{MOST_JOINTS, Row};
 use crate::motion::HandPath;
